@@ -1,0 +1,1 @@
+"""Data files of the package: the builtin corpus and its source, generated tables, checksums."""

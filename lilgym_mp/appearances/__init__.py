@@ -1,0 +1,40 @@
+"""Tower and Scatter: which scenes there are, which actions, and what an action makes of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from lilgym_mp.appearances.base import Appearance, BoolArray, Edit, InvalidReason
+from lilgym_mp.appearances.placement import PlacementRules
+from lilgym_mp.appearances.scatter import NATIVE, RELEASED_GRID, Grid, GridError, Scatter, checked_grid
+from lilgym_mp.appearances.tower import Tower
+from lilgym_mp.choices import choose
+
+__all__ = [
+    "APPEARANCES",
+    "NATIVE",
+    "RELEASED_GRID",
+    "Appearance",
+    "BoolArray",
+    "Edit",
+    "Grid",
+    "GridError",
+    "InvalidReason",
+    "PlacementRules",
+    "Scatter",
+    "Tower",
+    "checked_grid",
+    "make_appearance",
+]
+
+_BUILDERS: Mapping[str, Callable[[Grid], Appearance]] = {"tower": lambda grid: Tower(), "scatter": Scatter}
+
+APPEARANCES: Mapping[str, Appearance] = {name: build(RELEASED_GRID) for name, build in _BUILDERS.items()}
+
+
+def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
+    """The appearance called `name`; `grid`, (columns, rows) or "native", matters to scatter only.
+
+    Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
+    """
+    return choose("appearance", name, _BUILDERS)(checked_grid(grid))

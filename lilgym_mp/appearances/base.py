@@ -1,0 +1,88 @@
+"""What an appearance must offer: the seam between the rules and what Tower and Scatter are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.actions import Action, ActionError
+from lilgym_mp.appearances.placement import PlacementRules
+from lilgym_mp.scene import Scene
+
+BoolArray = NDArray[np.bool_]
+
+
+class InvalidReason(StrEnum):
+    """Why an action of the MDP is invalid in a scene."""
+
+    SEPARATOR = "separator"
+    OVERLAP = "overlap"
+    OUT_OF_BOX = "out_of_box"
+    FULL_TOWER = "full_tower"
+    EMPTY_TOWER = "empty_tower"
+    NOTHING_TO_REMOVE = "nothing_to_remove"
+
+
+class Edit(NamedTuple):
+    """What an action makes of a scene: the scene after it (the same when invalid), and why it is invalid."""
+
+    scene: Scene
+    invalid: InvalidReason | None = None
+
+
+class Appearance(Protocol):
+    """A family of scenes with its actions. Actions are numbered 0 .. action_count - 1; 0 is STOP."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def action_count(self) -> int: ...
+
+    def decode(self, index: int) -> Action:
+        """The action numbered `index`, which must be in range."""
+        ...
+
+    def encode(self, action: Action) -> int:
+        """The number of `action`. Raises ActionError when it is not one of this appearance."""
+        ...
+
+    def from_array(self, values: Sequence[int]) -> Action:
+        """The action in the released array form; unused slots are ignored. Raises ActionError."""
+        ...
+
+    def to_array(self, action: Action) -> list[int]:
+        """The released array form, -1 in unused slots."""
+        ...
+
+    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
+        """What `action`, not STOP, makes of `scene`."""
+        ...
+
+    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
+        """(action_count,) a new array: whether `apply` finds each action valid. STOP always is."""
+        ...
+
+    def check_scene(self, scene: Scene) -> Scene:
+        """`scene`, ready for play. Raises SceneError when it cannot be a scene of this appearance."""
+        ...
+
+
+def slots(values: Sequence[int], names: Sequence[str]) -> list[int]:
+    """`values` as ints, one for each slot of the released array form. Raises ActionError."""
+    array = np.asarray(values)
+    if array.shape != (len(names),) or array.dtype.kind not in "iu":
+        form = ", ".join(names)
+        raise ActionError(f"an action array must be {len(names)} whole numbers [{form}], not {values!r}")
+    return array.tolist()
+
+
+def slot_value(name: str, value: int, count: int) -> int:
+    """`value` when it is in 0 .. count - 1. Raises ActionError."""
+    if 0 <= value < count:
+        return value
+    raise ActionError(f"{name} {value} of the action is out of range; choose from 0 .. {count - 1}")

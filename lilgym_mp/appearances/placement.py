@@ -1,0 +1,246 @@
+"""Where an item may lie beside others: overlap, distance, snapping and cell coverage, as look-up tables.
+
+What two items are to each other depends on their kinds (shape and size) and integer offset, so exact geometry
+is done once, by `scripts/build_placement_tables.py` with shapely, and shipped as
+`lilgym_mp.data/placement.npz`. Only a tie between several pairs of nearest points is settled in place, by
+`nearest`. Source: SPEC section 4; the circle is shapely's 64-sided polygon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances.nearest import Ring, all_pairs, nearest_points
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Item, SceneError
+
+BoolArray = NDArray[np.bool_]
+Value = TypeVar("Value")
+
+SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item snaps
+LARGEST_SIDE = max(KIND_PIXELS)
+OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this, in x or y, affect each other
+OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
+AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
+
+OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
+FIRST_TOO_FAR = SNAP_REACH + 2  # clearance code of everything beyond the snapping distance
+
+
+class PlacementRules(NamedTuple):
+    """The choices in which rule sets differ when an item is placed."""
+
+    searches_cell: bool  # an overlap at the cell's corner is tried elsewhere in the cell
+    keeps_unfit_snaps: bool  # a snap is made even when it leaves the box or makes items overlap
+    rounds_in_image: bool  # nearest points are rounded in full-image, not box-local, coordinates
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementTables:
+    """The shipped tables. `offset` is new minus other top-left, plus OFFSET_LIMIT, in x then y."""
+
+    clearance: bytes  # (9, 9, 69, 69) by new kind, other kind, offset: clearance code
+    moves: NDArray[np.int8]  # (9 * 9 * 69 * 69, 2) by clearance's index: snap move in x and y
+    ties: Mapping[int, Sequence[tuple[int, int]]]  # by clearance's index: the nearest segments, where moves differ
+    outlines: Sequence[Ring]  # by kind: relative to the bounding square's centre
+    pixel_areas: NDArray[np.int64]  # (9, 30, 30) by kind, x, y: area of the shape in that pixel, in AREA_UNITs
+
+    def clearance_code(self, kind: int, x: int, y: int, other: Item) -> int:
+        """How a new item of `kind` at (x, y) lies to `other`: OVERLAPPING, 1 + distance, or FIRST_TOO_FAR."""
+        dx = x - other[0] + OFFSET_LIMIT
+        dy = y - other[1] + OFFSET_LIMIT
+        if 0 <= dx < OFFSET_COUNT and 0 <= dy < OFFSET_COUNT:
+            return self.clearance[((kind * KIND_COUNT + other.kind) * OFFSET_COUNT + dx) * OFFSET_COUNT + dy]
+        return FIRST_TOO_FAR
+
+    def move(self, kind: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
+        """By how much a new item moves when it snaps to `other`, which must be near enough.
+
+        `frame_x` is where the box's left border lies in the coordinates that are rounded.
+        """
+        dx = x - other[0] + OFFSET_LIMIT
+        dy = y - other[1] + OFFSET_LIMIT
+        index = ((kind * KIND_COUNT + other.kind) * OFFSET_COUNT + dx) * OFFSET_COUNT + dy
+        pairs = self.ties.get(index)
+        if pairs is None and other[0] + frame_x >= 0 and other[1] >= 0:
+            move_x, move_y = self.moves[index].tolist()
+            return move_x, move_y
+        new_ring = self._ring(kind, x + frame_x, y)
+        other_ring = self._ring(other.kind, other[0] + frame_x, other[1])
+        p, q = nearest_points(new_ring, other_ring, all_pairs(new_ring, other_ring) if pairs is None else pairs)
+        return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
+
+    def _ring(self, kind: int, x: int, y: int) -> Ring:
+        centre_x, centre_y = x + KIND_PIXELS[kind] / 2, y + KIND_PIXELS[kind] / 2
+        return [(centre_x + px, centre_y + py) for px, py in self.outlines[kind]]
+
+
+@cache
+def placement_tables() -> PlacementTables:
+    with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
+        segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
+        outlines = [(px, py) for px, py in arrays["outlines"].tolist()]
+        return PlacementTables(
+            clearance=arrays["clearance"].tobytes(),
+            moves=arrays["moves"].reshape(-1, 2),
+            ties=dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True)),
+            outlines=_runs(outlines, arrays["outline_lengths"]),
+            pixel_areas=arrays["pixel_areas"],
+        )
+
+
+def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[Value]]:
+    """`values` cut into consecutive runs of the given lengths."""
+    ends = lengths.cumsum(dtype=np.int64).tolist()
+    return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
+
+
+def fits_box(kind: int, x: int, y: int) -> bool:
+    last = BOX_SIDE - KIND_PIXELS[kind]
+    return 0 <= x <= last and 0 <= y <= last
+
+
+def is_free(kind: int, x: int, y: int, items: Iterable[Item]) -> bool:
+    """Whether an item of `kind` at (x, y) overlaps none of `items`."""
+    code = placement_tables().clearance_code
+    return all(code(kind, x, y, other) != OVERLAPPING for other in items)
+
+
+def snapped(kind: int, x: int, y: int, items: Sequence[Item], box_index: int, rules: PlacementRules) -> tuple[int, int]:
+    """Where a new item that found its place at (x, y), clear of `items`, comes to rest."""
+    tables = placement_tables()
+    nearest = None
+    nearest_code = FIRST_TOO_FAR
+    for other in items:
+        code = tables.clearance_code(kind, x, y, other)
+        if OVERLAPPING < code < nearest_code:
+            nearest, nearest_code = other, code
+    if nearest is None:
+        return x, y
+    frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0
+    move_x, move_y = tables.move(kind, x, y, nearest, frame_x)
+    new_x, new_y = x + move_x, y + move_y
+    if rules.keeps_unfit_snaps or (fits_box(kind, new_x, new_y) and is_free(kind, new_x, new_y, items)):
+        return new_x, new_y
+    return x, y
+
+
+@cache
+def _blocking_templates() -> BoolArray:
+    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two overlap."""
+    codes = np.frombuffer(placement_tables().clearance, np.uint8)
+    codes = codes.reshape(KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
+    inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
+    return np.ascontiguousarray((codes[:, :, inner, inner] == OVERLAPPING).transpose(1, 0, 2, 3))
+
+
+def blocked_corners(items: Iterable[Item], kinds: slice = slice(None)) -> BoolArray:
+    """(kinds, 100, 100) by kind, x, y: whether an item of that kind placed there would overlap one of `items`."""
+    templates = _blocking_templates()[:, kinds]
+    blocked = np.zeros((templates.shape[1], BOX_SIDE, BOX_SIDE), np.bool_)
+    for item in items:
+        board_x, template_x = _window(item.x)
+        board_y, template_y = _window(item.y)
+        blocked[:, board_x, board_y] |= templates[item.kind, :, template_x, template_y]
+    return blocked
+
+
+def _window(centre: int) -> tuple[slice, slice]:
+    """The part of the box's axis within LARGEST_SIDE of `centre`, and the same part of a template's axis."""
+    start, stop = max(0, centre - LARGEST_SIDE), min(BOX_SIDE, centre + LARGEST_SIDE + 1)
+    shift = LARGEST_SIDE - centre
+    return slice(start, stop), slice(start + shift, stop + shift)
+
+
+@cache
+def inside_corners() -> BoolArray:
+    """(9, 100, 100) by kind, x, y: whether an item of that kind placed there lies inside the box."""
+    last = BOX_SIDE - np.array(KIND_PIXELS)
+    along = np.arange(BOX_SIDE) <= last[:, None]
+    return along[:, :, None] & along[:, None, :]
+
+
+def covered_pixels(items: Iterable[Item]) -> BoolArray:
+    """(100, 100) by x, y: whether any of `items` covers part of that pixel of the box."""
+    covered = np.zeros((BOX_SIDE, BOX_SIDE), np.bool_)
+    shapes = placement_tables().pixel_areas > 0
+    for item in items:
+        left, top = max(0, -item.x), max(0, -item.y)
+        x, y = item.x + left, item.y + top
+        target = covered[x : item.x + item.side, y : item.y + item.side]
+        target |= shapes[item.kind, left : left + target.shape[0], top : top + target.shape[1]]
+    return covered
+
+
+@cache
+def _areas_before() -> NDArray[np.int64]:
+    """(9, 31, 31) by kind, x, y: area of the shape left of x and above y."""
+    areas = placement_tables().pixel_areas
+    before = np.zeros((KIND_COUNT, LARGEST_SIDE + 1, LARGEST_SIDE + 1), np.int64)
+    before[:, 1:, 1:] = areas.cumsum(axis=1).cumsum(axis=2)
+    return before
+
+
+def shape_area(kind: int) -> int:
+    """Area of a shape, in AREA_UNITs."""
+    return int(_areas_before()[kind, -1, -1])
+
+
+@cache
+def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...], ...], ...]:
+    """Area of a shape in a cell, in AREA_UNITs, by kind and by cell minus item top-left.
+
+    Indexed [kind][dx + cell_width - 1][dy + cell_height - 1]; an offset outside the table means no overlap.
+    """
+    before = _areas_before()
+    width, height = LARGEST_SIDE + cell_width - 1, LARGEST_SIDE + cell_height - 1
+    start_x, start_y = np.arange(width) - (cell_width - 1), np.arange(height) - (cell_height - 1)
+    low_x, high_x = start_x.clip(0), (start_x + cell_width).clip(max=LARGEST_SIDE)
+    low_y, high_y = start_y.clip(0), (start_y + cell_height).clip(max=LARGEST_SIDE)
+    right, left = before[:, high_x], before[:, low_x]
+    areas = right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
+    return tuple(tuple(tuple(row) for row in kind_areas) for kind_areas in areas.tolist())
+
+
+@cache
+def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
+    """(9, cell width, cell height) by kind and offset in the cell: whether the search may place an item there.
+
+    It may where half of the item lies in the cell or the item covers half of the cell.
+    """
+    areas = np.array(cell_areas(cell_width, cell_height))[:, :cell_width, :cell_height]
+    inside = areas[:, ::-1, ::-1]
+    half_items = np.array([shape_area(kind) for kind in range(KIND_COUNT)])[:, None, None]
+    half_cell = cell_width * cell_height * AREA_UNIT
+    return np.ascontiguousarray((2 * inside >= half_items) | (2 * inside >= half_cell))
+
+
+def searched(
+    kind: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
+) -> tuple[int, int] | None:
+    """The first free place in the cell whose top-left pixel is (cell_x, cell_y), or None.
+
+    Columns from left to right, and rows from top to bottom within a column.
+    """
+    width, height = cell
+    window = (slice(cell_x, cell_x + width), slice(cell_y, cell_y + height))
+    blocked = blocked_corners(items, slice(kind, kind + 1))[0][window]
+    places = search_offsets(width, height)[kind] & inside_corners()[kind][window] & ~blocked
+    first = int(places.argmax())
+    offset_x, offset_y = divmod(first, height)
+    return (cell_x + offset_x, cell_y + offset_y) if places[offset_x, offset_y] else None
+
+
+def check_apart(items: Sequence[Item]) -> None:
+    """Raises SceneError when an item lies outside the box or overlaps another."""
+    for index, item in enumerate(items):
+        if not fits_box(item.kind, item.x, item.y):
+            raise SceneError(f"item {index} at ({item.x}, {item.y}), {item.side} pixels wide, lies outside its box")
+        if not is_free(item.kind, item.x, item.y, items[:index]):
+            raise SceneError(f"item {index} at ({item.x}, {item.y}) overlaps an earlier item of its box")

@@ -1,0 +1,273 @@
+"""Scatter: items of any shape, colour and size anywhere in the boxes, placed by the cells of a grid.
+
+Source: SPEC sections 3, 4 and 7.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import SupportsIndex, cast
+
+import numpy as np
+
+from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
+from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.placement import (
+    PlacementRules,
+    blocked_corners,
+    cell_areas,
+    check_apart,
+    covered_pixels,
+    fits_box,
+    inside_corners,
+    is_free,
+    search_offsets,
+    searched,
+    snapped,
+)
+from lilgym_mp.scene import (
+    BOX_PITCH,
+    BOX_SIDE,
+    IMAGE_HEIGHT,
+    IMAGE_WIDTH,
+    SEPARATOR_WIDTH,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    SceneError,
+    Shape,
+    Size,
+)
+
+NATIVE = "native"
+RELEASED_GRID = (19, 5)
+NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
+WIDEST_CELL = 20  # the largest cell width of which both a box and a separator are multiples
+SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
+
+Grid = tuple[int, int]
+
+LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
+_LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
+
+
+class GridError(ValueError):
+    """A grid whose cells do not tile the boxes and separators."""
+
+
+def _is_pair(grid: object) -> bool:
+    return isinstance(grid, tuple | list) and len(cast("Sequence[object]", grid)) == 2
+
+
+def _positive(count: object) -> int:
+    """`count` when it is a positive whole number, else 0."""
+    if isinstance(count, bool) or not isinstance(count, SupportsIndex):
+        return 0
+    return max(0, operator.index(count))
+
+
+def checked_grid(grid: object) -> Grid:
+    """(columns, rows) from such a pair or "native". Raises GridError naming the choices."""
+    if grid == NATIVE:
+        return NATIVE_GRID
+    sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
+    if not all(sizes):
+        raise GridError(f"grid must be {NATIVE!r} or a pair (columns, rows) of positive whole numbers, not {grid!r}")
+    columns, rows = sizes
+    if IMAGE_WIDTH % columns or WIDEST_CELL % (IMAGE_WIDTH // columns):
+        choices = [IMAGE_WIDTH // width for width in range(WIDEST_CELL, 0, -1) if WIDEST_CELL % width == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: with {columns} columns cells would straddle a separator;"
+            f" choose from {', '.join(map(str, choices))} columns"
+        )
+    if IMAGE_HEIGHT % rows:
+        choices = [count for count in range(1, IMAGE_HEIGHT + 1) if IMAGE_HEIGHT % count == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: {rows} rows do not divide {IMAGE_HEIGHT} pixels;"
+            f" choose from {', '.join(map(str, choices))} rows"
+        )
+    return columns, rows
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """1 + 28 actions a cell: STOP, ADD(x, y, shape, colour, size) in that order, REMOVE(x, y)."""
+
+    grid: Grid = RELEASED_GRID
+    cell: tuple[int, int] = field(init=False)  # width and height in pixels
+    _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
+    _first_remove: int = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        columns, rows = checked_grid(self.grid)
+        width = IMAGE_WIDTH // columns
+        places = (divmod(column * width, BOX_PITCH) for column in range(columns))
+        by_column = tuple((box, x) if x < BOX_SIDE else None for box, x in places)
+        object.__setattr__(self, "grid", (columns, rows))
+        object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
+        object.__setattr__(self, "_columns", by_column)
+        object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
+
+    @property
+    def name(self) -> str:
+        return "scatter"
+
+    @property
+    def action_count(self) -> int:
+        columns, rows = self.grid
+        return self._first_remove + columns * rows
+
+    @property
+    def is_native(self) -> bool:
+        """Whether a cell is one pixel: then items go exactly there, without search and snapping."""
+        return self.cell == (1, 1)
+
+    def decode(self, index: int) -> Action:
+        if index == 0:
+            return STOP
+        if index >= self._first_remove:
+            return RemoveItem(*divmod(index - self._first_remove, self.grid[1]))
+        cell, look = divmod(index - 1, len(LOOKS))
+        return AddItem(*divmod(cell, self.grid[1]), *LOOKS[look])
+
+    def encode(self, action: Action) -> int:
+        match action:
+            case Stop():
+                return 0
+            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _LOOK_NUMBERS:
+                return 1 + self._cell_number(column, row) * len(LOOKS) + _LOOK_NUMBERS[shape, colour, size]
+            case RemoveItem(column, row):
+                return self._first_remove + self._cell_number(column, row)
+            case _:
+                raise ActionError(f"{action!r} is no action of scatter")
+
+    def from_array(self, values: Sequence[int]) -> Action:
+        kind, column, row, shape, colour, size = slots(values, SLOT_NAMES)
+        action_type = ActionType(slot_value("type", kind, len(ActionType)))
+        if action_type is ActionType.STOP:
+            return STOP
+        self._cell_number(column, row)
+        if action_type is ActionType.REMOVE:
+            return RemoveItem(column, row)
+        return AddItem(
+            column,
+            row,
+            Shape(slot_value("shape", shape, len(Shape))),
+            Colour(slot_value("colour", colour, len(Colour))),
+            Size(slot_value("size", size, len(Size))),
+        )
+
+    def to_array(self, action: Action) -> list[int]:
+        match action:
+            case AddItem(column, row, shape, colour, size):
+                return [int(ActionType.ADD), column, row, int(shape), int(colour), int(size)]
+            case RemoveItem(column, row):
+                return [int(ActionType.REMOVE), column, row, -1, -1, -1]
+            case Stop():
+                return [int(ActionType.STOP), -1, -1, -1, -1, -1]
+            case _:
+                raise ActionError(f"{action!r} is no action of scatter")
+
+    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
+        if isinstance(action, AddItem):
+            return self._add(scene, action, rules)
+        if isinstance(action, RemoveItem):
+            return self._remove(scene, action)
+        raise ActionError(f"{action!r} is no edit of scatter")
+
+    def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
+        column, row, shape, colour, size = action
+        place = self._columns[column]
+        if place is None:
+            return Edit(scene, InvalidReason.SEPARATOR)
+        box_index, x = place
+        y = row * self.cell[1]
+        kind = shape * 3 + size
+        box = scene.boxes[box_index]
+        if not fits_box(kind, x, y):
+            return Edit(scene, InvalidReason.OUT_OF_BOX)
+        if not is_free(kind, x, y, box.items):
+            found = searched(kind, x, y, self.cell, box.items) if self._searches(rules) else None
+            if found is None:
+                return Edit(scene, InvalidReason.OVERLAP)
+            x, y = found
+        if not self.is_native:
+            x, y = snapped(kind, x, y, box.items, box_index, rules)
+        return Edit(scene.with_box(box_index, box.with_item(Item(x, y, shape, colour, size))))
+
+    def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
+        place = self._columns[action.column]
+        if place is None:
+            return Edit(scene, InvalidReason.SEPARATOR)
+        box_index, x = place
+        box = scene.boxes[box_index]
+        areas = [self._area_in_cell(item, x, action.row * self.cell[1]) for item in box.items]
+        largest = max(areas, default=0)
+        if largest == 0:
+            return Edit(scene, InvalidReason.NOTHING_TO_REMOVE)
+        return Edit(scene.with_box(box_index, box.without(areas.index(largest))))
+
+    def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
+        width, height = self.cell
+        dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
+        table = cell_areas(width, height)[item.kind]
+        return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
+
+    def _searches(self, rules: PlacementRules) -> bool:
+        return rules.searches_cell and not self.is_native
+
+    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
+        columns, rows = self.grid
+        mask = np.zeros(self.action_count, np.bool_)
+        mask[0] = True
+        adds = mask[1 : self._first_remove].reshape(columns, rows, len(Shape), len(Colour), len(Size))
+        removes = mask[self._first_remove :].reshape(columns, rows)
+        box_columns = BOX_SIDE // self.cell[0]
+        pitch = box_columns + SEPARATOR_WIDTH // self.cell[0]
+        for index, box in enumerate(scene.boxes):
+            here = slice(index * pitch, index * pitch + box_columns)
+            kinds, removable = self._legal_in_box(box, rules)
+            adds[here] = kinds[:, :, :, None, :]
+            removes[here] = removable
+        return mask
+
+    def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
+        """(box columns, rows, shapes, sizes) and (box columns, rows): where ADD and REMOVE are valid."""
+        key = (self.grid, self._searches(rules))
+        found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
+        if found is None:
+            removable = np.asarray(self._by_cell(covered_pixels(box.items)).any((1, 3)))
+            found = box.memo[key] = self._addable(box, rules), removable
+        return found
+
+    def _addable(self, box: Box, rules: PlacementRules) -> BoolArray:
+        width, height = self.cell
+        free = ~blocked_corners(box.items)
+        at_corner = free[:, ::width, ::height]
+        inside = inside_corners()
+        if self._searches(rules):
+            allowed = self._by_cell(free & inside) & search_offsets(width, height)[:, None, :, None, :]
+            at_corner = at_corner | allowed.any((2, 4))
+        legal = at_corner & inside[:, ::width, ::height]
+        by_kind = legal.reshape(len(Shape), len(Size), *legal.shape[1:])
+        return np.ascontiguousarray(by_kind.transpose(2, 3, 0, 1))
+
+    def _by_cell(self, pixels: BoolArray) -> BoolArray:
+        """(..., 100, 100) to (..., box columns, cell width, rows, cell height)."""
+        width, height = self.cell
+        return pixels.reshape(*pixels.shape[:-2], BOX_SIDE // width, width, BOX_SIDE // height, height)
+
+    def check_scene(self, scene: Scene) -> Scene:
+        for index, box in enumerate(scene.boxes):
+            try:
+                check_apart(box.items)
+            except SceneError as fault:
+                raise SceneError(f"box {index}: {fault}") from None
+        return scene
+
+    def _cell_number(self, column: int, row: int) -> int:
+        columns, rows = self.grid
+        return slot_value("x", column, columns) * rows + slot_value("y", row, rows)

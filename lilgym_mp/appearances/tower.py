@@ -1,0 +1,167 @@
+"""Tower: medium squares stacked in the middle of each box, added and removed at the top.
+
+A box is one of 121 stacks, so each exists once, with its four successors beside it.
+Source: SPEC sections 1, 3 and 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop
+from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.placement import PlacementRules
+from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
+
+BLOCK_X = 40
+LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
+CAPACITY = len(LEVEL_Y)
+SLOT_NAMES = ("type", "box", "colour")
+
+ACTIONS: tuple[Action, ...] = (
+    STOP,
+    *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
+    *(RemoveBlock(box) for box in range(BOX_COUNT)),
+)
+_NUMBERS: dict[Action, int] = {action: number for number, action in enumerate(ACTIONS)}
+
+
+class _Stack(NamedTuple):
+    """A box and what each action on it leads to; None where the action is invalid."""
+
+    box: Box
+    with_block: tuple[Box | None, ...]  # by Colour
+    without_top: Box | None
+    legal: BoolArray  # (4,) adding each colour, removing
+
+
+_MEMO_KEY = "tower stack"
+
+
+def _block(level: int, colour: Colour) -> Item:
+    return Item(BLOCK_X, LEVEL_Y[level], Shape.SQUARE, colour, Size.MEDIUM)
+
+
+@cache
+def _boxes() -> dict[tuple[Item, ...], Box]:
+    """All 121 boxes by their items, each with its stack in its memo."""
+    boxes: dict[tuple[Item, ...], Box] = {(): Box()}
+    layer: list[tuple[Item, ...]] = [()]
+    for level in range(CAPACITY):
+        layer = [(*items, _block(level, colour)) for items in layer for colour in Colour]
+        boxes.update((items, Box(items)) for items in layer)
+    for items, box in boxes.items():
+        full = len(items) == CAPACITY
+        box.memo[_MEMO_KEY] = _Stack(
+            box,
+            tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
+            boxes[items[:-1]] if items else None,
+            np.array([not full] * len(Colour) + [bool(items)]),
+        )
+    return boxes
+
+
+def _stack(box: Box) -> _Stack:
+    try:
+        return box.memo[_MEMO_KEY]
+    except KeyError:
+        return _shared(box).memo[_MEMO_KEY]
+
+
+def _shared(box: Box) -> Box:
+    try:
+        return _boxes()[box.items]
+    except KeyError:
+        raise SceneError(_fault(box)) from None
+
+
+def _fault(box: Box) -> str:
+    if len(box.items) > CAPACITY:
+        return f"a tower holds at most {CAPACITY} blocks, not {len(box.items)}"
+    for level, item in enumerate(box.items):
+        if item != _block(level, item.colour):
+            return (
+                f"item {level} must be a medium square at ({BLOCK_X}, {LEVEL_Y[level]}) to stack,"
+                f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
+            )
+    raise AssertionError("this is a tower")
+
+
+@dataclass(frozen=True, slots=True)
+class Tower:
+    """13 actions: STOP, ADD(box, colour) for 3 boxes x 3 colours, REMOVE(box) for 3 boxes."""
+
+    @property
+    def name(self) -> str:
+        return "tower"
+
+    @property
+    def action_count(self) -> int:
+        return len(ACTIONS)
+
+    def decode(self, index: int) -> Action:
+        return ACTIONS[index]
+
+    def encode(self, action: Action) -> int:
+        try:
+            return _NUMBERS[action]
+        except (KeyError, TypeError):
+            raise ActionError(f"{action!r} is no action of tower") from None
+
+    def from_array(self, values: Sequence[int]) -> Action:
+        kind, box, colour = slots(values, SLOT_NAMES)
+        action_type = ActionType(slot_value("type", kind, len(ActionType)))
+        if action_type is ActionType.STOP:
+            return STOP
+        box = slot_value("box", box, BOX_COUNT)
+        if action_type is ActionType.REMOVE:
+            return RemoveBlock(box)
+        return AddBlock(box, Colour(slot_value("colour", colour, len(Colour))))
+
+    def to_array(self, action: Action) -> list[int]:
+        match action:
+            case AddBlock(box, colour):
+                return [int(ActionType.ADD), box, int(colour)]
+            case RemoveBlock(box):
+                return [int(ActionType.REMOVE), box, -1]
+            case Stop():
+                return [int(ActionType.STOP), -1, -1]
+            case _:
+                raise ActionError(f"{action!r} is no action of tower")
+
+    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
+        if isinstance(action, AddBlock):
+            box = _stack(scene.boxes[action.box]).with_block[action.colour]
+            reason = InvalidReason.FULL_TOWER
+        elif isinstance(action, RemoveBlock):
+            box = _stack(scene.boxes[action.box]).without_top
+            reason = InvalidReason.EMPTY_TOWER
+        else:
+            raise ActionError(f"{action!r} is no edit of tower")
+        if box is None:
+            return Edit(scene, reason)
+        return Edit(scene.with_box(action.box, box))
+
+    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
+        mask = np.ones(len(ACTIONS), np.bool_)
+        adds, removes = mask[1:10].reshape(BOX_COUNT, len(Colour)), mask[10:]
+        for index, box in enumerate(scene.boxes):
+            legal = _stack(box).legal
+            adds[index], removes[index] = legal[:-1], legal[-1]
+        return mask
+
+    def check_scene(self, scene: Scene) -> Scene:
+        """The same scene made of the shared boxes."""
+        boxes: list[Box] = []
+        for index, box in enumerate(scene.boxes):
+            try:
+                boxes.append(_shared(box))
+            except SceneError as fault:
+                raise SceneError(f"box {index}: {fault}") from None
+        left, middle, right = boxes
+        return Scene((left, middle, right))

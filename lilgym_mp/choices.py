@@ -1,0 +1,18 @@
+"""Looking a name up in a closed table of choices, with an error a person can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+Value = TypeVar("Value")
+
+
+def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
+    """The entry of `table` called `name`.
+
+    Raises ValueError naming the value and every choice, sorted.
+    """
+    if isinstance(name, str) and name in table:
+        return table[name]
+    raise ValueError(f"unknown {what} {name!r}; choose from {', '.join(sorted(table))}")

@@ -1,0 +1,99 @@
+"""Every fault of a corpus at once, and how many tasks it has; the command line shows this report."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
+from lilgym_mp.corpus.jsonlines import CorpusFile
+from lilgym_mp.corpus.places import corpus_path
+from lilgym_mp.corpus.records import SPLITS, STARTS
+from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
+from lilgym_mp.corpus.tasks import TaskReader, contexts
+
+
+class TaskCount(NamedTuple):
+    """How many faultless tasks, and MDPs among them, one configuration and split has."""
+
+    appearance: str
+    start: str
+    split: str
+    tasks: int
+    contexts: int
+
+
+@dataclass(frozen=True, slots=True)
+class CorpusReport:
+    """What `check_corpus` found: faults in file order, tasks counted, released files that are not there."""
+
+    path: str
+    faults: tuple[Fault, ...]
+    counts: tuple[TaskCount, ...]
+    absent_files: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        return not self.faults
+
+    def __str__(self) -> str:
+        counts = [
+            f"{count.appearance} {count.start} {count.split}: {count.tasks} tasks, {count.contexts} contexts"
+            for count in self.counts
+        ]
+        absent = [f"not there: {name}" for name in self.absent_files]
+        faults = [f"fault: {fault}" for fault in self.faults] or ["no faults"]
+        return "\n".join([self.path, *counts, *absent, *faults])
+
+
+def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
+    """The report on all of a corpus, which is named as for `load_tasks`.
+
+    Raises CorpusError only when there is no such corpus.
+    """
+    with corpus_path(corpus) as path:
+        faults = FaultLog(stop_at_first=False)
+        present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
+        try:
+            counts = _released_counts(path, faults) if path.is_dir() else _file_counts(path, faults)
+        except CorpusError as fault:
+            faults.add(str(path), str(fault).removeprefix(f"{path}: "))
+            counts = []
+        absent = [name for name in ALL_FILE_NAMES if name not in present] if path.is_dir() else []
+        if path.is_dir() and not present:
+            faults.add(str(path), "it has none of the released files")
+        return CorpusReport(str(path), tuple(faults.found), tuple(counts), tuple(absent))
+
+
+def _file_counts(path: Path, faults: FaultLog) -> list[TaskCount]:
+    source = CorpusFile(path, faults)
+    counts: list[TaskCount] = []
+    for appearance in APPEARANCES:
+        reader = TaskReader(appearance, faults)
+        for start in STARTS:
+            for split in SPLITS:
+                tasks = list(reader.tasks(source.records(appearance, start, split)))
+                counts.append(TaskCount(appearance, start, split, len(tasks), contexts(tasks)))
+    return counts
+
+
+def _released_counts(directory: Path, faults: FaultLog) -> list[TaskCount]:
+    counts: list[TaskCount] = []
+    for appearance in APPEARANCES:
+        reader = TaskReader(appearance, faults)
+        for start in STARTS:
+            for split in SPLITS:
+                path = directory / file_name(appearance, start, split)
+                if not path.exists():
+                    continue
+                try:
+                    records = list(ReleasedFile(path, start).records(faults))
+                except CorpusError as fault:
+                    faults.add(str(path), str(fault).removeprefix(f"{path}: "))
+                    continue
+                tasks = list(reader.tasks(records))
+                counts.append(TaskCount(appearance, start, split, len(tasks), contexts(tasks)))
+    return counts

@@ -1,0 +1,74 @@
+"""Loading the tasks of one configuration and split, checked, one copy per process."""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus.faults import CorpusError, FaultLog
+from lilgym_mp.corpus.jsonlines import CorpusFile
+from lilgym_mp.corpus.places import corpus_path
+from lilgym_mp.corpus.records import SPLITS, STARTS
+from lilgym_mp.corpus.released import ReleasedFile, released_path
+from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
+
+CACHED_SETS = 16
+
+
+def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
+    """The checked tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
+
+    `corpus` is "builtin", "lilgym" (the official one), the path of a corpus file, or of a directory of released
+    JSON files. A set is read once per process, until its file changes.
+    Raises CorpusError naming file, entry and fault; ValueError for an unknown appearance, start or split.
+    """
+    choose("appearance", appearance, APPEARANCES)
+    choose("start", start, STARTS)
+    choose("split", split, SPLITS)
+    with corpus_path(corpus) as path:
+        file = released_path(path, appearance, start, split) if path.is_dir() else path
+        status = _status(file)
+        return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)
+
+
+def _status(file: Path) -> os.stat_result:
+    try:
+        return file.stat()
+    except OSError as fault:
+        raise CorpusError(f"{file}: cannot be read: {fault.strerror or fault}") from None
+
+
+@lru_cache(maxsize=CACHED_SETS)
+def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, start: str, split: str) -> TaskSet:
+    """`mtime_ns` and `size` are there for the cache's key."""
+    faults = FaultLog(stop_at_first=True)
+    with _collector_paused():
+        if path.is_dir():
+            source = ReleasedFile(released_path(path, appearance, start, split), start)
+            records = source.records(faults)
+        else:
+            source = CorpusFile(path, faults)
+            records = source.records(appearance, start, split)
+        provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
+        tasks = TaskSet(TaskReader(appearance, faults).tasks(records), provenance)
+    if not tasks:
+        raise CorpusError(f"{source.path}: has no tasks for {provenance}")
+    return tasks
+
+
+@contextmanager
+def _collector_paused() -> Generator[None, None, None]:
+    """Reading makes many containers and no cycles; looking for some again and again would take a third of the time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

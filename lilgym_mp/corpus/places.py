@@ -1,0 +1,69 @@
+"""Where corpora are: the one shipped with the package, the official one, or a path of the user's."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from lilgym_mp.corpus.faults import CorpusError
+
+BUILTIN, OFFICIAL = "builtin", "lilgym"
+BUILTIN_FILE = "builtin.jsonl.gz"
+DATA_VARIABLE = "LILGYM_DATA"
+
+
+def user_cache() -> Path:
+    """The user's directory for what this package downloads."""
+    if sys.platform == "win32":
+        parent = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        parent = Path.home() / "Library" / "Caches"
+    else:
+        parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return parent / "lilgym_mp"
+
+
+def official_directory() -> Path:
+    """The directory of the official corpus: LILGYM_DATA when set, else the user's cache; it may not exist."""
+    named = os.environ.get(DATA_VARIABLE)
+    return Path(named) if named else user_cache() / OFFICIAL
+
+
+@contextmanager
+def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
+    """The existing file or directory of a corpus, for the length of the `with` block.
+
+    Raises CorpusError when there is none, telling how to get it.
+    """
+    if corpus == BUILTIN:
+        with as_file(files("lilgym_mp.data") / BUILTIN_FILE) as path:
+            yield path
+    elif corpus == OFFICIAL:
+        yield _existing_official()
+    else:
+        path = Path(corpus)
+        if not path.exists():
+            raise CorpusError(
+                f"no corpus {os.fspath(corpus)!r}: no such file or directory; "
+                f'choose from "{BUILTIN}", "{OFFICIAL}", or the path of a corpus file or a directory of released files'
+            )
+        yield path
+
+
+def _existing_official() -> Path:
+    directory = official_directory()
+    if not directory.is_dir():
+        raise CorpusError(
+            f"the official corpus is not here: {directory} is no directory ({_reason_for_directory()}). "
+            f"Run `lilgym-mp data download`, or set {DATA_VARIABLE} to a directory with the released JSON files; "
+            f'corpus="{BUILTIN}" needs neither'
+        )
+    return directory
+
+
+def _reason_for_directory() -> str:
+    return f"named by {DATA_VARIABLE}" if os.environ.get(DATA_VARIABLE) else f"{DATA_VARIABLE} is not set"

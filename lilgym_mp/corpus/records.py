@@ -1,0 +1,105 @@
+"""Tasks as a file has them, before their scenes and programs are looked at; what both file formats share."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple, cast
+
+from lilgym_mp.corpus.faults import CorpusError
+
+SCRATCH, FLIPIT = "scratch", "flipit"
+STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
+SPLITS = {split: split for split in ("train", "dev", "test")}
+GZIP_MAGIC = b"\x1f\x8b"
+
+
+class Record(NamedTuple):
+    """One task, unread: `label` and `scene` are None for a Scratch task."""
+
+    where: str
+    id: str
+    statement: str
+    program: str
+    label: bool | None = None
+    scene: object = None  # the released `structured_rep`
+
+
+class FileText(NamedTuple):
+    """A file's text and the SHA-256 of its bytes as they are on disk."""
+
+    text: str
+    sha256: str
+
+
+def read_text(path: Path) -> FileText:
+    """The UTF-8 text of a plain or gzip file.
+
+    Raises CorpusError naming the file: missing, unreadable, broken gzip, not UTF-8, empty.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise CorpusError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    sha256 = hashlib.sha256(data).hexdigest()
+    if path.suffix == ".gz" or data.startswith(GZIP_MAGIC):
+        data = _unzipped(path, data)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as fault:
+        raise CorpusError(f"{path}: not UTF-8 text: byte 0x{data[fault.start]:02x} at offset {fault.start}") from None
+    if not text.strip():
+        raise CorpusError(f"{path}: the file is empty")
+    return FileText(text, sha256)
+
+
+def _unzipped(path: Path, data: bytes) -> bytes:
+    try:
+        return gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as fault:
+        raise CorpusError(f"{path}: broken gzip file: {fault}") from None
+
+
+class JSONFault(ValueError):
+    """Text that is not one JSON value without repeated keys."""
+
+
+def parse_json(text: str) -> object:
+    """The JSON value in `text`. Raises JSONFault, for a key that stands twice in one object too."""
+    try:
+        return json.loads(text, object_pairs_hook=_object)
+    except json.JSONDecodeError as fault:
+        raise JSONFault(f"not JSON: {fault}") from None
+    except RecursionError:
+        raise JSONFault("not JSON of ours: nested too deeply") from None
+    except ValueError as fault:
+        raise JSONFault(str(fault)) from None
+
+
+def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for index, key in enumerate(keys) if key in keys[:index])
+        raise ValueError(f"key {repeated!r} stands twice in one object")
+    return result
+
+
+def as_object(value: object) -> dict[str, object] | None:
+    """`value` when it is a JSON object, else None."""
+    return cast("dict[str, object]", value) if isinstance(value, dict) else None
+
+
+def listed(names: Iterable[object]) -> str:
+    """Names sorted and joined, for errors."""
+    return ", ".join(sorted(str(name) for name in names))
+
+
+def shown(value: object) -> str:
+    """`value` as errors show it: cut when long."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

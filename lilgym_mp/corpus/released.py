@@ -1,0 +1,96 @@
+"""The official lilGym corpus: a directory of released JSON files, one per appearance, start and split.
+
+Source: SPEC sections 2 and 9 (`{id: {"sentence", "lf"}}`; FlipIt files add "label" and "structured_rep").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.faults import CorpusError, FaultLog
+from lilgym_mp.corpus.records import (
+    FLIPIT,
+    SPLITS,
+    STARTS,
+    JSONFault,
+    Record,
+    as_object,
+    listed,
+    parse_json,
+    read_text,
+    shown,
+)
+
+NAME = "lilGym"
+LABELS = {"true": True, "false": False}
+
+
+def file_name(appearance: str, start: str, split: str) -> str:
+    return f"{appearance}_{start}_{split}.json"
+
+
+ALL_FILE_NAMES = tuple(
+    file_name(appearance, start, split) for appearance in APPEARANCES for start in STARTS for split in SPLITS
+)
+
+
+def released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
+    """The released file of one configuration and split.
+
+    Raises CorpusError naming the file looked for and the released files that are there.
+    """
+    path = directory / file_name(appearance, start, split)
+    if not path.exists():
+        there = [name for name in ALL_FILE_NAMES if (directory / name).exists()]
+        found = f"of the released files it has {listed(there)}" if there else "it has none of the released files"
+        raise CorpusError(f"{directory}: lacks {path.name}; {found}")
+    return path
+
+
+class ReleasedFile:
+    """One released JSON file, read whole."""
+
+    name = NAME
+
+    def __init__(self, path: Path, start: str) -> None:
+        """Raises CorpusError when the file is not a JSON object of entries."""
+        self.path = path
+        self.start = start
+        text, self.sha256 = read_text(path)
+        try:
+            content = as_object(parse_json(text))
+        except JSONFault as fault:
+            raise CorpusError(f"{path}: {fault}") from None
+        if content is None:
+            raise CorpusError(f"{path}: must be one JSON object, {{id: entry}}")
+        self.content = content
+
+    def records(self, faults: FaultLog) -> Iterator[Record]:
+        for name, value in self.content.items():
+            where = f"{self.path}, entry {name!r}"
+            try:
+                yield _record(where, name, value, self.start)
+            except JSONFault as fault:
+                faults.add(where, str(fault))
+
+
+def _record(where: str, name: str, value: object, start: str) -> Record:
+    entry = as_object(value)
+    if entry is None:
+        raise JSONFault(f"an entry must be a JSON object, not {shown(value)}")
+    statement, program = _text(entry, "sentence"), _text(entry, "lf")
+    if start != FLIPIT:
+        return Record(where, name, statement, program)
+    label = _text(entry, "label")
+    if label not in LABELS:
+        raise JSONFault(f"unknown label {label!r}; choose from {listed(LABELS)}")
+    return Record(where, name, statement, program, LABELS[label], entry.get("structured_rep"))
+
+
+def _text(entry: dict[str, object], key: str) -> str:
+    value = entry.get(key)
+    if not isinstance(value, str) or not value.strip():
+        raise JSONFault(f"{key} must be a text that is not blank, not {shown(value)}")
+    return value

@@ -1,0 +1,191 @@
+"""From unread records to checked tasks, and the immutable set of tasks of one configuration and split."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import cast, overload
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.records import Record, shown
+from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    JSON_COLOURS,
+    JSON_ITEM_KEYS,
+    JSON_SHAPES,
+    JSON_SIZES,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    SceneError,
+    Shape,
+    Size,
+)
+from lilgym_mp.task import Task
+
+_LOOKS: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
+    (shape, colour, size): (JSON_SHAPES[shape], JSON_COLOURS[colour], JSON_SIZES[size])
+    for shape in JSON_SHAPES
+    for colour in JSON_COLOURS
+    for size in JSON_SIZES
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a set of tasks comes from."""
+
+    corpus: str  # as asked for: "builtin", "lilgym" or a path
+    name: str  # as the corpus calls itself
+    path: str
+    appearance: str
+    start: str
+    split: str
+    sha256: str  # of the file's bytes
+
+    def __str__(self) -> str:
+        return f"corpus {self.corpus!r}, {self.appearance} {self.start}, split {self.split!r}"
+
+
+class TaskSet(Sequence[Task]):
+    """The tasks of one configuration and split, in file order; immutable and shared."""
+
+    __slots__ = ("_by_id", "_tasks", "provenance")
+
+    def __init__(self, tasks: Iterable[Task], provenance: Provenance) -> None:
+        self._tasks = tuple(tasks)
+        self._by_id = {task.id: task for task in self._tasks}
+        self.provenance = provenance
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Every task's id, in file order."""
+        return tuple(self._by_id)
+
+    def by_id(self, task_id: str) -> Task:
+        """The task called `task_id`. Raises ValueError naming it, the set, and ids that look like it."""
+        task = self._by_id.get(task_id)
+        if task is None:
+            close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
+            raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")
+        return task
+
+    @overload
+    def __getitem__(self, index: int) -> Task: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Task, ...]: ...
+    def __getitem__(self, index: int | slice) -> Task | tuple[Task, ...]:
+        return self._tasks[index]
+
+    def __len__(self) -> int:
+        return len(self._tasks)
+
+    def __iter__(self) -> Iterator[Task]:
+        return iter(self._tasks)
+
+    def __repr__(self) -> str:
+        return f"TaskSet({len(self)} tasks of {self.provenance})"
+
+
+def contexts(tasks: Iterable[Task]) -> int:
+    """The number of MDPs among the tasks: distinct pairs of statement and target (SPEC section 2)."""
+    return len({(task.statement, task.target) for task in tasks})
+
+
+class TaskReader:
+    """Makes checked tasks of one appearance from records; equal texts, boxes and scenes are shared."""
+
+    def __init__(self, appearance: str, faults: FaultLog) -> None:
+        self._check_scene = APPEARANCES[appearance].check_scene
+        self._faults = faults
+        self._empty = self._check_scene(Scene.empty())
+        self._texts: dict[str, str] = {}
+        self._programs: dict[str, Program | None] = {}
+        self._boxes: dict[tuple[Item, ...], Box] = {}
+        self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
+
+    def tasks(self, records: Iterable[Record]) -> Iterator[Task]:
+        """The tasks of the faultless records; each fault goes to the log."""
+        for record in records:
+            task = self._task(record)
+            if task is not None:
+                yield task
+
+    def _task(self, record: Record) -> Task | None:
+        program = self._program(record)
+        start = self._empty if record.label is None else self._scene(record)
+        if program is None or start is None:
+            return None
+        if record.label is not None and self._truth(record, program, start) != record.label:
+            return None
+        statement = self._texts.setdefault(record.statement, record.statement)
+        return Task(record.id, statement, program.source, not record.label, start)
+
+    def _program(self, record: Record) -> Program | None:
+        """The compiled program, tried on the empty scene; None, and a fault, when it cannot be used."""
+        source = record.program
+        if source not in self._programs:
+            self._programs[source] = None
+            try:
+                program = compile_program(source)
+            except ProgramError as fault:
+                self._faults.add(record.where, f"program {shown(source)}: {fault}")
+                return None
+            if self._value(record, program, self._empty) is not None:
+                self._programs[source] = program
+        return self._programs[source]
+
+    def _truth(self, record: Record, program: Program, start: Scene) -> bool | None:
+        """The statement's truth value in `start`; a fault when it is not the label."""
+        value = self._value(record, program, start)
+        if value is not None and value != record.label:
+            said, found = str(record.label).lower(), str(value).lower()
+            self._faults.add(record.where, f"label is {said} but the program says {found} of this scene")
+        return value
+
+    def _value(self, record: Record, program: Program, scene: Scene) -> bool | None:
+        try:
+            return program.evaluate(scene)
+        except ProgramRuntimeError as fault:
+            place = "its start scene" if any(scene.items()) else "the empty scene"
+            self._faults.add(record.where, f"program {shown(program.source)} has no value on {place}: {fault}")
+            return None
+
+    def _scene(self, record: Record) -> Scene | None:
+        try:
+            items = _boxes_items(record.scene)
+            scene = self._scenes.get(items)
+            if scene is None:
+                left, middle, right = (self._boxes.setdefault(box, Box(box)) for box in items)
+                scene = self._check_scene(Scene((left, middle, right)))
+                self._scenes[items] = scene
+        except SceneError as fault:
+            self._faults.add(record.where, f"scene: {fault}")
+            return None
+        return scene
+
+
+def _boxes_items(data: object) -> tuple[tuple[Item, ...], ...]:
+    """What `Scene.from_json` reads, several times faster where nothing is wrong."""
+    if isinstance(data, list) and all(isinstance(box, list) for box in cast("list[object]", data)):
+        boxes = cast("list[list[dict[str, object]]]", data)
+        try:
+            items = tuple(tuple([_item(record) for record in box]) for box in boxes)
+        except (TypeError, KeyError, AttributeError):
+            items = ()
+        if len(items) == BOX_COUNT:
+            return items
+    return tuple(box.items for box in Scene.from_json(cast("object", data)).boxes)
+
+
+def _item(record: Mapping[str, object]) -> Item:
+    """What `Item.from_json` reads, or a KeyError for it to explain."""
+    x, y, side = record["x_loc"], record["y_loc"], record["size"]
+    if type(x) is not int or type(y) is not int or type(side) is not int or len(record) != len(JSON_ITEM_KEYS):
+        raise KeyError
+    shape, colour, size = _LOOKS[record["type"], record["color"], side]
+    return Item(x, y, shape, colour, size)

@@ -1,0 +1,1 @@
+"""Environments over one core: single, batched, workers, and two agents sharing one MDP."""

@@ -1,0 +1,27 @@
+"""The four configurations as Gymnasium ids."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+
+APPEARANCE_NAMES = ("tower", "scatter")
+START_NAMES = ("scratch", "flipit")
+START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
+
+
+def environment_id(appearance: str, start: str) -> str:
+    """Such as "lilgym_mp/TowerFlipIt-v0"."""
+    return f"lilgym_mp/{appearance.capitalize()}{START_TITLES[start]}-v0"
+
+
+def register_all() -> None:
+    """Makes every configuration known to `gymnasium.make`; does nothing the second time."""
+    for appearance in APPEARANCE_NAMES:
+        for start in START_NAMES:
+            name = environment_id(appearance, start)
+            if name not in gym.registry:
+                gym.register(
+                    id=name,
+                    entry_point="lilgym_mp.envs.single:LilGymEnv",
+                    kwargs={"appearance": appearance, "start": start},
+                )

@@ -1,0 +1,202 @@
+"""One environment: `rules.Dynamics` behind Gymnasium's interface. It knows no rule of its own."""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, SupportsFloat, SupportsIndex, cast
+
+import gymnasium as gym
+from gymnasium import spaces
+
+from lilgym_mp.actions import ActionError, describe
+from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.window import Window
+from lilgym_mp.observation import Observation, observation_space
+from lilgym_mp.render import Canvas, UInt8Array, frame, text
+from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+RENDER_FPS = 4
+RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
+RESET_OPTIONS = frozenset({"task"})
+
+
+class LilGymEnv(gym.Env[Observation, int]):
+    """Add and remove items until the statement has the target value, then STOP.
+
+    Observation: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
+    Action: a number; `encode_action` and `decode_action` translate the released array form.
+    Info, after reset: "task", the task's id. At the end of an episode: "outcome" (success, wrong_stop,
+    invalid_action, horizon), "is_success", and "invalid_reason" with invalid_action.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+
+    def __init__(
+        self,
+        appearance: str,
+        start: str,
+        corpus: str | os.PathLike[str] = "builtin",
+        split: str = "train",
+        rules: str = "paper",
+        horizon: int | None = None,
+        grid: tuple[int, int] | str = RELEASED_GRID,
+        image_size: str = "half",
+        render_mode: str | None = None,
+    ) -> None:
+        """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
+        "native". `horizon`: actions an episode, None for the rule set's.
+
+        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        """
+        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
+        self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
+        self._canvas = Canvas(image_size)
+        self.tasks = load_tasks(corpus, appearance, start, split)
+        self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
+        self.observation_space = cast("spaces.Space[Observation]", observation_space(image_size, self.tasks))
+        self._state: State | None = None
+        self._last: Transition | None = None
+        self._last_action: int | None = None
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts a task drawn uniformly, or `options={"task": id}`. Raises ValueError for an unknown id or option."""
+        super().reset(seed=seed)
+        task = self._chosen_task(options or {})
+        self._state = self.dynamics.start(task)
+        self._last = None
+        self._last_action = None
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(self._state), {"task": task.id}
+
+    def _chosen_task(self, options: Mapping[str, Any]) -> Task:
+        unknown = options.keys() - RESET_OPTIONS
+        if unknown:
+            raise ValueError(f"unknown reset options {sorted(unknown)}; choose from {', '.join(RESET_OPTIONS)}")
+        if "task" in options:
+            return self.tasks.by_id(options["task"])
+        return self.tasks[int(self.np_random.integers(len(self.tasks)))]
+
+    def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Raises ActionError for a number out of range, ResetNeeded before reset and after the end."""
+        state = self._state
+        if state is None or (self._last is not None and (self._last.terminated or self._last.truncated)):
+            when = "before the first reset" if state is None else "after the end of the episode"
+            raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
+        index = self._checked(action)
+        transition = self.dynamics.step(state, self.dynamics.appearance.decode(index))
+        self._state = transition.state
+        self._last = transition
+        self._last_action = index
+        if self.render_mode == "human":
+            self.render()
+        info = {} if transition.outcome is Outcome.CONTINUES else _end_info(transition)
+        return (
+            self._observe(transition.state),
+            transition.reward,
+            transition.terminated,
+            transition.truncated,
+            info,
+        )
+
+    def _checked(self, action: SupportsIndex) -> int:
+        count = self.dynamics.appearance.action_count
+        try:
+            index = operator.index(action)
+        except TypeError:
+            raise ActionError(f"an action must be a whole number 0 .. {count - 1}, not {action!r}") from None
+        if not 0 <= index < count or isinstance(action, bool):
+            raise ActionError(f"action {action!r} is out of range; choose from 0 .. {count - 1}")
+        return index
+
+    def _observe(self, state: State) -> Observation:
+        task = state.task
+        return {
+            "image": self._canvas.show(state.scene).copy(),
+            "statement": task.statement,
+            "target": int(task.target),
+        }
+
+    @property
+    def state(self) -> State:
+        """The current state. Raises ResetNeeded before the first reset."""
+        if self._state is None:
+            raise gym.error.ResetNeeded("there is no state before the first reset; call reset first")
+        return self._state
+
+    @property
+    def scene(self) -> Scene:
+        return self.state.scene
+
+    @property
+    def task(self) -> Task:
+        return self.state.task
+
+    def action_masks(self) -> BoolArray:
+        """(actions,) bool, a new array: element i is True iff action i is valid now."""
+        return self.dynamics.legal_mask(self.state)
+
+    def goal_reached(self) -> bool:
+        """Whether STOP would be rewarded +1 now."""
+        return self.dynamics.goal_reached(self.state)
+
+    def encode_action(self, action: Sequence[int]) -> int:
+        """The number of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
+        colour, size] for scatter; unused slots are ignored. Raises ActionError."""
+        return self.dynamics.appearance.encode(self.dynamics.appearance.from_array(action))
+
+    def decode_action(self, index: int) -> list[int]:
+        """The released array form of an action, -1 in unused slots. Raises ActionError."""
+        return self.dynamics.appearance.to_array(self.dynamics.appearance.decode(self._checked(index)))
+
+    def evaluation_tasks(self) -> tuple[str, ...]:
+        """Every task id of the split, in file order."""
+        return self.tasks.ids
+
+    def render(self) -> UInt8Array | str | None:
+        """By render mode: an (288, 760, 3) picture with a caption, a text, or None after showing a window."""
+        if self.render_mode == "ansi":
+            return text(self.scene, self._caption())
+        if self.render_mode == "rgb_array":
+            return frame(self.scene, self._caption())
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = Window(RENDER_FPS)
+            self._window.show(frame(self.scene, self._caption()))
+        return None
+
+    def _caption(self) -> list[str]:
+        state, last = self.state, self._last
+        lines = [
+            state.task.statement,
+            f"Make it {state.task.target}.  Action {state.steps} of {self.dynamics.horizon}.",
+        ]
+        if last is not None and self._last_action is not None:
+            name = describe(self.dynamics.appearance.decode(self._last_action))
+            reason = f" ({last.invalid})" if last.invalid else ""
+            lines.append(f"{name}: {last.outcome}{reason}, reward {last.reward:+.1f}")
+        return lines
+
+    def close(self) -> None:
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def _end_info(transition: Transition) -> dict[str, Any]:
+    info: dict[str, Any] = {
+        "outcome": str(transition.outcome),
+        "is_success": transition.outcome is Outcome.SUCCESS,
+    }
+    if transition.invalid is not None:
+        info["invalid_reason"] = str(transition.invalid)
+    return info

@@ -1,0 +1,1 @@
+"""Runs over every task of a split, metrics, analysis and reports."""

@@ -1,0 +1,1 @@
+"""Policies, models and training loops; torch only from here on."""

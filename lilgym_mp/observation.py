@@ -1,0 +1,40 @@
+"""What an agent sees: the image, the statement and the target. Source: SPEC sections 1 and 2."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Iterable
+from typing import TypedDict
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.render import UInt8Array, image_shape
+from lilgym_mp.task import Task
+
+MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
+PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
+
+
+class Observation(TypedDict):
+    image: UInt8Array  # (50, 190, 3), or (100, 380, 3) at native size
+    statement: str
+    target: int  # 1: make the statement true, 0: make it false
+
+
+def image_space(image_size: str) -> spaces.Box:
+    return spaces.Box(0, 255, image_shape(image_size), np.uint8)
+
+
+def statement_space(tasks: Iterable[Task]) -> spaces.Text:
+    """Holds every statement of `tasks`; the same for all corpora of ordinary English."""
+    statements = {task.statement for task in tasks}
+    characters = PLAIN_CHARACTERS.union(*statements)
+    longest = max(map(len, statements), default=0)
+    return spaces.Text(max(MAX_STATEMENT_LENGTH, longest), min_length=0, charset="".join(sorted(characters)))
+
+
+def observation_space(image_size: str, tasks: Iterable[Task]) -> spaces.Dict:
+    return spaces.Dict(
+        {"image": image_space(image_size), "statement": statement_space(tasks), "target": spaces.Discrete(2)}
+    )

@@ -1,0 +1,6 @@
+"""The program language: what a statement means, as one expression over the boxes and items of a scene."""
+
+from lilgym_mp.programs.compiler import Program, compile_program, explain_program
+from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError
+
+__all__ = ["Position", "Program", "ProgramError", "ProgramRuntimeError", "compile_program", "explain_program"]

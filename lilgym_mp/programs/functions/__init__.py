@@ -1,0 +1,5 @@
+"""The words of the language, one decorated function each. Importing this package declares them all."""
+
+from lilgym_mp.programs.functions import attributes, collections, items, logic, relations
+
+__all__ = ["attributes", "collections", "items", "logic", "relations"]

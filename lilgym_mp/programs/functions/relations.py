@@ -1,0 +1,95 @@
+"""Words for the items related to an item, or to any of several items (SPEC section 8, "related items")."""
+
+from __future__ import annotations
+
+from lilgym_mp.programs.functions.items import MARGIN
+from lilgym_mp.programs.views import ItemView
+from lilgym_mp.programs.words import EachItem, word
+
+TOUCHING = 1  # pixels
+
+
+@word("related items", reach="box")
+def get_touching(x: EachItem) -> set[ItemView]:
+    """The other items of the box at most 1 pixel from `x`."""
+    return {y for y in x.box.members if _touching(x, y)}
+
+
+@word("related items", reach="box")
+def get_closely_touching(x: EachItem) -> set[ItemView]:
+    """The other items of the box at most 4 pixels from `x`."""
+    return {y for y in x.box.members if y is not x and _distance(x, y) <= MARGIN}
+
+
+@word("related items", reach="box")
+def get_above(x: EachItem) -> set[ItemView]:
+    """The items of the box whose bottom is at the top of `x` or higher; in a tower, those touching it."""
+    tower = x.box.is_tower()
+    return {y for y in x.box.members if _above(y, x) and (not tower or _touching(x, y))}
+
+
+@word("related items", reach="box")
+def get_below(x: EachItem) -> set[ItemView]:
+    """The items of the box whose top is at the bottom of `x` or lower; in a tower, those touching it."""
+    tower = x.box.is_tower()
+    return {y for y in x.box.members if _above(x, y) and (not tower or _touching(x, y))}
+
+
+@word("related items", reach="box")
+def get_box_all_above(x: EachItem) -> set[ItemView]:
+    """The items of the box whose bottom is at the top of `x` or higher, touching or not."""
+    return {y for y in x.box.members if _above(y, x)}
+
+
+@word("related items", reach="box")
+def get_box_all_below(x: EachItem) -> set[ItemView]:
+    """The items of the box whose top is at the bottom of `x` or lower, touching or not."""
+    return {y for y in x.box.members if _above(x, y)}
+
+
+@word("related items", reach="scene")
+def get_img_all_above(x: EachItem) -> set[ItemView]:
+    """The items of the image whose bottom is at the top of `x` or higher, whatever their box."""
+    return {y for y in _image(x) if _above(y, x)}
+
+
+@word("related items", reach="scene")
+def get_img_all_below(x: EachItem) -> set[ItemView]:
+    """The items of the image whose top is at the bottom of `x` or lower, whatever their box."""
+    return {y for y in _image(x) if _above(x, y)}
+
+
+@word("related items", reach="box")
+def get_box_inclusive(x: EachItem) -> set[ItemView]:
+    """The items of the box of `x`, itself included."""
+    return set(x.box.members)
+
+
+@word("related items", reach="box")
+def get_box_exclusive(x: EachItem) -> set[ItemView]:
+    """The other items of the box of `x`."""
+    return set(x.box.members) - {x}
+
+
+@word("related items", reach="scene")
+def get_img_exclusive(x: EachItem) -> set[ItemView]:
+    """The other items of the image."""
+    return set(_image(x)) - {x}
+
+
+def _image(x: ItemView) -> list[ItemView]:
+    assert x.box.scene is not None
+    return x.box.scene.items()
+
+
+def _above(higher: ItemView, lower: ItemView) -> bool:
+    return lower.top <= higher.bottom
+
+
+def _touching(x: ItemView, y: ItemView) -> bool:
+    return y is not x and _distance(x, y) <= TOUCHING
+
+
+def _distance(x: ItemView, y: ItemView) -> int:
+    """Pixels between the bounding squares of two items of one box; negative when they overlap."""
+    return max(x.left - y.right, y.left - x.right, x.bottom - y.top, y.bottom - x.top)

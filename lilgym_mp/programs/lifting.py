@@ -1,0 +1,160 @@
+"""Words of one item lifted to whole boxes: a test becomes a bit mask, a relation a mask for each item.
+
+Bit i stands for the i-th item of the box. Lifted values come from the words' own definitions, and are kept
+in `box.memo`: a box never changes, and play shares boxes between scenes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from enum import Enum
+from functools import cache
+from typing import Any
+
+from lilgym_mp.programs.views import BoxView, ItemView
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import Box, Colour, Item, Shape, Size
+
+MAX_BOX_ITEMS = 24  # beyond, programs are run in their reference form, which counts its steps
+TABLE_SIZE = 20_000  # items whose value a test of the item alone remembers
+LOOK_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
+
+Mask = int
+Test = Callable[[ItemView], bool]
+Lifted = Callable[[Box], Any]
+
+
+class UnsureError(Exception):
+    """The fast form cannot tell: the reference form must."""
+
+
+class _Table(dict[Item, bool]):
+    """The value of a test that depends on the item alone, by item."""
+
+    def __init__(self, test: Test) -> None:
+        self.test = test
+
+    def __missing__(self, item: Item) -> bool:
+        if len(self) >= TABLE_SIZE:
+            self.clear()
+        value = self[item] = self.test(ItemView(item, _NOWHERE, 0))
+        return value
+
+
+_NOWHERE = BoxView(Box())
+
+
+def check_size(box: Box) -> None:
+    """Raises UnsureError for a box that holds more items than the fast form takes."""
+    if len(box.items) > MAX_BOX_ITEMS:
+        raise UnsureError
+
+
+@cache
+def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask]:
+    """The mask of a box's items for which the word, with these further arguments, is true."""
+
+    def test(view: ItemView) -> bool:
+        return word.function(view, *constants)
+
+    key = " ".join(("program test", word.name, *map(str, constants)))
+    if word.reach == "look":
+        return _by_look(key, test)
+    return _by_item(key, test) if word.reach == "item" else _by_box(key, test)
+
+
+@cache
+def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
+    """The mask of a box's items that have the value: attribute is color, shape or size."""
+    return _by_look(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
+
+
+@cache
+def lifted_relation(word: Word) -> Callable[[Box], tuple[Mask, ...]]:
+    """For each item of a box, the mask of the items related to it."""
+    key = f"program relation {word.name}"
+
+    def lifted(box: Box) -> tuple[Mask, ...]:
+        rows = box.memo.get(key)
+        if rows is None:
+            check_size(box)
+            related = (word.function(view) for view in _view(box).members)
+            rows = box.memo[key] = tuple(sum(1 << view.index for view in views) for views in related)
+        return rows
+
+    return lifted
+
+
+def is_tower(box: Box) -> bool:
+    """`BoxView.is_tower`, remembered."""
+    value = box.memo.get("program is_tower")
+    if value is None:
+        value = box.memo["program is_tower"] = _view(box).is_tower()
+    return value
+
+
+def _by_look(key: str, test: Test) -> Callable[[Box], Mask]:
+    """The looks that pass are few, and mostly those with one value of one field, which is quickest to look at."""
+    looks = [Item(0, 0, *look) for look in itertools.product(Shape, Colour, Size)]
+    passing = frozenset(item for item in looks if test(ItemView(item, _NOWHERE, 0)))
+    for field, value in {(field, item[field]) for item in passing for field in LOOK_FIELDS}:
+        if passing == frozenset(item for item in looks if item[field] == value):
+            return _by_field(key, field, int(value))
+    return _by_item(key, test)
+
+
+def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
+    def lifted(box: Box) -> Mask:
+        mask = box.memo.get(key)
+        if mask is None:
+            items = box.items
+            if len(items) > MAX_BOX_ITEMS:
+                raise UnsureError
+            mask, bit = 0, 1
+            for item in items:
+                if item[field] == value:
+                    mask |= bit
+                bit <<= 1
+            box.memo[key] = mask
+        return mask
+
+    return lifted
+
+
+def _by_item(key: str, test: Test) -> Callable[[Box], Mask]:
+    table = _Table(test)
+
+    def lifted(box: Box) -> Mask:
+        mask = box.memo.get(key)
+        if mask is None:
+            items = box.items
+            if len(items) > MAX_BOX_ITEMS:
+                raise UnsureError
+            mask, bit = 0, 1
+            for item in items:
+                if table[item]:
+                    mask |= bit
+                bit <<= 1
+            box.memo[key] = mask
+        return mask
+
+    return lifted
+
+
+def _by_box(key: str, test: Test) -> Callable[[Box], Mask]:
+    def lifted(box: Box) -> Mask:
+        mask = box.memo.get(key)
+        if mask is None:
+            check_size(box)
+            mask = box.memo[key] = sum(1 << view.index for view in _view(box).members if test(view))
+        return mask
+
+    return lifted
+
+
+def _view(box: Box) -> BoxView:
+    view = box.memo.get("program view")
+    if view is None:
+        view = box.memo["program view"] = BoxView(box)
+    return view

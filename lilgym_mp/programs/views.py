@@ -1,0 +1,110 @@
+"""A scene as programs see it: items with edges, boxes, and the values Color, Shape, Size and Side.
+
+Coordinates: left = x, right = x + side, and heights are measured upwards from the bottom of the box,
+top = 100 - y, bottom = 100 - (y + side), so that what is above has larger numbers (SPEC section 8).
+Items and boxes are compared by identity: two equal items of a scene are two objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import Enum
+
+from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Box, Colour, Item, Scene
+from lilgym_mp.scene import Shape as SceneShape
+from lilgym_mp.scene import Size as SceneSize
+
+
+class Color(Enum):
+    """Plain, not an IntEnum: in a program no colour equals a shape or a number."""
+
+    YELLOW = Colour.YELLOW.value
+    BLACK = Colour.BLACK.value
+    BLUE = Colour.BLUE.value
+
+
+class Shape(Enum):
+    CIRCLE = SceneShape.CIRCLE.value
+    SQUARE = SceneShape.SQUARE.value
+    TRIANGLE = SceneShape.TRIANGLE.value
+
+
+class Size(Enum):
+    SMALL = SceneSize.SMALL.value
+    MEDIUM = SceneSize.MEDIUM.value
+    BIG = SceneSize.LARGE.value
+
+
+class Side(Enum):
+    TOP = 0
+    BOTTOM = 1
+    LEFT = 2
+    RIGHT = 3
+    ANY = 4
+
+
+ENUMS: dict[str, type[Enum]] = {"Color": Color, "Shape": Shape, "Size": Size, "Side": Side}
+_COLORS, _SHAPES, _SIZES = tuple(Color), tuple(Shape), tuple(Size)
+
+
+class ItemView:
+    """An item at its place in a scene: `index` is its position in its box."""
+
+    __slots__ = ("bottom", "box", "color", "index", "left", "right", "shape", "size", "top")
+
+    def __init__(self, item: Item, box: BoxView, index: int) -> None:
+        x, y, shape, colour, size = item
+        side = SIZE_PIXELS[size]
+        self.box = box
+        self.index = index
+        self.left = x
+        self.right = x + side
+        self.top = BOX_SIDE - y
+        self.bottom = BOX_SIDE - y - side
+        self.color = _COLORS[colour]
+        self.shape = _SHAPES[shape]
+        self.size = _SIZES[size]
+
+
+class BoxView:
+    """A box of a scene: iterating it goes over its items. `index` counts boxes from the left."""
+
+    __slots__ = ("_members", "content", "index", "scene")
+
+    def __init__(self, content: Box, index: int = 0, scene: SceneView | None = None) -> None:
+        self.content = content
+        self.index = index
+        self.scene = scene
+        self._members: tuple[ItemView, ...] | None = None
+
+    @property
+    def members(self) -> tuple[ItemView, ...]:
+        if self._members is None:
+            self._members = tuple(ItemView(item, self, index) for index, item in enumerate(self.content.items))
+        return self._members
+
+    def __iter__(self) -> Iterator[ItemView]:
+        return iter(self.members)
+
+    def is_tower(self) -> bool:
+        """Whether the box holds a tower: not empty, squares only, all with the same right edge."""
+        items = self.content.items
+        if not items or any(item[2] != SceneShape.SQUARE for item in items):
+            return False
+        return len({item[0] + SIZE_PIXELS[item[4]] for item in items}) == 1
+
+    def all_items_in_box(self) -> list[ItemView]:
+        """The items of the box, in scene order."""
+        return list(self.members)
+
+
+class SceneView:
+    """The three boxes of a scene, left to right. Every view of a scene has objects of its own."""
+
+    __slots__ = ("boxes",)
+
+    def __init__(self, scene: Scene) -> None:
+        self.boxes = tuple(BoxView(box, index, self) for index, box in enumerate(scene.boxes))
+
+    def items(self) -> list[ItemView]:
+        return [item for box in self.boxes for item in box]

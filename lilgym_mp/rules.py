@@ -1,0 +1,156 @@
+"""What one action does to one state, and what it is worth: the only home of both.
+
+Source: SPEC sections 4, 5 and 7 (Wu et al. 2023, section 4, and release 0.0.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+from lilgym_mp.actions import Action, Stop
+from lilgym_mp.appearances import Appearance, BoolArray, InvalidReason, PlacementRules
+from lilgym_mp.choices import choose
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+STEP_COST = 0.1
+
+
+class Outcome(StrEnum):
+    """What came of an action. All but CONTINUES end the episode."""
+
+    CONTINUES = "continues"
+    SUCCESS = "success"
+    WRONG_STOP = "wrong_stop"
+    INVALID_ACTION = "invalid_action"
+    HORIZON = "horizon"
+
+
+class Consequence(NamedTuple):
+    """What an outcome is worth, and whether and how it ends the episode."""
+
+    reward: float
+    terminated: bool
+    truncated: bool
+
+
+@dataclass(frozen=True)
+class RuleSet:
+    """Everything in which one reading of the MDP differs from another."""
+
+    name: str
+    horizon: int
+    placement: PlacementRules
+    consequences: Mapping[Outcome, Consequence]
+    applies_edit_at_horizon: bool
+    truncates_last_stop: bool  # a STOP that is the last action allowed is flagged truncated as well
+
+
+_PAPER = RuleSet(
+    name="paper",
+    horizon=12,
+    placement=PlacementRules(searches_cell=True, keeps_unfit_snaps=False, rounds_in_image=False),
+    consequences={
+        Outcome.CONTINUES: Consequence(-STEP_COST, terminated=False, truncated=False),
+        Outcome.SUCCESS: Consequence(1.0, terminated=True, truncated=False),
+        Outcome.WRONG_STOP: Consequence(-1.0, terminated=True, truncated=False),
+        Outcome.INVALID_ACTION: Consequence(-1.0, terminated=True, truncated=False),
+        Outcome.HORIZON: Consequence(-1.0, terminated=True, truncated=False),
+    },
+    applies_edit_at_horizon=True,
+    truncates_last_stop=False,
+)
+
+_RELEASE = RuleSet(
+    name="release",
+    horizon=11,
+    placement=PlacementRules(searches_cell=False, keeps_unfit_snaps=True, rounds_in_image=True),
+    consequences={
+        Outcome.CONTINUES: Consequence(-STEP_COST, terminated=False, truncated=False),
+        Outcome.SUCCESS: Consequence(1.0, terminated=True, truncated=False),
+        Outcome.WRONG_STOP: Consequence(-1.0, terminated=True, truncated=False),
+        Outcome.INVALID_ACTION: Consequence(-1.0, terminated=False, truncated=True),
+        Outcome.HORIZON: Consequence(-STEP_COST, terminated=False, truncated=True),
+    },
+    applies_edit_at_horizon=False,
+    truncates_last_stop=True,
+)
+
+RULE_SETS: Mapping[str, RuleSet] = {rules.name: rules for rules in (_PAPER, _RELEASE)}
+
+
+class State(NamedTuple):
+    """A moment of an episode; `steps` actions have been taken."""
+
+    task: Task
+    scene: Scene
+    steps: int
+
+
+class Transition(NamedTuple):
+    """What an action made of a state."""
+
+    state: State
+    outcome: Outcome
+    reward: float
+    terminated: bool
+    truncated: bool
+    invalid: InvalidReason | None  # why, when the outcome is INVALID_ACTION
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """The MDP of one appearance under one rule set and horizon, as pure functions of states."""
+
+    appearance: Appearance
+    rules: RuleSet
+    horizon: int
+
+    def start(self, task: Task) -> State:
+        return State(task, task.start, 0)
+
+    def step(self, state: State, action: Action) -> Transition:
+        """What `action` makes of `state`. An invalid action is an outcome, never an exception."""
+        task, scene, steps = state
+        last = steps + 1 >= self.horizon
+        invalid = None
+        if isinstance(action, Stop):
+            outcome = Outcome.SUCCESS if task.solved_by(scene) else Outcome.WRONG_STOP
+        else:
+            after, invalid = self.appearance.apply(scene, action, self.rules.placement)
+            if invalid is not None:
+                outcome = Outcome.INVALID_ACTION
+            elif last:
+                outcome = Outcome.HORIZON
+                scene = after if self.rules.applies_edit_at_horizon else scene
+            else:
+                outcome = Outcome.CONTINUES
+                scene = after
+        reward, terminated, truncated = self.rules.consequences[outcome]
+        if last and isinstance(action, Stop):
+            truncated = truncated or self.rules.truncates_last_stop
+        return Transition(State(task, scene, steps + 1), outcome, reward, terminated, truncated, invalid)
+
+    def legal_mask(self, state: State) -> BoolArray:
+        """(action_count,) a new array: whether each action is valid in `state`."""
+        return self.appearance.legal_mask(state.scene, self.rules.placement)
+
+    def goal_reached(self, state: State) -> bool:
+        """Whether STOP would be rewarded +1 in `state`."""
+        return state.task.solved_by(state.scene)
+
+
+def make_dynamics(appearance: Appearance, rules: str = "paper", horizon: int | None = None) -> Dynamics:
+    """The MDP under the rule set called `rules`; `horizon` actions an episode (None: the rule set's).
+
+    Raises ValueError for an unknown rule set or a horizon that is not a positive whole number.
+    """
+    rule_set = choose("rules", rules, RULE_SETS)
+    if horizon is None:
+        horizon = rule_set.horizon
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ValueError(f"horizon must be a positive whole number of actions or None, not {horizon!r}")
+    return Dynamics(appearance, rule_set, horizon)

@@ -1,0 +1,216 @@
+"""The picture's content: three boxes of coloured items, immutable, with the released JSON form.
+
+Source: SPEC section 1 (NLVR's `structured_rep`); colours and sizes as in Wu et al. 2023, section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, NamedTuple, TypeVar, cast
+
+Member = TypeVar("Member")
+
+BOX_COUNT = 3
+BOX_SIDE = 100  # pixels
+SEPARATOR_WIDTH = 40
+BOX_PITCH = BOX_SIDE + SEPARATOR_WIDTH  # x distance between the left borders of neighbouring boxes
+IMAGE_WIDTH = BOX_COUNT * BOX_SIDE + (BOX_COUNT - 1) * SEPARATOR_WIDTH
+IMAGE_HEIGHT = BOX_SIDE
+
+
+class SceneError(ValueError):
+    """A scene that is not one: wrong JSON form, an item outside its box, items that overlap."""
+
+
+class Shape(IntEnum):
+    CIRCLE = 0
+    SQUARE = 1
+    TRIANGLE = 2
+
+
+class Colour(IntEnum):
+    YELLOW = 0
+    BLACK = 1
+    BLUE = 2
+
+
+class Size(IntEnum):
+    SMALL = 0
+    MEDIUM = 1
+    LARGE = 2
+
+    @property
+    def pixels(self) -> int:
+        """Side of the bounding square."""
+        return SIZE_PIXELS[self]
+
+
+SIZE_PIXELS = (10, 20, 30)  # by Size
+KIND_COUNT = len(Shape) * len(Size)
+KIND_PIXELS = SIZE_PIXELS * len(Shape)  # by kind: side of the bounding square
+
+JSON_SHAPES = {"circle": Shape.CIRCLE, "square": Shape.SQUARE, "triangle": Shape.TRIANGLE}
+JSON_COLOURS = {"Yellow": Colour.YELLOW, "Black": Colour.BLACK, "#0099ff": Colour.BLUE}
+JSON_SIZES = {10: Size.SMALL, 20: Size.MEDIUM, 30: Size.LARGE}
+JSON_ITEM_KEYS = {"x_loc", "y_loc", "type", "color", "size"}
+_SHAPE_NAMES = {shape: name for name, shape in JSON_SHAPES.items()}
+_COLOUR_NAMES = {colour: name for name, colour in JSON_COLOURS.items()}
+
+
+class Item(NamedTuple):
+    """One object; (x, y) is the top-left pixel of its bounding square inside its box, y downwards."""
+
+    x: int
+    y: int
+    shape: Shape
+    colour: Colour
+    size: Size
+
+    @property
+    def kind(self) -> int:
+        """Shape and size as one index, 0 .. 8: what the geometry depends on."""
+        return self[2] * 3 + self[4]
+
+    @property
+    def side(self) -> int:
+        """Side of the bounding square in pixels."""
+        return SIZE_PIXELS[self[4]]
+
+    def to_json(self) -> dict[str, int | str]:
+        return {
+            "x_loc": self.x,
+            "y_loc": self.y,
+            "type": _SHAPE_NAMES[self.shape],
+            "color": _COLOUR_NAMES[self.colour],
+            "size": self.side,
+        }
+
+    @classmethod
+    def from_json(cls, data: object) -> Item:
+        """Raises SceneError naming the key, the value and the choices."""
+        if not isinstance(data, Mapping):
+            raise SceneError(f"an item must be an object with keys {_listed(JSON_ITEM_KEYS)}, not {data!r}")
+        record = cast("Mapping[str, object]", data)
+        if set(record) != JSON_ITEM_KEYS:
+            raise SceneError(f"an item has keys {_listed(record)}; it must have {_listed(JSON_ITEM_KEYS)}")
+        return cls(
+            _pixel(record, "x_loc"),
+            _pixel(record, "y_loc"),
+            _one_of(record, "type", JSON_SHAPES),
+            _one_of(record, "color", JSON_COLOURS),
+            _one_of(record, "size", JSON_SIZES),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """The items of one box in the order they came.
+
+    `memo` keeps what others derive from the items (masks, geometry); a box never changes, so neither does
+    what is in there. It takes no part in comparison and is not pickled.
+    """
+
+    items: tuple[Item, ...] = ()
+    memo: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], compare=False, repr=False)
+
+    def with_item(self, item: Item) -> Box:
+        return Box((*self.items, item))
+
+    def without(self, index: int) -> Box:
+        return Box(self.items[:index] + self.items[index + 1 :])
+
+    def __reduce__(self) -> tuple[type[Box], tuple[tuple[Item, ...]]]:
+        return Box, (self.items,)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Three boxes, left to right. `memo` as in `Box`."""
+
+    boxes: tuple[Box, Box, Box]
+    memo: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], compare=False, repr=False)
+
+    @classmethod
+    def empty(cls) -> Scene:
+        return cls((Box(), Box(), Box()))
+
+    @classmethod
+    def of(cls, *boxes: Iterable[Item]) -> Scene:
+        """A scene from three collections of items."""
+        if len(boxes) != BOX_COUNT:
+            raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
+        left, middle, right = (Box(tuple(items)) for items in boxes)
+        return cls((left, middle, right))
+
+    def items(self) -> Iterator[Item]:
+        """Every item, box by box."""
+        for box in self.boxes:
+            yield from box.items
+
+    def with_box(self, index: int, box: Box) -> Scene:
+        left, middle, right = self.boxes
+        if index == 0:
+            return Scene((box, middle, right))
+        if index == 1:
+            return Scene((left, box, right))
+        return Scene((left, middle, box))
+
+    def permuted(self, order: Sequence[int]) -> Scene:
+        """The scene whose box k is this one's box `order[k]`; `order` is a permutation of 0, 1, 2."""
+        if sorted(order) != list(range(BOX_COUNT)):
+            raise SceneError(f"{tuple(order)!r} is not a permutation of the boxes 0, 1, 2")
+        left, middle, right = (self.boxes[index] for index in order)
+        return Scene((left, middle, right))
+
+    def to_json(self) -> list[list[dict[str, int | str]]]:
+        """The released `structured_rep`: three lists of items."""
+        return [[item.to_json() for item in box.items] for box in self.boxes]
+
+    @classmethod
+    def from_json(cls, data: object) -> Scene:
+        """Reads the released `structured_rep`. Checks the form only: `appearances` check what is legal.
+
+        Raises SceneError naming the box and item at fault.
+        """
+        if not isinstance(data, list):
+            raise SceneError(f"a scene must be a list of {BOX_COUNT} boxes, not {data!r}")
+        boxes = cast("list[object]", data)
+        if len(boxes) != BOX_COUNT:
+            raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
+        return cls.of(*(_box_items(index, box) for index, box in enumerate(boxes)))
+
+    def __reduce__(self) -> tuple[type[Scene], tuple[tuple[Box, Box, Box]]]:
+        return Scene, (self.boxes,)
+
+
+def _box_items(box_index: int, data: object) -> list[Item]:
+    if not isinstance(data, list):
+        raise SceneError(f"box {box_index}: a box must be a list of items, not {data!r}")
+    items: list[Item] = []
+    for index, record in enumerate(cast("list[object]", data)):
+        try:
+            items.append(Item.from_json(record))
+        except SceneError as fault:
+            raise SceneError(f"box {box_index}, item {index}: {fault}") from None
+    return items
+
+
+def _pixel(record: Mapping[str, object], key: str) -> int:
+    value = record[key]
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise SceneError(f"{key} must be a whole number of pixels, not {value!r}")
+    return value
+
+
+def _one_of(record: Mapping[str, object], key: str, choices: Mapping[Any, Member]) -> Member:
+    value = record[key]
+    for name, member in choices.items():
+        if value == name and not isinstance(value, bool | float):
+            return member
+    raise SceneError(f"unknown {key} {value!r}; choose from {_listed(choices)}")
+
+
+def _listed(names: Iterable[object]) -> str:
+    return ", ".join(sorted(str(name) for name in names))

@@ -1,0 +1,86 @@
+"""A small corpus of our own, in both file formats, for tests to spoil."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import write_corpus
+
+BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
+BLACK_BLOCK = {**BLUE_BLOCK, "color": "Black"}
+CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 30}
+
+ENTRIES: list[dict[str, Any]] = [
+    {
+        "id": "blue",
+        "appearance": "tower",
+        "split": "train",
+        "statement": "Blue is here.",
+        "program": "exist(filter_color(all_items, Color.BLUE))",
+        "starts": [
+            {"id": "blue-yes", "label": True, "scene": [[BLUE_BLOCK], [], []]},
+            {"id": "blue-no", "label": False, "scene": [[BLACK_BLOCK], [], []]},
+        ],
+    },
+    {
+        "id": "pair",
+        "appearance": "tower",
+        "split": "train",
+        "statement": "Two blocks, it's all.",
+        "program": "count(all_items) == 2",
+        "starts": [{"id": "pair-no", "label": False, "scene": [[BLUE_BLOCK], [], []]}],
+    },
+    {
+        "id": "round",
+        "appearance": "scatter",
+        "split": "dev",
+        "statement": "Something round.",
+        "program": "exist(filter_shape(all_items, Shape.CIRCLE))",
+        "starts": [{"id": "round-yes", "label": True, "scene": [[], [CIRCLE], []]}],
+    },
+]
+
+
+@pytest.fixture
+def entries() -> list[dict[str, Any]]:
+    return copy.deepcopy(ENTRIES)
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., Path]:
+    """A function that writes entries as a corpus file and gives its path."""
+
+    def write(entries: list[dict[str, Any]], name: str = "own.jsonl") -> Path:
+        write_corpus(tmp_path / name, "own", "MIT", entries)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def released(tmp_path: Path) -> Path:
+    """A directory of released files, with a test split, of our own statements."""
+    directory = tmp_path / "released"
+    directory.mkdir()
+    blue, pair, _ = ENTRIES
+    scratch = {"7": {"sentence": blue["statement"], "lf": blue["program"]}}
+    (directory / "tower_scratch_test.json").write_text(json.dumps(scratch))
+    flipit = {
+        start["id"]: {
+            "sentence": entry["statement"],
+            "lf": entry["program"],
+            "label": str(start["label"]).lower(),
+            "structured_rep": start["scene"],
+            "identifier": entry["id"],
+        }
+        for entry in (blue, pair)
+        for start in entry["starts"]
+    }
+    (directory / "tower_flipit_test.json").write_text(json.dumps(flipit))
+    return directory

@@ -1,0 +1,218 @@
+"""Faulty corpora: each is refused with file, place and fault, and `check_corpus` finds them all."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
+
+Entries = list[dict[str, Any]]
+Writer = Callable[..., Path]
+
+HEADER = b'{"format": "lilgym_mp-corpus", "version": 1, "name": "own", "licence": "MIT"}\n'
+GOOD_ENTRY = (
+    b'{"id":"a","appearance":"tower","split":"train","statement":"s","program":"exist(all_items)","starts":[]}\n'
+)
+
+FILE_FAULTS = {
+    "empty": (b"", "the file is empty"),
+    "blank": (b" \n\n", "the file is empty"),
+    "rubbish": (b"\x00\xff\xfe\x81", r"not UTF-8 text: byte 0xff at offset 1"),
+    "latin-1": (HEADER + "caf\u00e9".encode("latin-1"), r"not UTF-8 text: byte 0xe9 at offset"),
+    "no header": (GOOD_ENTRY, "line 1: the first line must be the header"),
+    "header is no JSON": (b"format\n", "line 1: the first line must be the header .*not JSON"),
+    "header lacks a key": (b'{"format":"lilgym_mp-corpus","version":1,"name":"own"}\n', "the header lacks licence"),
+    "header of the future": (HEADER.replace(b"1", b"2"), "version 2 is unknown"),
+    "header name": (HEADER.replace(b'"own"', b"5"), "name must be a text, not 5"),
+    "truncated line": (HEADER + GOOD_ENTRY + GOOD_ENTRY[:40], "line 3: not JSON"),
+    "nested": (HEADER + b"[" * 100_000, "line 2: .*nested too deeply"),
+    "a list": (HEADER + b"[1]\n", "line 2: an entry must be a JSON object"),
+    "key twice": (HEADER + b'{"id":"a","id":"b"}\n', "line 2: key 'id' stands twice"),
+    "truncated gzip": (gzip.compress(HEADER + GOOD_ENTRY)[:-12], "broken gzip file"),
+}
+
+
+@pytest.mark.parametrize("case", FILE_FAULTS)
+def test_file__broken_ones_are_refused_by_name_and_fault(case: str, tmp_path: Path):
+    content, message = FILE_FAULTS[case]
+    path = tmp_path / "own.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(CorpusError, match=rf"own\.jsonl.*{message}"):
+        load_tasks(path, "tower", "scratch", "train")
+    assert not check_corpus(path).ok
+
+
+def test_file__plain_text_named_gz_is_refused(tmp_path: Path):
+    path = tmp_path / "own.jsonl.gz"
+    path.write_bytes(HEADER + GOOD_ENTRY)
+    with pytest.raises(CorpusError, match=r"own\.jsonl\.gz: broken gzip file"):
+        load_tasks(path, "tower", "scratch", "train")
+
+
+def test_file__a_missing_one_is_refused_with_the_choices(tmp_path: Path):
+    with pytest.raises(CorpusError, match=r"no corpus .*gone\.jsonl.*choose from \"builtin\""):
+        load_tasks(tmp_path / "gone.jsonl", "tower", "scratch", "train")
+
+
+def test_file__an_unreadable_one_is_refused(tmp_path: Path):
+    (tmp_path / "tower_scratch_train.json").mkdir()
+    with pytest.raises(CorpusError, match=r"tower_scratch_train\.json: cannot be read"):
+        load_tasks(tmp_path, "tower", "scratch", "train")
+
+
+def test_directory__without_released_files_is_refused(tmp_path: Path):
+    with pytest.raises(CorpusError, match=r"lacks tower_scratch_train\.json; it has none of the released files"):
+        load_tasks(tmp_path, "tower", "scratch", "train")
+    assert "none of the released files" in str(check_corpus(tmp_path))
+
+
+def _first(entries: Entries, **changes: Any) -> Entries:
+    return [{**entries[0], **changes}, *entries[1:]]
+
+
+def _first_start(entries: Entries, **changes: Any) -> Entries:
+    starts = entries[0]["starts"]
+    return _first(entries, starts=[{**starts[0], **changes}, *starts[1:]])
+
+
+def _first_item(entries: Entries, **changes: Any) -> Entries:
+    item = entries[0]["starts"][0]["scene"][0][0]
+    return _first_start(entries, scene=[[{**item, **changes}], [], []])
+
+
+ENTRY_FAULTS: dict[str, tuple[Callable[[Entries], Entries], str]] = {
+    "unknown appearance": (
+        lambda e: _first(e, appearance="towers"),
+        "unknown appearance 'towers'; choose from scatter",
+    ),
+    "unknown split": (lambda e: _first(e, split="eval"), "unknown split 'eval'; choose from dev, test, train"),
+    "blank statement": (lambda e: _first(e, statement=" "), "statement must be a text that is not blank"),
+    "number as program": (lambda e: _first(e, program=3), "program must be a text that is not blank, not 3"),
+    "starts no list": (lambda e: _first(e, starts={}), "starts must be a list"),
+    "key too many": (lambda e: _first(e, lf="x"), "an entry has keys .*it must have"),
+    "entry id twice": (lambda e: _first(e, id="pair"), "id 'pair' is taken already: .*line 2"),
+    "start id twice": (lambda e: _first_start(e, id="pair-no"), "id 'pair-no' is taken already"),
+    "label a text": (lambda e: _first_start(e, label="true"), "label must be true or false, not 'true'"),
+    "program of no language": (lambda e: _first(e, program="open('x')"), "entry 'blue'.*program"),
+    "program without a truth": (lambda e: _first(e, program="count(all_items)"), "entry 'blue'.* has no value on"),
+    "program that raises": (
+        lambda e: _first(e, program="is_blue(unique(all_items))"),
+        "entry 'blue'.* has no value on the empty scene",
+    ),
+    "wrong label": (
+        lambda e: _first_start(e, label=False),
+        "start 'blue-yes': label is false but the program says true",
+    ),
+    "no scene": (lambda e: _first_start(e, scene=None), "start 'blue-yes': scene: a scene must be a list"),
+    "two boxes": (lambda e: _first_start(e, scene=[[], []]), "start 'blue-yes': scene: a scene has 3 boxes, not 2"),
+    "box an object": (lambda e: _first_start(e, scene=[{}, [], []]), "scene: box 0: a box must be a list of items"),
+    "item lacks keys": (lambda e: _first_start(e, scene=[[{}], [], []]), "box 0, item 0: an item has keys"),
+    "item key too many": (lambda e: _first_item(e, tilt=1), "box 0, item 0: an item has keys"),
+    "unknown colour": (lambda e: _first_item(e, color="Red"), "box 0, item 0: unknown color 'Red'"),
+    "place a bool": (lambda e: _first_item(e, x_loc=True), "x_loc must be a whole number of pixels, not True"),
+    "floating block": (lambda e: _first_item(e, y_loc=10), "start 'blue-yes': scene: box 0"),
+}
+
+
+@pytest.mark.parametrize("case", ENTRY_FAULTS)
+def test_entry__faulty_ones_are_refused_by_name_and_fault(case: str, entries: Entries, written: Writer):
+    spoil, message = ENTRY_FAULTS[case]
+    path = written(spoil(entries))
+    with pytest.raises(CorpusError, match=rf"own\.jsonl, line [234].*{message}"):
+        load_tasks(path, "tower", "flipit", "train")
+    assert not check_corpus(path).ok
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"x_loc": 90}, "box 1"), ({"y_loc": -1}, "box 1")],
+    ids=["crosses the wall", "above the box"],
+)
+def test_scatter_entry__items_outside_the_box_are_refused(
+    change: dict[str, int], message: str, entries: Entries, written: Writer
+):
+    entries[2]["starts"][0]["scene"][1][0].update(change)
+    with pytest.raises(CorpusError, match=rf"start 'round-yes': scene: {message}"):
+        load_tasks(written(entries), "scatter", "flipit", "dev")
+
+
+def test_scatter_entry__overlapping_items_are_refused(entries: Entries, written: Writer):
+    circles = entries[2]["starts"][0]["scene"][1]
+    circles.append({**circles[0], "x_loc": circles[0]["x_loc"] + 10})
+    with pytest.raises(CorpusError, match="start 'round-yes': scene: box 1"):
+        load_tasks(written(entries), "scatter", "flipit", "dev")
+
+
+RELEASED_FAULTS = {
+    "label": ({"label": "maybe"}, "entry 'blue-yes': unknown label 'maybe'; choose from false, true"),
+    "no label": ({"label": None}, "entry 'blue-yes': label must be a text"),
+    "scene": ({"structured_rep": None}, "entry 'blue-yes': scene: a scene must be a list"),
+    "sentence": ({"sentence": 5}, "entry 'blue-yes': sentence must be a text that is not blank, not 5"),
+}
+
+
+@pytest.mark.parametrize("case", RELEASED_FAULTS)
+def test_released_entry__faulty_ones_are_refused_by_name_and_fault(case: str, released: Path):
+    change, message = RELEASED_FAULTS[case]
+    path = released / "tower_flipit_test.json"
+    content = json.loads(path.read_text())
+    content["blue-yes"].update(change)
+    path.write_text(json.dumps(content))
+    with pytest.raises(CorpusError, match=rf"tower_flipit_test\.json, {message}"):
+        load_tasks(released, "tower", "flipit", "test")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("[]", "must be one JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "key 'a' stands twice")],
+)
+def test_released_file__broken_ones_are_refused_by_name(text: str, message: str, released: Path):
+    (released / "tower_scratch_test.json").write_text(text)
+    with pytest.raises(CorpusError, match=rf"tower_scratch_test\.json: {message}"):
+        load_tasks(released, "tower", "scratch", "test")
+    report = check_corpus(released)
+    assert [fault.where.rsplit("_", 1)[-1] for fault in report.faults] == ["test.json"]
+    assert sum(count.tasks for count in report.counts) == 3  # the other file's are counted all the same
+
+
+def test_check__a_faultless_corpus_is_counted(entries: Entries, written: Writer):
+    report = check_corpus(written(entries))
+    assert report.ok
+    counts = {(c.appearance, c.start, c.split): (c.tasks, c.contexts) for c in report.counts if c.tasks}
+    assert counts == {
+        ("tower", "scratch", "train"): (2, 2),
+        ("tower", "flipit", "train"): (3, 3),
+        ("scatter", "scratch", "dev"): (1, 1),
+        ("scatter", "flipit", "dev"): (1, 1),
+    }
+    assert str(report).endswith("no faults")
+
+
+def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
+    entries[0]["starts"][1]["label"] = True
+    entries[1]["program"] = "count(all_items"
+    entries[2]["split"] = "eval"
+    found = [str(fault) for fault in check_corpus(written(entries)).faults]
+    assert len(found) == 3
+    for fault, message in zip(
+        found, ("unknown split 'eval'", "program 'count(all_items'", "label is true"), strict=True
+    ):
+        assert message in fault
+
+
+def test_check__absent_released_files_are_listed_and_no_fault(released: Path):
+    report = check_corpus(released)
+    assert report.ok
+    assert len(report.absent_files) == 10
+    assert "tower_scratch_train.json" in report.absent_files
+
+
+def test_check__the_official_train_and_dev_data_have_no_faults(official_data: Path):
+    report = check_corpus(official_data)
+    assert report.faults == ()

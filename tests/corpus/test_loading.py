@@ -1,0 +1,158 @@
+"""Loading tasks: which ones, in what order, from where, and how often the file is read."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError, TaskSet, contexts, load_tasks, official_directory
+from lilgym_mp.scene import Colour, Scene
+
+Entries = list[dict[str, Any]]
+Writer = Callable[..., Path]
+
+
+@pytest.fixture
+def tower_starts(entries: Entries, written: Writer) -> TaskSet:
+    return load_tasks(written(entries), "tower", "flipit", "train")
+
+
+def test_load_scratch__every_entry_is_a_task_from_the_empty_scene(entries: Entries, written: Writer):
+    tasks = load_tasks(written(entries), "tower", "scratch", "train")
+    assert tasks.ids == ("blue", "pair")
+    assert all(task.target is True and task.start == Scene.empty() for task in tasks)
+    assert tasks[0].statement == "Blue is here."
+
+
+def test_load_flipit__every_start_is_a_task_with_the_opposite_target(tower_starts: TaskSet):
+    assert [(task.id, task.target) for task in tower_starts] == [
+        ("blue-yes", False),
+        ("blue-no", True),
+        ("pair-no", True),
+    ]
+    assert [item.colour for item in tower_starts[1].start.items()] == [Colour.BLACK]
+    assert not any(task.solved_by(task.start) for task in tower_starts)
+
+
+def test_load__plain_and_gzip_files_give_the_same_tasks(entries: Entries, written: Writer):
+    plain, zipped = written(entries, "a.jsonl"), written(entries, "a.jsonl.gz")
+    assert zipped.read_bytes()[:2] == b"\x1f\x8b"
+    assert tuple(load_tasks(plain, "tower", "flipit", "train")) == tuple(load_tasks(zipped, "tower", "flipit", "train"))
+
+
+def test_load__equal_start_scenes_are_one_object(tower_starts: TaskSet):
+    assert tower_starts.by_id("pair-no").start is tower_starts.by_id("blue-yes").start
+
+
+def test_load__the_same_file_is_read_once(entries: Entries, written: Writer):
+    path = written(entries)
+    assert load_tasks(path, "tower", "scratch", "train") is load_tasks(path, "tower", "scratch", "train")
+
+
+def test_load__a_changed_file_is_read_again(entries: Entries, written: Writer):
+    path = written(entries)
+    before = load_tasks(path, "tower", "scratch", "train")
+    written(entries[:1])
+    os.utime(path, ns=(1, 1))
+    assert load_tasks(path, "tower", "scratch", "train").ids == ("blue",)
+    assert before.ids == ("blue", "pair")
+
+
+def test_load__a_split_without_tasks_is_refused_by_name(entries: Entries, written: Writer):
+    with pytest.raises(CorpusError, match=r"own\.jsonl: has no tasks for .* tower flipit, split 'test'"):
+        load_tasks(written(entries), "tower", "flipit", "test")
+
+
+@pytest.mark.parametrize(
+    ("appearance", "start", "split", "message"),
+    [
+        ("towers", "scratch", "train", "unknown appearance 'towers'; choose from scatter, tower"),
+        ("tower", "Scratch", "train", "unknown start 'Scratch'; choose from flipit, scratch"),
+        ("tower", "scratch", "valid", "unknown split 'valid'; choose from dev, test, train"),
+    ],
+)
+def test_load__unknown_names_are_refused_with_the_choices(appearance: str, start: str, split: str, message: str):
+    with pytest.raises(ValueError, match=message):
+        load_tasks("builtin", appearance, start, split)
+
+
+def test_provenance__tells_file_and_its_sha256(entries: Entries, written: Writer):
+    path = written(entries)
+    provenance = load_tasks(path, "scatter", "flipit", "dev").provenance
+    assert (provenance.name, provenance.path, provenance.split) == ("own", str(path), "dev")
+    assert len(provenance.sha256) == 64
+    written(entries[2:])
+    assert load_tasks(path, "scatter", "flipit", "dev").provenance.sha256 != provenance.sha256
+
+
+def test_by_id__an_unknown_id_names_the_set_and_close_ids(tower_starts: TaskSet):
+    with pytest.raises(ValueError, match=r"no task 'blue-yess' in .* tower flipit, split 'train'.*blue-yes"):
+        tower_starts.by_id("blue-yess")
+
+
+def test_task_set__is_a_sequence_that_survives_pickling(tower_starts: TaskSet):
+    assert len(tower_starts) == 3
+    assert tower_starts[-1].id == "pair-no"
+    assert [task.id for task in tower_starts[:2]] == ["blue-yes", "blue-no"]
+    copied = pickle.loads(pickle.dumps(tower_starts))
+    assert tuple(copied) == tuple(tower_starts)
+    assert copied.by_id("blue-no") == tower_starts.by_id("blue-no")
+
+
+def test_contexts__starts_of_one_statement_and_target_count_once(entries: Entries, written: Writer):
+    entries[0]["starts"].append({**entries[0]["starts"][0], "id": "blue-again"})
+    assert contexts(load_tasks(written(entries), "tower", "flipit", "train")) == 3
+
+
+def test_released_directory__test_split_loads(released: Path):
+    scratch = load_tasks(released, "tower", "scratch", "test")
+    flipit = load_tasks(str(released), "tower", "flipit", "test")
+    assert scratch.ids == ("7",)
+    assert [(task.id, task.target) for task in flipit] == [("blue-yes", False), ("blue-no", True), ("pair-no", True)]
+    assert flipit.provenance.path == str(released / "tower_flipit_test.json")
+
+
+def test_released_directory__a_missing_file_is_named(released: Path):
+    with pytest.raises(CorpusError, match=r"lacks scatter_flipit_dev\.json; .* it has tower_flipit_test\.json, tower_"):
+        load_tasks(released, "scatter", "flipit", "dev")
+
+
+def test_official_corpus__is_found_through_the_variable(released: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("LILGYM_DATA", str(released))
+    assert load_tasks("lilgym", "tower", "scratch", "test").provenance.corpus == "lilgym"
+
+
+def test_official_corpus__is_looked_for_in_the_user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("LILGYM_DATA", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert official_directory() == tmp_path / "lilgym_mp" / "lilgym"
+
+
+def test_official_corpus__its_absence_tells_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(CorpusError, match=r"nowhere is no directory .*LILGYM_DATA.*lilgym-mp data download"):
+        load_tasks("lilgym", "tower", "scratch", "train")
+
+
+OFFICIAL_TASKS = [  # tasks and contexts; the released train files at hand have one Tower context more than the paper
+    ("tower", "scratch", "train", 989, 989),
+    ("tower", "scratch", "dev", 163, 163),
+    ("tower", "flipit", "train", 5704, 1911),
+    ("tower", "flipit", "dev", 676, 317),
+    ("scatter", "scratch", "train", 1241, 1241),
+    ("scatter", "scratch", "dev", 87, 87),
+    ("scatter", "flipit", "train", 6696, 2340),
+    ("scatter", "flipit", "dev", 313, 164),
+]
+
+
+@pytest.mark.parametrize(("appearance", "start", "split", "tasks", "pairs"), OFFICIAL_TASKS)
+def test_official_counts(official_data: Path, appearance: str, start: str, split: str, tasks: int, pairs: int):
+    loaded = load_tasks(official_data, appearance, start, split)
+    assert (len(loaded), contexts(loaded)) == (tasks, pairs)

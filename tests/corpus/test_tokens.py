@@ -1,0 +1,82 @@
+"""Words of statements and their numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.corpus import Vocabulary, VocabularyError, words
+from lilgym_mp.corpus.tokens import PAD, UNKNOWN
+
+
+def test_words__punctuation_goes_and_apostrophes_inside_words_stay():
+    assert words("There isn't  a Blue-ish block, 2 'at' most!") == [
+        "there", "isn't", "a", "blue", "ish", "block", "2", "at", "most",
+    ]  # fmt: skip
+
+
+def test_vocabulary__words_are_sorted_lower_case_and_once():
+    vocabulary = Vocabulary.from_statements(["Two blue.", "blue TWO at 3"])
+    assert vocabulary.words == ("3", "at", "blue", "two")
+    assert len(vocabulary) == 6
+
+
+def test_encode__pads_at_the_end_and_marks_unknown_words():
+    vocabulary = Vocabulary(("blue", "two"))
+    encoded = vocabulary.encode("Two green blue", 5)
+    assert encoded.tolist() == [3, UNKNOWN, 2, PAD, PAD]
+    assert encoded.dtype == np.int64
+
+
+def test_encode__cuts_what_is_longer():
+    assert Vocabulary(("a", "b")).encode("a b a", 2).tolist() == [2, 3]
+
+
+def test_encode__a_length_below_one_is_refused():
+    with pytest.raises(VocabularyError, match="length must be at least 1, not 0"):
+        Vocabulary(("a",)).encode("a", 0)
+
+
+def test_decode__gives_the_words_back():
+    vocabulary = Vocabulary(("blue", "two"))
+    assert vocabulary.decode(vocabulary.encode("two green blue", 6)) == ["two", "?", "blue"]
+
+
+def test_decode__a_number_out_of_range_is_refused():
+    with pytest.raises(VocabularyError, match="no word has number 9; numbers are 0 to 3"):
+        Vocabulary(("blue", "two")).decode([9])
+
+
+def test_vocabulary__a_repeated_word_is_refused():
+    with pytest.raises(VocabularyError, match="words stand twice: a"):
+        Vocabulary(("a", "b", "a"))
+
+
+@given(st.lists(st.text()))
+def test_vocabulary__knows_every_word_it_was_made_from(statements: list[str]):
+    vocabulary = Vocabulary.from_statements(statements)
+    for statement in statements:
+        assert UNKNOWN not in vocabulary.encode(statement, len(statement) + 1)
+
+
+def test_save__load_gives_it_back(tmp_path: Path):
+    vocabulary = Vocabulary.from_statements(["It's caf\u00e9 blue."])
+    vocabulary.save(tmp_path / "words.json")
+    assert Vocabulary.load(tmp_path / "words.json") == vocabulary
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"format": "other", "version": 1, "words": []}', '{"words": ["a"]}'])
+def test_load__other_files_are_refused_by_name(tmp_path: Path, text: str):
+    (tmp_path / "words.json").write_text(text)
+    with pytest.raises(VocabularyError, match=r"words\.json"):
+        Vocabulary.load(tmp_path / "words.json")
+
+
+def test_load__words_that_are_no_texts_are_refused(tmp_path: Path):
+    (tmp_path / "words.json").write_text('{"format": "lilgym_mp-vocabulary", "version": 1, "words": [1]}')
+    with pytest.raises(VocabularyError, match="words must be a list of texts"):
+        Vocabulary.load(tmp_path / "words.json")

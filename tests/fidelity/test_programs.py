@@ -1,0 +1,85 @@
+"""Programs against the recorded truths of the release and the labels of the official data."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.scene import Scene
+
+
+def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
+    """The value, or the message of the failure."""
+    try:
+        return evaluate(scene)
+    except ProgramRuntimeError as fault:
+        return str(fault)
+
+
+@pytest.fixture(scope="module")
+def recorded_truths(golden: Path) -> dict[str, Any]:
+    with gzip.open(golden / "program_truths.json.gz", "rt", encoding="utf-8") as file:
+        return json.load(file)
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_program_truths__equal_the_recorded_ones(recorded_truths: dict[str, Any], appearance: str) -> None:
+    recorded = recorded_truths[appearance]
+    scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
+    for source, truths in zip(recorded["programs"], recorded["truths"], strict=True):
+        program = compile_program(source)
+        assert "".join(str(int(program.evaluate(scene))) for scene in scenes) == truths, source
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_program_truths__reference_form_equals_the_recorded_ones(
+    recorded_truths: dict[str, Any], appearance: str
+) -> None:
+    recorded = recorded_truths[appearance]
+    scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
+    for source, truths in zip(recorded["programs"], recorded["truths"], strict=True):
+        program = compile_program(source)
+        assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes) == truths, source
+
+
+@pytest.mark.parametrize("split", ["train", "dev"])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_labels__equal_the_truth_in_the_start_scene(official_data: Path, appearance: str, split: str) -> None:
+    records = json.loads((official_data / f"{appearance}_flipit_{split}.json").read_text(encoding="utf-8"))
+    for identifier, record in records.items():
+        program = compile_program(record["lf"])
+        assert program(Scene.from_json(record["structured_rep"])) is (record["label"] == "true"), identifier
+        assert not program.errors, identifier
+
+
+def test_official_programs__both_forms_agree_on_mixed_scenes(official_data: Path) -> None:
+    chance = random.Random(0)
+    sources: dict[str, None] = {}
+    scenes: list[Scene] = []
+    for path in sorted(official_data.glob("*_*_*.json")):
+        for record in json.loads(path.read_text(encoding="utf-8")).values():
+            sources[record["lf"]] = None
+            if "structured_rep" in record and chance.random() < 0.02:
+                scenes.append(Scene.from_json(record["structured_rep"]))
+    for source in sources:
+        program = compile_program(source)
+        left, middle, right = chance.sample(scenes, 3)
+        mixed = Scene.of(left.boxes[0].items, middle.boxes[1].items, right.boxes[2].items)
+        for scene in (mixed, mixed.permuted((2, 0, 1))):
+            assert outcome(program.evaluate, scene) == outcome(program.evaluate_reference, scene), source
+
+
+def test_official_programs__nearly_all_have_a_fast_form(official_data: Path) -> None:
+    sources = {
+        record["lf"]
+        for path in official_data.glob("*_*_*.json")
+        for record in json.loads(path.read_text(encoding="utf-8")).values()
+    }
+    assert sum(compile_program(source).is_fast for source in sources) / len(sources) > 0.99

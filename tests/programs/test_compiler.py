@@ -1,0 +1,104 @@
+"""Programs as objects: truth, errors, memory, limits."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, explain_program
+from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+
+
+def scene_of(count: int) -> Scene:
+    """A scene with that many items in its first box."""
+    return Scene.of([Item(i % 80, i // 80, Shape(i % 3), Colour(i % 3), Size(i % 3)) for i in range(count)], [], [])
+
+
+def test_program__a_failing_program_is_false_and_counted_once_a_scene() -> None:
+    program = Program("is_top(unique(all_items))")
+    empty, two = Scene.empty(), scene_of(2)
+    assert [program(empty), program(empty), program(two), program(scene_of(1))] == [False, False, False, True]
+    assert sorted(program.errors.values()) == [1, 1]
+    assert all(message.startswith("unique:") for message in program.errors)
+    with pytest.raises(ProgramRuntimeError, match="exactly one"):
+        program.evaluate(empty)
+
+
+def test_program__truth_is_kept_in_the_scene() -> None:
+    program, scene = Program("exist(all_items)"), scene_of(1)
+    assert program(scene) is True
+    (key,) = [key for key in scene.memo if "truth" in str(key)]
+    scene.memo[key] = False
+    assert program(scene) is False
+    assert program(Scene(scene.boxes)) is True
+
+
+def test_program__travels_by_its_source() -> None:
+    program = compile_program("count(all_items) == 1")
+    copy = pickle.loads(pickle.dumps(program))
+    assert copy.source == program.source
+    assert copy(scene_of(1)) is True
+
+
+def test_compile_program__same_source_same_object() -> None:
+    assert compile_program("exist(all_items)") is compile_program("exist(all_items)")
+
+
+def test_program__an_equal_box_twice_holds_different_items() -> None:
+    box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
+    scene = Scene((box, box, box))
+    for source in ("count(all_items) == 3", "count(set(all_items)) == 3", "all_boxes[0] != all_boxes[1]"):
+        assert compile_program(source)(scene) is True
+
+
+@pytest.mark.parametrize("count", [23, 24, 25, 64, 65, 130])
+def test_program__boxes_of_any_number_of_items(count: int) -> None:
+    scene = scene_of(count)
+    program = compile_program(f"count(filter_obj(all_items, lambda x: is_yellow(x) or NOT(is_yellow(x)))) == {count}")
+    assert program(scene) is True
+    assert program.evaluate_reference(scene) is True
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "exist(combinations(all_items, 12))",
+        "exist(select(30, all_items))",
+        "exist(select(1000000, all_items + all_items)) or exist(combinations(combinations(all_items, 3), 3))",
+        "exist(filter_obj(combinations(all_items, 3), lambda a: exist(filter_obj(combinations(all_items, 3), "
+        "lambda b: a == b and False))))",
+        "Any(all_items, lambda a: Any(all_items, lambda b: Any(all_items, lambda c: Any(all_items, lambda d: "
+        "is_top(a) and is_top(d) and False))))",
+    ],
+)
+def test_program__too_much_work_is_a_runtime_error(source: str) -> None:
+    with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
+        compile_program(source).evaluate(scene_of(60))
+
+
+def test_program__that_might_need_too_many_steps_has_no_fast_form() -> None:
+    program = compile_program(
+        "count(filter_obj(all_items, lambda a: exist(filter_obj(all_items, lambda b: exist(filter_obj(all_items, "
+        "lambda c: a.color == b.color and b.color == c.color and get_above(c) == get_above(a) and False)))))) == 0"
+    )
+    assert not program.is_fast
+    assert program(scene_of(5)) is True
+
+
+def test_program__lists_do_not_grow_without_bound() -> None:
+    body = "exist(x18)"
+    for depth in range(17, -1, -1):
+        body = f"exist(filter_obj([x{depth} + x{depth}], lambda x{depth + 1}: {body}))"
+    with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
+        compile_program(f"exist(filter_obj([all_items], lambda x0: {body}))").evaluate(scene_of(20))
+
+
+def test_explain_program__good_and_bad_sources() -> None:
+    good = explain_program("exist(filter_obj(all_items, is_blue))")
+    assert "exist, filter_obj, is_blue" in good
+    assert "empty scene: False" in good
+    assert "no value" in explain_program("is_blue(unique(all_items))")
+    bad = explain_program("exist(all_itms)")
+    assert "did you mean all_items" in bad
+    assert "^^^^^^^^" in bad

@@ -1,0 +1,45 @@
+"""docs/programs.md says what the code does."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.scene import Scene
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("program_docs", ROOT / "scripts" / "generate_program_docs.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_program_docs__are_up_to_date(generator: ModuleType) -> None:
+    written = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+    assert written == generator.document(), "run scripts/generate_program_docs.py"
+
+
+def test_program_docs__tell_every_word(generator: ModuleType) -> None:
+    page = generator.document()
+    assert all(f"`{word.signature}`" in page for word in WORDS.values())
+
+
+def test_program_docs__examples_are_programs(generator: ModuleType) -> None:
+    examples = re.findall(r"^```\n((?:exist|count).*)\n```$", generator.document(), re.MULTILINE)
+    assert len(examples) == 3
+    for source in examples:
+        program = compile_program(source)
+        assert program.is_fast
+        assert program.evaluate(Scene.empty()) is False

@@ -1,0 +1,213 @@
+"""What a program text may hold, and how refusals read."""
+
+from __future__ import annotations
+
+import ast
+import pickle
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.programs import Position, ProgramError, compile_program
+from lilgym_mp.programs.syntax import MAX_DEPTH, MAX_LENGTH
+from lilgym_mp.programs.words import WORDS
+
+REFUSED = {
+    "": "empty",
+    " \t": "empty",
+    "x": "unknown name",
+    "exist(all_item)": "did you mean all_items",
+    "exist(filter_obj(all_items, is_yelow))": "did you mean is_yellow",
+    "exit(all_items)": "unknown function",
+    "print(1)": "unknown function",
+    "__import__(1)": "underscore",
+    "all_items.__class__": "underscore",
+    "all_items.append": "unknown member",
+    "all_boxes[0].content": "unknown member",
+    "all_items[0].box.scene": "unknown member",
+    "Color.YELLOW.value": "unknown member",
+    "Color.GREEN": "choose from YELLOW, BLACK, BLUE",
+    "Size.LARGE": "choose from SMALL, MEDIUM, BIG",
+    "Color": "needs a member",
+    "Colour.BLUE": "did you mean Color",
+    "exist()": "'s' is missing",
+    "exist(all_items, 1)": "too many",
+    "exist(all_items, s=1)": "given twice",
+    "exist(s=1, s=1)": "given twice",
+    "exist(t=1)": "'s' is missing",
+    "exist(all_items, t=1)": "no argument 't'",
+    "min(all_boxes, count)": "too many",
+    "all_boxes[0].is_tower(1)": "takes no arguments",
+    "all_items[0].box()": "without ()",
+    "all_items()": "not a function",
+    "(lambda x: x)(1)": "only words",
+    "all_boxes[0](1)": "only words",
+    "All(all_items, lambda f: f(1))": "not a function",
+    "lambda: 1": "exactly one parameter",
+    "lambda x, y: 1": "exactly one parameter",
+    "lambda x=1: 1": "exactly one parameter",
+    "lambda count: 1": "is a word of the language",
+    "lambda all_items: 1": "is a word of the language",
+    "[x for x in all_items]": "'for' is not part",
+    "exist(x for x in all_items)": "'for' is not part",
+    "1 if 1 else 2": "'if' is not part",
+    "1 is 1": "'is' is not part",
+    "None": "'None' is not part",
+    "import os": "'import' is not part",
+    "yield 1": "'yield' is not part",
+    "f'a'": "strings",
+    '"a"': "strings",
+    "(x := 1)": "assignments",
+    "x = 1": "not a Python expression",
+    "exist(*all_items)": "only operators",
+    "exist(**all_items)": "only operators",
+    "2 ** 3": "only operators",
+    "2 * 3": "only operators",
+    "2 - 1": "only operators",
+    "+1": "only operators",
+    "2 // 1": "only operators",
+    "1 | 2": "only operators",
+    "1.5": "whole numbers",
+    "1e3": "must be followed by",
+    "0x10": "must be followed by",
+    "007": "does not start with 0",
+    "1000001": "at most 1000000",
+    "9" * 4_999: "at most 1000000",
+    "(1, 2)": "tuples",
+    "{}": "dictionaries",
+    "{1: 2}": "dictionaries",
+    "all_items[0, 1]": "one index",
+    "all_items[0:1, 1]": "one index",
+    "exist(all_items": "never closed",
+    "exist)": "never opened",
+    "exist(]": "never opened",
+    "1 2": "not a Python expression",
+    "1 ==": "not a Python expression",
+    "1\n== 1": "one line",
+    "exist(all_items)\n": "one line",
+    "1\r": "one line",
+    "1 # one": "comments",
+    "a\0b": "null",
+    "é": "ASCII",
+    "\uff11": "ASCII",
+    "\udc80": "ASCII",
+    "\u00a0": "ASCII",
+    "(" * 10_000: "at most 5000 characters",
+    "x" * 1_000_000: "at most 5000 characters",
+    "(" * 2_000 + ")" * 2_000: "brackets are nested",
+    "not " * 1_200 + "True": "nested",
+    "lambda x: " * 490 + "1": "nested",
+    "1 < " + "not " * 70 + "1": "not a Python expression",
+}
+
+
+@pytest.mark.parametrize("source", REFUSED, ids=lambda source: ascii(source[:20]))
+def test_refused_sources__are_program_errors_that_name_the_rule(source: str) -> None:
+    with pytest.raises(ProgramError) as fault:
+        compile_program(source)
+    assert REFUSED[source] in fault.value.reason
+    assert fault.value.source == source
+
+
+ACCEPTED = (
+    "True",
+    "  exist(all_items)\t",
+    "exist(s=all_items)",
+    "1 < 2 <= 3 != 4 == 4",
+    "not 1 in [1] and 2 not in {3} or True",
+    "count(all_boxes[0:2]) % 2 + 1 == 1",
+    "All(all_items, lambda x: exist(filter_obj(x.box, lambda x: is_top(x))))",
+    "count(min(all_boxes, key=count)) == 0",
+    "is_touching_wall(all_items[0], side=Side.TOP)",
+    "all_items[0].color == Color.BLUE or all_items[0].shape == Shape.CIRCLE or all_items[0].size == Size.BIG",
+    "exist(filter_obj(all_boxes, lambda b: b.is_tower))",
+)
+
+
+@pytest.mark.parametrize("source", ACCEPTED)
+def test_accepted_sources__compile(source: str) -> None:
+    assert compile_program(source).source == source
+
+
+def test_program_error__tells_line_column_piece() -> None:
+    with pytest.raises(ProgramError) as fault:
+        compile_program("  exist(filter_obj(all_items, is_yelow))")
+    assert fault.value.position == Position(1, 31)
+    assert fault.value.piece == "is_yelow"
+    assert "line 1, column 31 at 'is_yelow'" in str(fault.value)
+
+
+def test_program_error__explains_with_a_caret_under_the_piece() -> None:
+    with pytest.raises(ProgramError) as fault:
+        compile_program("count(all_itms) == 1")
+    _, line, caret, where = fault.value.explain().split("\n")
+    assert line[caret.index("^") : caret.rindex("^") + 1] == "all_itms"
+    assert where == "line 1, column 7"
+
+
+def test_program_error__explains_long_and_odd_sources_in_one_short_line() -> None:
+    for source in ("x" * 1_000_000, "count(" + "é\0\udc80" * 1_000, "1\n" * 1_000, "True" + " or True" * 500 + " or x"):
+        with pytest.raises(ProgramError) as fault:
+            compile_program(source)
+        assert all(len(line) < 200 for line in fault.value.explain().split("\n"))
+        assert len(str(fault.value)) < 300
+        fault.value.explain().encode("ascii")
+
+
+def test_program_error__survives_pickling() -> None:
+    with pytest.raises(ProgramError) as fault:
+        compile_program("cuont(all_items)")
+    copy = pickle.loads(pickle.dumps(fault.value))
+    assert (copy.position, copy.reason, str(copy)) == (fault.value.position, fault.value.reason, str(fault.value))
+
+
+def test_compile_program__refuses_what_is_no_text() -> None:
+    with pytest.raises(TypeError, match="not bytes"):
+        compile_program(b"True")  # type: ignore[arg-type]
+
+
+def refusal(text: str) -> ProgramError | None:
+    """The error for a text, None for a program; any other exception is a failure."""
+    try:
+        compile_program(text)
+    except ProgramError as fault:
+        return fault
+    return None
+
+
+@given(st.text(max_size=60))
+def test_any_text__compiles_or_is_a_program_error(text: str) -> None:
+    fault = refusal(text)
+    assert fault is None or fault.explain()
+
+
+PIECES = ("exist", "(", ")", "all_items", ",", "lambda", " ", "x", ":", "1", "==", "not", "[", "]", ".", "Color", "=")
+
+
+@given(st.lists(st.sampled_from((*PIECES, "{", "}", "box", "*", "\\", "'", "in", "%", "BLUE")), max_size=25))
+def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces: list[str]) -> None:
+    fault = refusal(" ".join(pieces))
+    assert fault is None or 0 <= fault.offset <= len(fault.source)
+
+
+@given(st.text(alphabet="()[]{}=<>!+%,:. \t0123456789abcxyz", max_size=40))
+def test_what_compiles__is_a_python_expression(text: str) -> None:
+    if refusal(text) is None:
+        ast.parse(text.strip(), mode="eval")
+
+
+def test_limits__leave_room_for_long_and_deep_programs() -> None:
+    assert compile_program("True" + " and True" * 500)
+    nested = "exist(all_items)"
+    for _ in range(MAX_DEPTH - 4):
+        nested = f"NOT({nested})"
+    assert compile_program(nested)
+    assert len("True" + " and True" * 500) < MAX_LENGTH
+
+
+def test_every_word__has_a_meaning_and_is_callable_in_a_program() -> None:
+    assert len([word for word in WORDS.values() if word.group != "built-ins"]) == 73
+    for word in WORDS.values():
+        assert word.meaning, word.name
+        compile_program(f"exist({word.name})")

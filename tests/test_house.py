@@ -1,0 +1,219 @@
+"""The house rules that tools can check: packaging, imports, style, the account of skipped tests."""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
+SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
+HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba")
+LONG_STATEMENT = 5  # words; shorter statements may well be everybody's
+
+
+def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def _passes(*command: str | Path, cwd: Path = ROOT) -> None:
+    done = _run(*command, cwd=cwd)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def _needs(module: str) -> None:
+    if importlib.util.find_spec(module) is None:
+        pytest.skip(f"{module} is not installed: it comes with the extra `lint`")
+
+
+def _package_directories() -> dict[str, Path]:
+    """Every directory that holds the package's modules, by the name it is imported by."""
+    outside = {name: ROOT / place for name, place in SETUPTOOLS["package-dir"].items()}
+    tops = {"lilgym_mp": ROOT / "lilgym_mp", **outside}
+    return {
+        ".".join((name, *directory.relative_to(top).parts)): directory
+        for name, top in tops.items()
+        for directory in {path.parent for path in top.rglob("*.py")}
+    }
+
+
+@pytest.fixture(scope="module")
+def installed_form(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory that holds the package laid out as a wheel lays it out."""
+    _needs("setuptools")
+    place = tmp_path_factory.mktemp("installed")
+    _passes(sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place)
+    return place
+
+
+def test_packaging__every_directory_with_modules_is_listed():
+    forgotten = _package_directories().keys() - set(SETUPTOOLS["packages"])
+    assert not forgotten, f"add to tool.setuptools.packages in pyproject.toml: {sorted(forgotten)}"
+
+
+def test_packaging__every_module_and_data_file_is_shipped(installed_form: Path):
+    missing = [
+        str(path.relative_to(ROOT))
+        for name, directory in _package_directories().items()
+        for path in directory.iterdir()
+        if path.is_file() and not path.name.startswith(".")
+        if not (installed_form / name.replace(".", "/") / path.name).exists()
+    ]
+    assert not missing, f"add to tool.setuptools.package-data in pyproject.toml: {missing}"
+
+
+@pytest.mark.parametrize("layout", ["checkout", "installed"])
+def test_packaging__wrappers_and_data_belong_to_the_package(layout: str, request: pytest.FixtureRequest):
+    place = ROOT if layout == "checkout" else request.getfixturevalue("installed_form")
+    program = """if True:
+        import sys
+        sys.path.insert(0, sys.argv[1])
+        import lilgym_mp.wrappers, lilgym_mp.data
+        print(lilgym_mp.wrappers.__file__, lilgym_mp.data.__file__, sep="\\n")
+    """
+    done = _run(sys.executable, "-c", program, place, cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert all(Path(path).is_relative_to(place) for path in done.stdout.splitlines()), done.stdout
+
+
+def test_import__loads_nothing_heavy():
+    program = f"import sys, lilgym_mp; print(*sorted(sys.modules.keys() & set({HEAVY!r})))"
+    done = _run(sys.executable, "-c", program)
+    assert done.returncode == 0, done.stderr
+    assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
+
+
+def _import_contract(place: Path) -> subprocess.CompletedProcess[str]:
+    _needs("importlinter")
+    program = "import sys; from importlinter.cli import lint_imports_command as run; sys.exit(run())"
+    return _run(sys.executable, "-c", program, "--no-cache", "--config", ROOT / "pyproject.toml", cwd=place)
+
+
+def test_import_contract__holds(installed_form: Path):
+    done = _import_contract(installed_form)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "contract"),
+    [
+        ("scene.py", "import lilgym_mp.task", "Imports go downwards only"),
+        ("task.py", "import lilgym_mp.wrappers", "Imports go downwards only"),
+        ("scene.py", "import gymnasium", "The core needs the standard library and NumPy only"),
+        ("wrappers/__init__.py", "import torch", "Torch and Stable-Baselines3 from the learning layer on"),
+        ("wrappers/__init__.py", "import transformers", "Transformers in learning only"),
+        ("wrappers/__init__.py", "import pettingzoo", "PettingZoo in the proposer-verifier game only"),
+        ("corpus/__init__.py", "import shapely", "Shapely in scripts and tests only"),
+    ],
+)
+def test_import_contract__names_the_rule_that_an_import_breaks(
+    installed_form: Path, tmp_path: Path, module: str, line: str, contract: str
+):
+    shutil.copytree(installed_form, tmp_path, dirs_exist_ok=True)
+    with (tmp_path / "lilgym_mp" / module).open("a") as file:
+        file.write(f"\n{line}\n")
+    assert f"{contract} BROKEN" in _import_contract(tmp_path).stdout
+
+
+@pytest.mark.parametrize("command", [["check"], ["format", "--check"]])
+def test_style__ruff_is_content(command: list[str]):
+    _needs("ruff")
+    _passes(sys.executable, "-m", "ruff", *command, "--quiet", ROOT)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(re.findall(r"[a-z0-9']+", text.lower()))
+
+
+def _files_of_the_project() -> list[Path]:
+    done = _run("git", "ls-files", "--cached", "--others", "--exclude-standard")
+    if done.returncode:
+        pytest.skip("not a git checkout: there is no list of the project's files")
+    return [path for name in done.stdout.splitlines() if (path := ROOT / name).is_file()]
+
+
+def _phrases(path: Path) -> Iterator[tuple[str, ...]]:
+    """What a file holds between quotes, ends of lines and the like, in words."""
+    content = path.read_bytes()
+    text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode(errors="ignore")
+    return map(_words, re.split(r'["`\n.:;|]', text))
+
+
+def test_repository__holds_no_official_statement(official_data: Path):
+    sentences = re.compile(r'"sentence": *"((?:[^"\\]|\\.)*)"')
+    texts = (path.read_text() for path in official_data.glob("*.json"))
+    official = {_words(sentence) for text in texts for sentence in sentences.findall(text)}
+    assert official, f"no statement found in {official_data}"
+    long = {words for words in official if len(words) >= LONG_STATEMENT}
+    found = {path.name: words for path in _files_of_the_project() for words in long.intersection(_phrases(path))}
+    assert not found
+
+
+ACCOUNTED = """
+import pytest
+
+def test_with_official_data(official_data):
+    assert official_data.is_dir()
+
+@pytest.mark.usefixtures("golden")
+class TestRecorded:
+    def test_one(self): pass
+    def test_two(self): pass
+
+def test_skips_by_itself():
+    pytest.skip("LILGYM_DATA is unset")
+"""
+
+
+@pytest.fixture
+def accounting(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    """A small test suite under this project's conftest, both variables unset."""
+    monkeypatch.delenv("LILGYM_DATA", raising=False)
+    monkeypatch.delenv("LILGYM_GOLDEN", raising=False)
+    pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text())
+    pytester.makepyfile(ACCOUNTED)
+    return pytester
+
+
+def test_account__tells_what_was_skipped_for_lack_of_data(accounting: pytest.Pytester):
+    result = accounting.runpytest_subprocess("-rs")
+    result.assert_outcomes(skipped=4)
+    result.stdout.fnmatch_lines(
+        [
+            "0 ran with the official data, 2 skipped for lack of LILGYM_DATA",
+            "0 ran with the golden recordings, 2 skipped for lack of LILGYM_GOLDEN",
+            "*LILGYM_GOLDEN is unset: it names the directory of the golden recordings",
+        ]
+    )
+
+
+def test_account__tells_what_ran(accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("LILGYM_DATA", str(tmp_path))
+    monkeypatch.setenv("LILGYM_GOLDEN", str(tmp_path))
+    result = accounting.runpytest_subprocess()
+    result.assert_outcomes(passed=3, skipped=1)
+    result.stdout.fnmatch_lines(
+        ["1 ran with the official data, 1 skipped", "2 ran with the golden recordings, 0 skipped"]
+    )
+
+
+@pytest.mark.parametrize("variable", ["LILGYM_DATA", "LILGYM_GOLDEN"])
+def test_account__refuses_a_directory_that_is_not_there(
+    accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
+):
+    monkeypatch.setenv(variable, str(tmp_path / "nowhere"))
+    result = accounting.runpytest_subprocess()
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"*{variable}=*nowhere is not a directory*"])

@@ -1,0 +1,1 @@
+"""Wrappers around the environments, installed as `lilgym_mp.wrappers`: one file each."""
