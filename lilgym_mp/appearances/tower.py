@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop
+from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
@@ -108,10 +108,9 @@ class Tower:
         return ACTIONS[index]
 
     def encode(self, action: Action) -> int:
-        try:
+        if isinstance(action, TowerAction) and action in _NUMBERS:
             return _NUMBERS[action]
-        except (KeyError, TypeError):
-            raise ActionError(f"{action!r} is no action of tower") from None
+        raise ActionError(f"{action!r} is no action of tower")
 
     def from_array(self, values: Sequence[int]) -> Action:
         kind, box, colour = slots(values, SLOT_NAMES)

@@ -1,0 +1,100 @@
+"""Scatter's grids: which tile the boxes and separators, and what is said of those that do not."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lilgym_mp.actions import RemoveItem
+from lilgym_mp.appearances import (
+    APPEARANCES,
+    RELEASED_GRID,
+    GridError,
+    InvalidReason,
+    Scatter,
+    checked_grid,
+    make_appearance,
+)
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import Scene
+
+COLUMNS = (19, 38, 76, 95, 190, 380)
+ROWS = (1, 2, 4, 5, 10, 20, 25, 50, 100)
+LEGAL = [(columns, rows) for columns in COLUMNS for rows in ROWS]
+PLACEMENT = RULE_SETS["paper"].placement
+
+
+@pytest.mark.parametrize("grid", LEGAL, ids=str)
+def test_grid__every_one_of_the_specification_tiles_the_picture(grid: tuple[int, int]):
+    columns, rows = grid
+    scatter = Scatter(grid)
+    width, height = scatter.cell
+    assert (width * columns, height * rows) == (380, 100)
+    assert scatter.action_count == 1 + 28 * columns * rows
+    separators = [
+        column
+        for column in range(columns)
+        if scatter.apply(Scene.empty(), RemoveItem(column, 0), PLACEMENT).invalid is InvalidReason.SEPARATOR
+    ]
+    pixels = [x for column in separators for x in range(column * width, (column + 1) * width)]
+    assert pixels == [*range(100, 140), *range(240, 280)]
+
+
+def test_grid__the_released_one_is_the_default():
+    assert Scatter() == Scatter(RELEASED_GRID) == make_appearance("scatter") == APPEARANCES["scatter"]
+    assert Scatter().cell == (20, 20)
+
+
+def test_grid__native_is_a_name_of_380_x_100():
+    native = Scatter((380, 100))
+    assert make_appearance("scatter", "native") == native
+    assert native.cell == (1, 1)
+    assert native.is_native
+    assert not Scatter().is_native
+
+
+@pytest.mark.parametrize("grid", [[19, 5], (np.int64(19), np.int32(5))], ids=str)
+def test_grid__lists_and_numpy_numbers_do(grid: Any):
+    assert checked_grid(grid) == (19, 5)
+    assert Scatter(grid).grid == (19, 5)
+
+
+def test_grid__columns_that_straddle_a_separator_are_refused_with_the_choices():
+    for columns in set(range(1, 400)) - set(COLUMNS):
+        with pytest.raises(GridError) as fault:
+            checked_grid((columns, 5))
+        assert str(fault.value) == (
+            f"grid {columns} x 5: with {columns} columns cells would straddle a separator;"
+            " choose from 19, 38, 76, 95, 190, 380 columns"
+        )
+
+
+@pytest.mark.parametrize("rows", [3, 6, 7, 30, 99, 101, 200])
+def test_grid__rows_that_do_not_divide_the_height_are_refused_with_the_choices(rows: int):
+    with pytest.raises(GridError, match=rf"{rows} rows do not divide 100 pixels; choose from 1, 2, 4, 5, 10, 20, 25, "):
+        Scatter((19, rows))
+
+
+@pytest.mark.parametrize(
+    "grid", [None, 19, "pixels", (19,), (19, 5, 1), (19.0, 5), ("19", "5"), (0, 5), (-19, 5), (19, True), {19, 5}]
+)
+def test_grid__what_is_no_pair_of_numbers_is_refused(grid: Any):
+    with pytest.raises(GridError) as fault:
+        make_appearance("scatter", grid)
+    assert str(fault.value).startswith("grid must be 'native' or a pair (columns, rows) of positive whole numbers, not")
+    assert repr(grid) in str(fault.value)
+
+
+def test_make_appearance__an_unknown_name_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match=r"^unknown appearance 'towers'; choose from scatter, tower$"):
+        make_appearance("towers")
+
+
+@pytest.mark.parametrize("appearance", [*APPEARANCES.values(), Scatter((38, 10))], ids=str)
+def test_appearance__is_a_value(appearance: Any):
+    copied = pickle.loads(pickle.dumps(appearance))
+    assert copied == appearance
+    assert hash(copied) == hash(appearance)

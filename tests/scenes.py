@@ -1,0 +1,66 @@
+"""Scenes for tests: short words to write literal ones, hypothesis strategies for random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hypothesis import strategies as st
+
+from lilgym_mp.appearances.placement import is_free
+from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+
+Y, K, B = Colour.YELLOW, Colour.BLACK, Colour.BLUE
+SMALL, MEDIUM, LARGE = Size.SMALL, Size.MEDIUM, Size.LARGE
+
+MOST_ITEMS = 8  # in a box of the NLVR data
+
+
+def circle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+    return Item(x, y, Shape.CIRCLE, colour, size)
+
+
+def square(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+    return Item(x, y, Shape.SQUARE, colour, size)
+
+
+def triangle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+    return Item(x, y, Shape.TRIANGLE, colour, size)
+
+
+def tower(*colours: Colour) -> list[Item]:
+    """Blocks from below."""
+    return [square(40, 80 - 21 * level, colour=colour) for level, colour in enumerate(colours)]
+
+
+def scene(left: Sequence[Item] = (), middle: Sequence[Item] = (), right: Sequence[Item] = ()) -> Scene:
+    return Scene.of(left, middle, right)
+
+
+@st.composite
+def items(draw: st.DrawFn, overhang: int = 0) -> Item:
+    """Items inside the box, or as much as `overhang` pixels outside."""
+    size = draw(st.sampled_from(Size))
+    along = st.integers(-overhang, BOX_SIDE - size.pixels + overhang)
+    return Item(draw(along), draw(along), draw(st.sampled_from(Shape)), draw(st.sampled_from(Colour)), size)
+
+
+@st.composite
+def scatter_boxes(draw: st.DrawFn) -> Box:
+    """Items inside the box that do not overlap."""
+    placed: list[Item] = []
+    for item in draw(st.lists(items(), max_size=MOST_ITEMS)):
+        if is_free(item.kind, item.x, item.y, placed):
+            placed.append(item)
+    return Box(tuple(placed))
+
+
+tower_boxes = st.lists(st.sampled_from(Colour), max_size=4).map(lambda colours: Box(tuple(tower(*colours))))
+loose_boxes = st.lists(items(overhang=35), max_size=MOST_ITEMS).map(lambda loose: Box(tuple(loose)))
+
+
+def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
+    return st.tuples(boxes, boxes, boxes).map(Scene)
+
+
+SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  # by appearance: those it allows
+LOOSE_SCENES = _scenes(loose_boxes)  # items may overlap and leave their box

@@ -1,0 +1,188 @@
+"""Actions: their numbers, the released array form, and what is no action."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
+from lilgym_mp.appearances import Appearance, Scatter, Tower
+from lilgym_mp.scene import Colour, Shape, Size
+
+TOWER = Tower()
+SCATTER = Scatter()
+PIXELS = Scatter((380, 100))
+GRIDS = [(19, 5), (19, 1), (38, 10), (76, 20), (95, 4), (190, 50), (380, 100)]
+
+
+def all_or_sampled(appearance: Appearance) -> Iterable[int]:
+    """Every action's number, or the first and last of each type and 3,000 more."""
+    count = appearance.action_count
+    if count < 10_000:
+        return range(count)
+    first_remove = 1 + (count - 1) // 28 * 27
+    ends = [0, 1, first_remove - 1, first_remove, count - 1]
+    return ends + random.Random(0).sample(range(count), 3000)
+
+
+@pytest.mark.parametrize(("appearance", "count"), [(TOWER, 13), (SCATTER, 2661), (PIXELS, 1_064_001)])
+def test_action_count__is_the_papers(appearance: Appearance, count: int):
+    assert appearance.action_count == count
+
+
+@pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
+def test_numbers__encode_undoes_decode_and_from_array_undoes_to_array(appearance: Appearance):
+    for number in all_or_sampled(appearance):
+        action = appearance.decode(number)
+        assert appearance.encode(action) == number
+        assert appearance.from_array(appearance.to_array(action)) == action
+
+
+def test_tower_numbers__stop_then_adds_by_box_and_colour_then_removes():
+    assert TOWER.decode(0) == STOP
+    for box in range(3):
+        assert TOWER.decode(10 + box) == RemoveBlock(box)
+        for colour in Colour:
+            assert TOWER.decode(1 + 3 * box + colour) == AddBlock(box, colour)
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+def test_scatter_numbers__stop_then_adds_by_cell_shape_colour_size_then_removes(grid: tuple[int, int]):
+    columns, rows = grid
+    scatter = Scatter(grid)
+    cells = [(0, 0), (0, rows - 1), (1, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)]
+    assert scatter.decode(0) == STOP
+    for x, y in cells:
+        assert scatter.decode(1 + columns * rows * 27 + x * rows + y) == RemoveItem(x, y)
+        for shape in Shape:
+            for colour in Colour:
+                for size in Size:
+                    number = 1 + ((x * rows + y) * 27 + shape * 9 + colour * 3 + size)
+                    assert scatter.decode(number) == AddItem(x, y, shape, colour, size)
+
+
+@pytest.mark.parametrize(
+    ("appearance", "values", "action"),
+    [
+        (TOWER, [0, -1, -1], STOP),
+        (TOWER, [1, 2, 0], AddBlock(2, Colour.YELLOW)),
+        (TOWER, [1, 0, 2], AddBlock(0, Colour.BLUE)),
+        (TOWER, [2, 1, -1], RemoveBlock(1)),
+        (SCATTER, [0, -1, -1, -1, -1, -1], STOP),
+        (SCATTER, [1, 18, 4, 2, 1, 0], AddItem(18, 4, Shape.TRIANGLE, Colour.BLACK, Size.SMALL)),
+        (SCATTER, [1, 0, 3, 0, 2, 2], AddItem(0, 3, Shape.CIRCLE, Colour.BLUE, Size.LARGE)),
+        (SCATTER, [2, 7, 0, -1, -1, -1], RemoveItem(7, 0)),
+        (PIXELS, [2, 379, 99, -1, -1, -1], RemoveItem(379, 99)),
+    ],
+)
+def test_array_form__is_the_released_one_both_ways(appearance: Appearance, values: list[int], action: Action):
+    assert appearance.from_array(values) == action
+    assert appearance.to_array(action) == values
+
+
+@pytest.mark.parametrize(
+    ("appearance", "values", "action"),
+    [
+        (TOWER, [0, 99, 99], STOP),
+        (TOWER, [2, 1, 77], RemoveBlock(1)),
+        (SCATTER, [0, 99, -5, 3, 3, 3], STOP),
+        (SCATTER, [2, 7, 0, 9, 9, 9], RemoveItem(7, 0)),
+    ],
+)
+def test_array_form__unused_slots_are_ignored(appearance: Appearance, values: list[int], action: Action):
+    assert appearance.from_array(values) == action
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int64, np.uint8])
+def test_array_form__numpy_arrays_of_whole_numbers_do(dtype: Any):
+    decoded = SCATTER.from_array(np.array([1, 3, 2, 1, 0, 2], dtype))
+    assert decoded == AddItem(3, 2, Shape.SQUARE, Colour.YELLOW, Size.LARGE)
+    assert all(not isinstance(part, np.generic) for part in decoded)
+
+
+@pytest.mark.parametrize(
+    ("appearance", "values", "message"),
+    [
+        (TOWER, [1, 0], r"an action array must be 3 whole numbers \[type, box, colour\], not \[1, 0\]"),
+        (TOWER, [1, 0, 0, 0], r"an action array must be 3 whole numbers"),
+        (SCATTER, [[1, 0, 0, 0, 0, 0]], r"must be 6 whole numbers \[type, x, y, shape, colour, size\]"),
+        (SCATTER, 5, r"must be 6 whole numbers .* not 5"),
+        (SCATTER, [1.0, 0, 0, 0, 0, 0], r"must be 6 whole numbers .* not \[1\.0, 0"),
+        (TOWER, [True, False, False], r"must be 3 whole numbers"),
+        (TOWER, ["1", "0", "0"], r"must be 3 whole numbers"),
+        (TOWER, [1, None, 0], r"must be 3 whole numbers"),
+        (TOWER, [3, 0, 0], r"type 3 of the action is out of range; choose from 0 \.\. 2"),
+        (TOWER, [-1, 0, 0], r"type -1 of the action is out of range"),
+        (TOWER, [1, 3, 0], r"box 3 of the action is out of range; choose from 0 \.\. 2"),
+        (TOWER, [2, -1, 0], r"box -1 of the action is out of range"),
+        (TOWER, [1, 0, -1], r"colour -1 of the action is out of range"),
+        (SCATTER, [1, 19, 0, 0, 0, 0], r"x 19 of the action is out of range; choose from 0 \.\. 18"),
+        (SCATTER, [2, 0, 5, 0, 0, 0], r"y 5 of the action is out of range; choose from 0 \.\. 4"),
+        (SCATTER, [1, 0, -1, 0, 0, 0], r"y -1 of the action is out of range"),
+        (SCATTER, [1, 0, 0, 3, 0, 0], r"shape 3 of the action is out of range"),
+        (SCATTER, [1, 0, 0, 0, 3, 0], r"colour 3 of the action is out of range"),
+        (SCATTER, [1, 0, 0, 0, 0, -1], r"size -1 of the action is out of range"),
+    ],
+)
+def test_array_form__what_is_no_action_is_refused_by_slot_and_choices(
+    appearance: Appearance, values: Any, message: str
+):
+    with pytest.raises(ActionError, match=message):
+        appearance.from_array(values)
+
+
+@given(st.lists(st.integers(-3, 20) | st.floats() | st.none() | st.text(max_size=2), max_size=8))
+def test_array_form__any_list_is_an_action_or_an_action_error(values: list[Any]):
+    for appearance in (TOWER, SCATTER):
+        try:
+            action = appearance.from_array(values)
+        except ActionError:
+            continue
+        assert appearance.decode(appearance.encode(action)) == action
+
+
+@pytest.mark.parametrize(
+    ("appearance", "action"),
+    [
+        (TOWER, AddItem(0, 0, Shape.CIRCLE, Colour.BLUE, Size.LARGE)),
+        (TOWER, RemoveItem(0, 0)),
+        (TOWER, AddBlock(3, Colour.BLUE)),
+        (TOWER, "STOP"),
+        (TOWER, [1]),
+        (SCATTER, AddBlock(0, Colour.BLUE)),
+        (SCATTER, RemoveBlock(0)),
+        (SCATTER, RemoveItem(19, 0)),
+        (SCATTER, AddItem(0, 0, Shape.CIRCLE, Colour.BLUE, 3)),  # type: ignore[arg-type]
+        (SCATTER, None),
+    ],
+)
+def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearance, action: Any):
+    with pytest.raises(ActionError):
+        appearance.encode(action)
+
+
+@pytest.mark.parametrize("appearance", [TOWER, SCATTER], ids=str)
+def test_to_array__what_is_no_action_here_is_refused(appearance: Appearance):
+    with pytest.raises(ActionError, match=rf"'STOP' is no action of {appearance.name}"):
+        appearance.to_array("STOP")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (STOP, "STOP"),
+        (AddBlock(0, Colour.BLUE), "ADD(LEFT, BLUE)"),
+        (AddBlock(2, Colour.YELLOW), "ADD(RIGHT, YELLOW)"),
+        (RemoveBlock(1), "REMOVE(MIDDLE)"),
+        (AddItem(18, 4, Shape.CIRCLE, Colour.BLACK, Size.LARGE), "ADD(18, 4, CIRCLE, BLACK, LARGE)"),
+        (RemoveItem(3, 4), "REMOVE(3, 4)"),
+    ],
+)
+def test_describe__says_the_action_as_people_write_it(action: Action, words: str):
+    assert describe(action) == words

@@ -1,0 +1,155 @@
+"""Scenes: the released JSON form, its faults, and what immutability is good for."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import pickle
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.scene import KIND_PIXELS, Box, Colour, Item, Scene, SceneError, Shape, Size
+from tests.scenes import LARGE, LOOSE_SCENES, SMALL, B, K, circle, scene, square, triangle
+
+JSON = [
+    [{"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 30}],
+    [],
+    [
+        {"x_loc": 5, "y_loc": -2, "type": "triangle", "color": "#0099ff", "size": 10},
+        {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20},
+    ],
+]
+SCENE = scene([circle(0, 70, LARGE)], [], [triangle(5, -2, SMALL, B), square(40, 80, colour=K)])
+
+
+def test_from_json__reads_the_released_form():
+    assert Scene.from_json(JSON) == SCENE
+
+
+def test_to_json__writes_the_released_form():
+    assert SCENE.to_json() == JSON
+
+
+@given(LOOSE_SCENES)
+def test_json__reading_what_was_written_gives_the_scene(written: Scene):
+    assert Scene.from_json(json.loads(json.dumps(written.to_json()))) == written
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (None, r"^a scene must be a list of 3 boxes, not None$"),
+        ([[], []], r"^a scene has 3 boxes, not 2$"),
+        ([[], {}, []], r"^box 1: a box must be a list of items, not \{\}$"),
+        ([[], [], [7]], r"^box 2, item 0: an item must be an object with keys color, size, type, x_loc, y_loc, not 7$"),
+    ],
+)
+def test_from_json__what_is_no_scene_is_refused_with_its_place(data: object, message: str):
+    with pytest.raises(SceneError, match=message):
+        Scene.from_json(data)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("type", "disc", r"unknown type 'disc'; choose from circle, square, triangle"),
+        ("type", ["circle"], r"unknown type \['circle'\]"),
+        ("color", "yellow", r"unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
+        ("size", 15, r"unknown size 15; choose from 10, 20, 30"),
+        ("size", 20.0, r"unknown size 20\.0"),
+        ("size", True, r"unknown size True"),
+        ("x_loc", 1.5, r"x_loc must be a whole number of pixels, not 1\.5"),
+        ("y_loc", "3", r"y_loc must be a whole number of pixels, not '3'"),
+        ("y_loc", True, r"y_loc must be a whole number of pixels, not True"),
+    ],
+)
+def test_from_json__a_wrong_value_is_refused_with_box_item_and_choices(key: str, value: object, message: str):
+    data: list[list[dict[str, Any]]] = copy.deepcopy(JSON)
+    data[2][1][key] = value
+    with pytest.raises(SceneError, match=f"^box 2, item 1: {message}"):
+        Scene.from_json(data)
+
+
+def test_from_json__missing_and_unknown_keys_are_refused():
+    data: list[list[dict[str, Any]]] = copy.deepcopy(JSON)
+    data[0][0]["colour"] = data[0][0].pop("color")
+    with pytest.raises(SceneError, match=r"^box 0, item 0: an item has keys colour, .*; it must have color, size"):
+        Scene.from_json(data)
+
+
+def test_of__three_collections_are_needed():
+    with pytest.raises(SceneError, match=r"^a scene has 3 boxes, not 1$"):
+        Scene.of([])
+
+
+def test_permuted__box_k_is_the_old_box_order_k():
+    left, middle, right = (Box((square(x, 0),)) for x in (1, 2, 3))
+    assert Scene((left, middle, right)).permuted((2, 0, 1)).boxes == (right, left, middle)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (0, 1, 1), (1, 2, 3)])
+def test_permuted__what_is_no_permutation_is_refused(order: tuple[int, ...]):
+    with pytest.raises(SceneError, match=r"is not a permutation of the boxes 0, 1, 2"):
+        SCENE.permuted(order)
+
+
+@given(LOOSE_SCENES, st.permutations(range(3)))
+def test_permuted__the_inverse_order_restores_the_scene(given_scene: Scene, order: list[int]):
+    inverse = [order.index(index) for index in range(3)]
+    assert given_scene.permuted(order).permuted(inverse) == given_scene
+
+
+@pytest.mark.parametrize(
+    ("value", "name"), [(SCENE, "boxes"), (SCENE.boxes[0], "items"), (SCENE, "memo"), (circle(0, 0), "x")]
+)
+def test_fields__cannot_be_set(value: Any, name: str):
+    with pytest.raises((dataclasses.FrozenInstanceError, AttributeError)):
+        setattr(value, name, None)
+
+
+def test_with_box__other_boxes_are_shared_and_the_old_scene_stays():
+    for index in range(3):
+        changed = SCENE.with_box(index, Box((circle(1, 1),)))
+        assert changed.boxes[index].items == (circle(1, 1),)
+        assert all(changed.boxes[other] is SCENE.boxes[other] for other in {0, 1, 2} - {index})
+    assert Scene.from_json(JSON) == SCENE
+
+
+def test_box__with_item_appends_and_without_removes_by_position():
+    box = Box((circle(0, 0), circle(50, 0), circle(0, 50)))
+    assert box.with_item(square(70, 70)).items == (*box.items, square(70, 70))
+    assert box.without(1).items == (circle(0, 0), circle(0, 50))
+
+
+def test_equality__is_by_items_and_their_order_not_by_memo():
+    remembered = Scene.from_json(JSON)
+    remembered.memo["truth"] = True
+    remembered.boxes[0].memo["mask"] = 1
+    assert remembered == SCENE
+    assert scene([circle(0, 0), circle(50, 0)]) != scene([circle(50, 0), circle(0, 0)])
+    assert scene([circle(0, 0)]) != scene([], [circle(0, 0)])
+
+
+def test_pickling__keeps_the_scene_and_drops_the_memos():
+    remembered = Scene.from_json(JSON)
+    remembered.memo["unpicklable"] = remembered.boxes[0].memo["unpicklable"] = lambda: None
+    copied = pickle.loads(pickle.dumps(remembered))
+    assert copied == SCENE
+    assert not copied.memo
+    assert not any(box.memo for box in copied.boxes)
+
+
+def test_items__come_box_by_box():
+    assert list(SCENE.items()) == [circle(0, 70, LARGE), triangle(5, -2, SMALL, B), square(40, 80, colour=K)]
+    assert list(Scene.empty().items()) == []
+
+
+def test_kind__numbers_shape_and_size_and_gives_the_side():
+    kinds = [Item(0, 0, shape, Colour.BLUE, size).kind for shape in Shape for size in Size]
+    assert kinds == list(range(9))
+    assert KIND_PIXELS == (10, 20, 30, 10, 20, 30, 10, 20, 30)
+    assert [square(0, 0, size).side for size in Size] == [10, 20, 30]
