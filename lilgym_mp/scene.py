@@ -5,10 +5,10 @@ Source: SPEC section 1 (NLVR's `structured_rep`); colours and sizes as in Wu et 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import FrozenInstanceError
 from enum import IntEnum
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 Member = TypeVar("Member")
 
@@ -104,16 +104,33 @@ class Item(NamedTuple):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class _Frozen:
+    """Two slots that are set once. Written out because play makes two of these a step: a frozen dataclass is
+    three times slower to make."""
+
+    __slots__ = ()
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise FrozenInstanceError(f"cannot set {name} of a {type(self).__name__}: make a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise FrozenInstanceError(f"cannot delete {name} of a {type(self).__name__}")
+
+
+class Box(_Frozen):
     """The items of one box in the order they came.
 
     `memo` keeps what others derive from the items (masks, geometry); a box never changes, so neither does
     what is in there. It takes no part in comparison and is not pickled.
     """
 
-    items: tuple[Item, ...] = ()
-    memo: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], compare=False, repr=False)
+    __slots__ = ("items", "memo")
+    items: tuple[Item, ...]
+    memo: dict[Hashable, Any]
+
+    def __init__(self, items: tuple[Item, ...] = ()) -> None:
+        _set_items(self, items)
+        _set_box_memo(self, {})
 
     def with_item(self, item: Item) -> Box:
         return Box((*self.items, item))
@@ -121,16 +138,33 @@ class Box:
     def without(self, index: int) -> Box:
         return Box(self.items[:index] + self.items[index + 1 :])
 
+    def __eq__(self, other: object) -> bool:
+        return self.items == other.items if isinstance(other, Box) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.items)
+
+    def __repr__(self) -> str:
+        return f"Box({self.items!r})"
+
     def __reduce__(self) -> tuple[type[Box], tuple[tuple[Item, ...]]]:
         return Box, (self.items,)
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
+_set_items: Callable[[Box, tuple[Item, ...]], None] = Box.__dict__["items"].__set__
+_set_box_memo: Callable[[Box, dict[Hashable, Any]], None] = Box.__dict__["memo"].__set__
+
+
+class Scene(_Frozen):
     """Three boxes, left to right. `memo` as in `Box`."""
 
+    __slots__ = ("boxes", "memo")
     boxes: tuple[Box, Box, Box]
-    memo: dict[Hashable, Any] = field(default_factory=dict[Hashable, Any], compare=False, repr=False)
+    memo: dict[Hashable, Any]
+
+    def __init__(self, boxes: tuple[Box, Box, Box]) -> None:
+        _set_boxes(self, boxes)
+        _set_scene_memo(self, {})
 
     @classmethod
     def empty(cls) -> Scene:
@@ -181,8 +215,21 @@ class Scene:
             raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
         return cls.of(*(_box_items(index, box) for index, box in enumerate(boxes)))
 
+    def __eq__(self, other: object) -> bool:
+        return self.boxes == other.boxes if isinstance(other, Scene) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.boxes)
+
+    def __repr__(self) -> str:
+        return f"Scene({self.boxes!r})"
+
     def __reduce__(self) -> tuple[type[Scene], tuple[tuple[Box, Box, Box]]]:
         return Scene, (self.boxes,)
+
+
+_set_boxes: Callable[[Scene, tuple[Box, Box, Box]], None] = Scene.__dict__["boxes"].__set__
+_set_scene_memo: Callable[[Scene, dict[Hashable, Any]], None] = Scene.__dict__["memo"].__set__
 
 
 def _box_items(box_index: int, data: object) -> list[Item]:

@@ -27,6 +27,8 @@ SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item s
 LARGEST_SIDE = max(KIND_PIXELS)
 OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this, in x or y, affect each other
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
+NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # where a pair's table tells of equal top-left corners
+LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
 AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
 
 OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
@@ -45,34 +47,44 @@ class PlacementRules(NamedTuple):
 class PlacementTables:
     """The shipped tables. `offset` is new minus other top-left, plus OFFSET_LIMIT, in x then y."""
 
-    clearance: bytes  # (9, 9, 69, 69) by new kind, other kind, offset: clearance code
-    moves: NDArray[np.int8]  # (9 * 9 * 69 * 69, 2) by clearance's index: snap move in x and y
-    ties: Mapping[int, Sequence[tuple[int, int]]]  # by clearance's index: the nearest segments, where moves differ
+    clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new kind, other kind, offset: clearance code
+    moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
+    ties: Mapping[int, Sequence[tuple[int, int]]]  # by index in all of clearance: nearest segments, where they matter
     outlines: Sequence[Ring]  # by kind: relative to the bounding square's centre
     pixel_areas: NDArray[np.int64]  # (9, 30, 30) by kind, x, y: area of the shape in that pixel, in AREA_UNITs
 
     def clearance_code(self, kind: int, x: int, y: int, other: Item) -> int:
         """How a new item of `kind` at (x, y) lies to `other`: OVERLAPPING, 1 + distance, or FIRST_TOO_FAR."""
-        dx = x - other[0] + OFFSET_LIMIT
-        dy = y - other[1] + OFFSET_LIMIT
-        if 0 <= dx < OFFSET_COUNT and 0 <= dy < OFFSET_COUNT:
-            return self.clearance[((kind * KIND_COUNT + other.kind) * OFFSET_COUNT + dx) * OFFSET_COUNT + dy]
-        return FIRST_TOO_FAR
+        return self.closest(kind, x, y, (other,))[0]
+
+    def closest(self, kind: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
+        """The smallest clearance code of a new item of `kind` at (x, y), and the first of `items` with it, if near."""
+        by_kind = self.clearance[kind]
+        smallest = FIRST_TOO_FAR
+        closest = None
+        for item in items:
+            dx = x - item[0]
+            dy = y - item[1]
+            if -OFFSET_LIMIT <= dx <= OFFSET_LIMIT and -OFFSET_LIMIT <= dy <= OFFSET_LIMIT:
+                code = by_kind[item[2] * 3 + item[4]][dx * OFFSET_COUNT + dy + NO_OFFSET]
+                if code < smallest:
+                    smallest = code
+                    closest = item
+        return smallest, closest
 
     def move(self, kind: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
         """By how much a new item moves when it snaps to `other`, which must be near enough.
 
         `frame_x` is where the box's left border lies in the coordinates that are rounded.
         """
-        dx = x - other[0] + OFFSET_LIMIT
-        dy = y - other[1] + OFFSET_LIMIT
-        index = ((kind * KIND_COUNT + other.kind) * OFFSET_COUNT + dx) * OFFSET_COUNT + dy
-        pairs = self.ties.get(index)
+        other_kind = other.kind
+        offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
+        pairs = self.ties.get((kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset)
         if pairs is None and other[0] + frame_x >= 0 and other[1] >= 0:
-            move_x, move_y = self.moves[index].tolist()
-            return move_x, move_y
+            code = self.moves[kind][other_kind][offset]
+            return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
         new_ring = self._ring(kind, x + frame_x, y)
-        other_ring = self._ring(other.kind, other[0] + frame_x, other[1])
+        other_ring = self._ring(other_kind, other[0] + frame_x, other[1])
         p, q = nearest_points(new_ring, other_ring, all_pairs(new_ring, other_ring) if pairs is None else pairs)
         return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
@@ -87,12 +99,17 @@ def placement_tables() -> PlacementTables:
         segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
         outlines = [(px, py) for px, py in arrays["outlines"].tolist()]
         return PlacementTables(
-            clearance=arrays["clearance"].tobytes(),
-            moves=arrays["moves"].reshape(-1, 2),
+            clearance=_by_kinds(arrays["clearance"]),
+            moves=_by_kinds((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)),
             ties=dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True)),
             outlines=_runs(outlines, arrays["outline_lengths"]),
             pixel_areas=arrays["pixel_areas"],
         )
+
+
+def _by_kinds(codes: NDArray[np.integer]) -> list[list[bytes]]:
+    """(9, 9, ...) codes below 256 as one bytes object for each pair of kinds."""
+    return [[pair.astype(np.uint8).tobytes() for pair in row] for row in codes]
 
 
 def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[Value]]:
@@ -108,23 +125,20 @@ def fits_box(kind: int, x: int, y: int) -> bool:
 
 def is_free(kind: int, x: int, y: int, items: Iterable[Item]) -> bool:
     """Whether an item of `kind` at (x, y) overlaps none of `items`."""
-    code = placement_tables().clearance_code
-    return all(code(kind, x, y, other) != OVERLAPPING for other in items)
+    return placement_tables().closest(kind, x, y, items)[0] != OVERLAPPING
 
 
-def snapped(kind: int, x: int, y: int, items: Sequence[Item], box_index: int, rules: PlacementRules) -> tuple[int, int]:
-    """Where a new item that found its place at (x, y), clear of `items`, comes to rest."""
-    tables = placement_tables()
-    nearest = None
-    nearest_code = FIRST_TOO_FAR
-    for other in items:
-        code = tables.clearance_code(kind, x, y, other)
-        if OVERLAPPING < code < nearest_code:
-            nearest, nearest_code = other, code
-    if nearest is None:
-        return x, y
+def snapped(
+    kind: int, x: int, y: int, closest: Item, items: Sequence[Item], box_index: int, rules: PlacementRules
+) -> tuple[int, int]:
+    """Where a new item that found its place at (x, y), clear of `items`, comes to rest.
+
+    `closest` is the first of `items` with the smallest truncated distance, within SNAP_REACH.
+    """
     frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0
-    move_x, move_y = tables.move(kind, x, y, nearest, frame_x)
+    move_x, move_y = placement_tables().move(kind, x, y, closest, frame_x)
+    if not (move_x or move_y):
+        return x, y
     new_x, new_y = x + move_x, y + move_y
     if rules.keeps_unfit_snaps or (fits_box(kind, new_x, new_y) and is_free(kind, new_x, new_y, items)):
         return new_x, new_y
@@ -134,7 +148,7 @@ def snapped(kind: int, x: int, y: int, items: Sequence[Item], box_index: int, ru
 @cache
 def _blocking_templates() -> BoolArray:
     """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two overlap."""
-    codes = np.frombuffer(placement_tables().clearance, np.uint8)
+    codes = np.frombuffer(b"".join(map(b"".join, placement_tables().clearance)), np.uint8)
     codes = codes.reshape(KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
     return np.ascontiguousarray((codes[:, :, inner, inner] == OVERLAPPING).transpose(1, 0, 2, 3))

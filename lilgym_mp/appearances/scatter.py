@@ -15,6 +15,7 @@ import numpy as np
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.placement import (
+    OVERLAPPING,
     PlacementRules,
     blocked_corners,
     cell_areas,
@@ -22,7 +23,7 @@ from lilgym_mp.appearances.placement import (
     covered_pixels,
     fits_box,
     inside_corners,
-    is_free,
+    placement_tables,
     search_offsets,
     searched,
     snapped,
@@ -46,6 +47,7 @@ NATIVE = "native"
 RELEASED_GRID = (19, 5)
 NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
 WIDEST_CELL = 20  # the largest cell width of which both a box and a separator are multiples
+LARGEST_TABLE = 20_000  # actions that are kept decoded; finer grids decode each anew
 SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
@@ -100,6 +102,7 @@ class Scatter:
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
     _first_remove: int = field(init=False, repr=False)
+    _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
 
     def __post_init__(self) -> None:
         columns, rows = checked_grid(self.grid)
@@ -110,6 +113,9 @@ class Scatter:
         object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
         object.__setattr__(self, "_columns", by_column)
         object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
+        object.__setattr__(self, "_table", ())
+        if self.action_count <= LARGEST_TABLE:
+            object.__setattr__(self, "_table", tuple(map(self._decoded, range(self.action_count))))
 
     @property
     def name(self) -> str:
@@ -126,6 +132,9 @@ class Scatter:
         return self.cell == (1, 1)
 
     def decode(self, index: int) -> Action:
+        return self._table[index] if self._table else self._decoded(index)
+
+    def _decoded(self, index: int) -> Action:
         if index == 0:
             return STOP
         if index >= self._first_remove:
@@ -187,15 +196,18 @@ class Scatter:
         y = row * self.cell[1]
         kind = shape * 3 + size
         box = scene.boxes[box_index]
+        items = box.items
         if not fits_box(kind, x, y):
             return Edit(scene, InvalidReason.OUT_OF_BOX)
-        if not is_free(kind, x, y, box.items):
-            found = searched(kind, x, y, self.cell, box.items) if self._searches(rules) else None
+        clearance, closest = placement_tables().closest(kind, x, y, items)
+        if clearance == OVERLAPPING:
+            found = searched(kind, x, y, self.cell, items) if self._searches(rules) else None
             if found is None:
                 return Edit(scene, InvalidReason.OVERLAP)
             x, y = found
-        if not self.is_native:
-            x, y = snapped(kind, x, y, box.items, box_index, rules)
+            _, closest = placement_tables().closest(kind, x, y, items)
+        if closest is not None and not self.is_native:
+            x, y = snapped(kind, x, y, closest, items, box_index, rules)
         return Edit(scene.with_box(box_index, box.with_item(Item(x, y, shape, colour, size))))
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
