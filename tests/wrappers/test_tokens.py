@@ -1,0 +1,85 @@
+"""Statements as word numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.wrappers import TokenizedStatement, WrongEnvironment
+
+Make = Callable[..., gym.Env[Any, Any]]
+
+WORDS = ("are", "blocks", "blue", "exactly", "here", "is", "there", "two")  # of tower's train split, sorted
+PAD, UNKNOWN = 0, 1
+
+
+def number(word: str) -> int:
+    return 2 + WORDS.index(word)
+
+
+def test_statement__becomes_word_numbers(make: Make):
+    env = TokenizedStatement(make("TowerScratch"))
+    obs, _ = env.reset(options={"task": "blue"})
+    assert obs["statement"].tolist() == [number("blue"), number("is"), number("here")] + [PAD] * 5
+    assert obs["statement"].dtype == np.int64
+
+
+def test_words_not_in_the_train_split__are_unknown(make: Make):
+    env = TokenizedStatement(make("TowerScratch", split="dev"))
+    obs, _ = env.reset(options={"task": "black"})
+    assert obs["statement"][:4].tolist() == [UNKNOWN, number("is"), UNKNOWN, UNKNOWN]
+    assert env.vocabulary.words == WORDS
+
+
+def test_space__is_exact(make: Make):
+    env = TokenizedStatement(make("TowerScratch"))
+    assert env.observation_space["statement"] == gym.spaces.Box(0, len(WORDS) + 1, (8,), np.int64)
+    assert set(env.observation_space.spaces) == {"image", "statement", "target"}
+
+
+def test_default_length__is_the_same_for_every_split(make: Make):
+    spaces = [TokenizedStatement(make("TowerScratch", split=split)).observation_space for split in ("train", "dev")]
+    assert spaces[0] == spaces[1]
+
+
+def test_longer_statement__is_refused_by_name(make: Make):
+    with pytest.raises(ValueError, match=r"'There are exactly two blocks\.' has 5 words, length is 3: choose length=5"):
+        TokenizedStatement(make("TowerScratch"), length=3)
+
+
+def test_longer_statement__is_cut_when_told_to(make: Make):
+    env = TokenizedStatement(make("TowerScratch"), length=3, truncate=True)
+    obs, _ = env.reset(options={"task": "pair"})
+    assert obs["statement"].tolist() == [number("there"), number("are"), number("exactly")]
+
+
+@pytest.mark.parametrize("length", [0, -1, 2.5, True, "8"])
+def test_length_that_is_none__is_refused(make: Make, length: Any):
+    with pytest.raises(ValueError, match="length must be a positive whole number of words or None"):
+        TokenizedStatement(make("TowerScratch"), length=length)
+
+
+def test_vocabulary__is_taken_as_given_or_from_its_file(make: Make, tmp_path: Path):
+    vocabulary = Vocabulary(("blue",))
+    vocabulary.save(tmp_path / "words.json")
+    for given in (vocabulary, tmp_path / "words.json", str(tmp_path / "words.json")):
+        obs, _ = TokenizedStatement(make("TowerScratch"), given).reset(options={"task": "blue"})
+        assert obs["statement"][:3].tolist() == [2, UNKNOWN, UNKNOWN]
+
+
+def test_observations__do_not_alias(make: Make):
+    env = TokenizedStatement(make("TowerScratch"))
+    obs, _ = env.reset(options={"task": "blue"})
+    obs["statement"][:] = PAD
+    assert env.reset(options={"task": "blue"})[0]["statement"].any()
+
+
+def test_second_tokenizer__is_refused(make: Make):
+    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs statements as text"):
+        TokenizedStatement(TokenizedStatement(make("TowerScratch")))

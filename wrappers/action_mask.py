@@ -1,0 +1,35 @@
+"""The mask of legal actions beside every observation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import Moment
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+MASK = "action_mask"  # the info's key
+
+
+class MaskTold(Transformation):
+    """The legal actions as the info's "action_mask"."""
+
+    tells = True
+
+    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
+        return {MASK: moment.legal().astype(np.int8)}
+
+
+class ActionMask(EnvWrapper[MaskTold]):
+    """Puts the exact mask of legal actions into info["action_mask"]: int8 (actions,), as `Discrete.sample` wants it.
+
+    Legality is that of the environment's grid, its search and snapping included. Wrappers beneath that narrow
+    what is legal, such as StopForcing, are obeyed.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env, MaskTold)

@@ -1,0 +1,112 @@
+"""A transformation on one Gymnasium environment: a batch of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, SupportsFloat, TypeVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
+
+from lilgym_mp.rules import State
+from lilgym_mp.wrappers.moment import BoolArray, Int64Array, World, WrongEnvironment
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+Does = TypeVar("Does", bound=Transformation)
+
+
+class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic[Does]):
+    """Base of the wrappers: `gym.make(env.spec)` rebuilds the whole stack, masks pass through it."""
+
+    def __init__(self, env: gym.Env[Any, Any], transformation: Callable[..., Does], **settings: Any) -> None:
+        """`settings`: the constructor's arguments, recorded for the spec and given to the transformation."""
+        RecordConstructorArgs.__init__(self, **settings)
+        gym.Wrapper.__init__(self, env)
+        self.transformation: Does = transformation(world_of(env, type(self).__name__), **settings)
+        self.observation_space = self.transformation.observation_space()
+        self.action_space = self.transformation.action_space()
+        self._moment = EnvMoment(env, self.transformation.world)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        observation, info = self.env.reset(seed=seed, options=options)
+        return self._shown(observation), self._told(info, {})
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        entries: Mapping[str, Batch] = {}
+        if self.transformation.changes_actions:
+            actions, entries = self.transformation.actions(batch_of_one(action), self._moment)
+            action = actions[0]
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._shown(observation), reward, terminated, truncated, self._told(info, entries)
+
+    def action_masks(self) -> BoolArray:
+        """(actions,) bool, a new array: the legal actions, as this wrapper and those beneath leave them."""
+        return self.transformation.legal(self._moment)[0]
+
+    def _shown(self, observation: Any) -> Any:
+        if not self.transformation.changes_observations:
+            return observation
+        return only_one(
+            self.observation_space, self.transformation.observations(batch_of_one(observation), self._moment)
+        )
+
+    def _told(self, info: dict[str, Any], entries: Mapping[str, Batch]) -> dict[str, Any]:
+        if self.transformation.tells:
+            entries = {**entries, **self.transformation.told(info, self._moment)}
+        return {**info, **{name: _plain(value[0]) for name, value in entries.items()}} if entries else info
+
+
+class EnvMoment:
+    """The `Moment` of one environment; it looks when asked."""
+
+    def __init__(self, env: gym.Env[Any, Any], world: World) -> None:
+        self._env = env
+        self._world = world
+
+    @property
+    def _state(self) -> State:
+        return self._env.unwrapped.state  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def task_numbers(self) -> Int64Array:
+        return np.array([self._world.task_number(self._state.task.id)])
+
+    def legal(self) -> BoolArray:
+        return self._env.get_wrapper_attr("action_masks")()[None]
+
+    def goal_reached(self) -> BoolArray:
+        return np.array([self._env.get_wrapper_attr("goal_reached")()])
+
+
+def world_of(env: gym.Env[Any, Any], wrapper: str) -> World:
+    """What `wrapper` sees of `env`. Raises WrongEnvironment when it is none of this package's."""
+    base = env.unwrapped if isinstance(env, gym.Env) else env
+    tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
+    if not isinstance(env, gym.Env) or tasks is None or dynamics is None:
+        raise WrongEnvironment(
+            f"{wrapper} wraps one of this package's Gymnasium environments, such as"
+            f' gymnasium.make("lilgym_mp/TowerScratch-v0"), not {env!r}'
+        )
+    return World(wrapper, tasks, dynamics, env.observation_space, env.action_space)
+
+
+def batch_of_one(value: Any) -> Batch:
+    """One value of a space as a batch."""
+    if isinstance(value, dict):
+        return {name: batch_of_one(part) for name, part in value.items()}
+    if isinstance(value, str):
+        return (value,)
+    return np.asarray(value)[None]
+
+
+def only_one(space: spaces.Space[Any], batch: Batch) -> Any:
+    """The value of `space` that `batch` consists of."""
+    if isinstance(space, spaces.Dict):
+        return {name: only_one(part, batch[name]) for name, part in space.spaces.items()}
+    return int(batch[0]) if isinstance(space, spaces.Discrete) else batch[0]
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,80 @@
+"""Training in which a state that is a success leads to STOP. Source: SPEC sections 6 and 7 (PPO+SF)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from lilgym_mp.choices import choose
+from lilgym_mp.wrappers.action_mask import MASK
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+TRAINING_SPLIT = "train"
+FORCED = "forced_stop"  # the info's key
+
+
+class _Forcing(Transformation):
+    def __init__(self, world: World, *, allow_evaluation: bool) -> None:
+        super().__init__(world)
+        split = world.tasks.provenance.split
+        if split != TRAINING_SPLIT and not allow_evaluation:
+            raise ValueError(
+                f"{world.wrapper} is for training: split {split!r} is for evaluation, where the agent must find its"
+                f' STOP by itself; choose split="{TRAINING_SPLIT}", or say allow_evaluation=True'
+            )
+
+
+class StopMasked(_Forcing):
+    """Leaves STOP alone legal where it succeeds."""
+
+    tells = True
+
+    def legal(self, moment: Moment) -> BoolArray:
+        legal = moment.legal()
+        success = moment.goal_reached()
+        legal[success] = False
+        legal[success, self.world.stop] = True
+        return legal
+
+    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
+        return {MASK: self.legal(moment).astype(np.int8)} if MASK in info else {}
+
+
+class StopReplaced(_Forcing):
+    """Puts STOP in the place of any action where STOP succeeds."""
+
+    changes_actions = True
+
+    def __init__(self, world: World, *, allow_evaluation: bool) -> None:
+        super().__init__(world, allow_evaluation=allow_evaluation)
+        world.numbered_actions()
+
+    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+        forced = moment.goal_reached() & (actions != self.world.stop)
+        return np.where(forced, self.world.stop, actions), {FORCED: forced}
+
+
+MODES = {"mask": StopMasked, "replace": StopReplaced}
+
+
+def stop_forcing(world: World, *, mode: str, allow_evaluation: bool) -> Transformation:
+    """The transformation of `StopForcing`. Raises ValueError for an unknown mode or a split of evaluation."""
+    return choose("mode", mode, MODES)(world, allow_evaluation=allow_evaluation)
+
+
+class StopForcing(EnvWrapper[Transformation]):
+    """Makes the agent STOP in every state where STOP succeeds: for training only.
+
+    mode "mask" (the paper): there `action_masks()`, and info["action_mask"] of a wrapper beneath, leave only STOP.
+    mode "replace" (the release): there any action becomes STOP; info["forced_stop"] tells, after each step,
+    whether that happened to an action that was not STOP.
+    Raises ValueError for the splits of evaluation unless `allow_evaluation`: testing is without stop forcing.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
+        super().__init__(env, stop_forcing, mode=mode, allow_evaluation=allow_evaluation)

@@ -1,0 +1,116 @@
+"""Statements as arrays of word numbers."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import Int64Array, Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.transformation import Batch, Format
+
+STATEMENT = "statement"  # the observation's part
+VOCABULARY_SPLIT = "train"
+ROOM = 1.25  # the default length is this many times the longest statement of the vocabulary's split
+LENGTH_STEP = 4  # rounded up to a multiple of this
+
+
+class Tokens(Format):
+    """The statement as word numbers, looked up by task."""
+
+    replaces = (STATEMENT,)
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        vocabulary: Vocabulary | str | os.PathLike[str] | None,
+        length: int | None,
+        truncate: bool,
+    ) -> None:
+        super().__init__(world)
+        if not isinstance(world.part(STATEMENT), spaces.Text):
+            raise WrongEnvironment(f"{world.wrapper} needs statements as text; beneath it they are encoded already")
+        if isinstance(vocabulary, str | os.PathLike):
+            vocabulary = Vocabulary.load(vocabulary)
+        if vocabulary is None:
+            vocabulary = Vocabulary.from_statements(_statements(_training_tasks(world.tasks)))
+        self.vocabulary = vocabulary
+        self.length = default_length(_statements(_training_tasks(world.tasks))) if length is None else length
+        if isinstance(self.length, bool) or not isinstance(self.length, int) or self.length < 1:
+            raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
+        if not truncate:
+            self._refuse_longer(_statements(world.tasks))
+
+    def _refuse_longer(self, statements: Iterable[str]) -> None:
+        longest = max(statements, key=lambda statement: len(words(statement)))
+        count = len(words(longest))
+        if count > self.length:
+            raise ValueError(
+                f"the statement {longest!r} has {count} words, length is {self.length}: choose length={count} or more,"
+                " or truncate=True to cut what is longer"
+            )
+
+    def spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
+
+    def values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        return {STATEMENT: self._by_task[moment.task_numbers]}
+
+    @cached_property
+    def _by_task(self) -> Int64Array:
+        """(tasks, length) the word numbers of each task's statement."""
+        encoded = {
+            statement: self.vocabulary.encode(statement, self.length) for statement in _statements(self.world.tasks)
+        }
+        return np.stack([encoded[task.statement] for task in self.world.tasks])
+
+
+def default_length(statements: Iterable[str]) -> int:
+    """The longest statement's number of words, with room for somewhat longer ones."""
+    longest = max(len(words(statement)) for statement in statements)
+    return LENGTH_STEP * math.ceil(longest * ROOM / LENGTH_STEP)
+
+
+def _training_tasks(tasks: TaskSet) -> TaskSet:
+    """The training split of the corpus that `tasks` come from."""
+    origin = tasks.provenance
+    if origin.split == VOCABULARY_SPLIT:
+        return tasks
+    return load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
+
+
+def _statements(tasks: TaskSet) -> list[str]:
+    """Every statement once, in file order."""
+    return list({task.statement: None for task in tasks})
+
+
+class TokenizedStatement(EnvWrapper[Tokens]):
+    """Turns "statement" into int64 (length,): 0 pads the end, 1 stands for every unknown word.
+
+    `vocabulary`: a Vocabulary or a saved one's path; None: the words of the corpus's train split.
+    `length`: None: room for the statements of the train split, and a quarter more.
+    Raises ValueError when a statement of the environment's tasks is longer, unless `truncate`.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        vocabulary: Vocabulary | str | os.PathLike[str] | None = None,
+        length: int | None = None,
+        *,
+        truncate: bool = False,
+    ) -> None:
+        super().__init__(env, Tokens, vocabulary=vocabulary, length=length, truncate=truncate)
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        return self.transformation.vocabulary

@@ -1,0 +1,74 @@
+"""What a wrapper does, written once for B environments; the lifts apply it to every kind of environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from gymnasium import spaces
+
+from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+
+Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
+
+
+class Transformation:
+    """Does nothing. A wrapper's transformation overrides what it changes; all of it is pure."""
+
+    changes_observations: ClassVar[bool] = False
+    changes_actions: ClassVar[bool] = False
+    tells: ClassVar[bool] = False  # whether `told` may have something to say
+
+    def __init__(self, world: World) -> None:
+        """Raises WrongEnvironment where the world lacks what is needed, ValueError for unusable settings."""
+        self.world = world
+
+    def observation_space(self) -> spaces.Space[Any]:
+        """Of one environment, after the change."""
+        return self.world.observation_space
+
+    def action_space(self) -> spaces.Space[Any]:
+        """Of one environment, after the change."""
+        return self.world.action_space
+
+    def observations(self, observations: Batch, moment: Moment) -> Batch:
+        """The observations after the change, in new containers."""
+        return observations
+
+    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+        """The actions for the environments beneath, and entries (B,) for the infos of this step."""
+        return actions, {}
+
+    def legal(self, moment: Moment) -> BoolArray:
+        """(B, actions) a new array: the legal actions after the change."""
+        return moment.legal()
+
+    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
+        """Entries to add to the infos after reset and step; `info` is what is there already."""
+        return {}
+
+
+class Format(Transformation):
+    """Changes parts of an observation and leaves the others: a pair (spaces, values)."""
+
+    changes_observations = True
+    replaces: ClassVar[tuple[str, ...]] = ()  # parts that are left out unless `values` gives them anew
+
+    def spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        """The new parts' spaces, of one environment."""
+        raise NotImplementedError
+
+    def values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        """The new parts of B observations."""
+        raise NotImplementedError
+
+    def observation_space(self) -> spaces.Dict:
+        old = self.world.observation_space
+        if not isinstance(old, spaces.Dict):
+            raise AssertionError("a format asks `world.part` for the parts it needs before this")
+        kept = {name: space for name, space in old.spaces.items() if name not in self.replaces}
+        return spaces.Dict(kept | dict(self.spaces()))
+
+    def observations(self, observations: Mapping[str, Batch], moment: Moment) -> dict[str, Batch]:
+        kept = {name: value for name, value in observations.items() if name not in self.replaces}
+        return kept | dict(self.values(observations, moment))
