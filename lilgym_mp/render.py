@@ -5,7 +5,7 @@ Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the re
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from lilgym_mp.scene import (
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
     KIND_PIXELS,
+    SIZE_PIXELS,
     Box,
     Colour,
     Item,
@@ -40,15 +41,6 @@ COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
 
 
-class Patch(NamedTuple):
-    """A rectangle of the native image, its corners on even pixels."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-
 def shrink_of(image_size: str) -> int:
     """Side in native pixels of one pixel. Raises ValueError naming the choices."""
     return choose("image_size", image_size, SHRINKS)
@@ -58,10 +50,6 @@ def image_shape(image_size: str) -> tuple[int, int, int]:
     """(height, width, 3)."""
     shrink = shrink_of(image_size)
     return IMAGE_HEIGHT // shrink, IMAGE_WIDTH // shrink, 3
-
-
-_WHOLE = Patch(0, 0, IMAGE_WIDTH, IMAGE_HEIGHT)
-_BOX_PIXEL = np.array(BOX_RGB, np.uint8)
 
 
 @cache
@@ -93,25 +81,18 @@ def _background() -> UInt8Array:
 
 def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
     """A new image of the scene: (100, 380, 3), or (50, 190, 3) when `image_size` is "half"."""
-    items = ((index, item) for index, box in enumerate(scene.boxes) for item in box.items)
-    return _shrunk(_drawn_patch(_WHOLE, items), shrink_of(image_size))
-
-
-def _drawn_patch(patch: Patch, items: Iterable[tuple[int, Item]]) -> UInt8Array:
-    """The patch of the native image with `items`, each with its box's index, as a new array."""
-    left, top, right, bottom = patch
-    pixels = _background()[top:bottom, left:right].copy()
-    for index, item in items:
-        _paint(pixels, item, index * BOX_PITCH + item.x - left, item.y - top)
-    return pixels
+    pixels = _background().copy()
+    for index, box in enumerate(scene.boxes):
+        for item in box.items:
+            _paint(pixels, item, index * BOX_PITCH + item.x, item.y)
+    return _shrunk(pixels, shrink_of(image_size))
 
 
 def _paint(pixels: UInt8Array, item: Item, x: int, y: int) -> None:
-    """Draws an item whose bounding square starts at (x, y) of `pixels`, as far as it lies there."""
-    height, width, _ = pixels.shape
+    """Draws an item whose bounding square starts at (x, y) of the native image, as far as it lies there."""
     side = item.side
     left, top = max(0, x), max(0, y)
-    right, bottom = min(width, x + side), min(height, y + side)
+    right, bottom = min(IMAGE_WIDTH, x + side), min(IMAGE_HEIGHT, y + side)
     if left < right and top < bottom:
         drawn = _mask(item.kind)[top - y : bottom - y, left - x : right - x]
         pixels[top:bottom, left:right][drawn] = COLOUR_RGB[item.colour]
@@ -129,40 +110,124 @@ def _shrunk(pixels: UInt8Array, shrink: int) -> UInt8Array:
     return (total // shrink**2).astype(np.uint8)
 
 
+class _Stamp(NamedTuple):
+    """A look at even or odd coordinates, on the smallest patch of whole blocks that holds it."""
+
+    sprite: UInt8Array  # (height, width, 3) alone in its box
+    counts: UInt8Array  # (height, width) pixels of its colour in each block, times its colour's weight
+
+
+class _Palette(NamedTuple):
+    """What a block looks like by the weighted counts of its coloured pixels; counts of several items add up."""
+
+    weights: Mapping[Colour, int]
+    colours: UInt8Array  # (most weighted count + 1, 3)
+
+
 @cache
-def _sprite(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> UInt8Array:
-    """An item alone in its box, on the smallest even patch that holds it."""
+def _palette(shrink: int) -> _Palette:
+    base = shrink**2 + 1  # a block has 0 to shrink**2 pixels of each colour
+    weights = {colour: base**colour for colour in Colour}
+    codes = np.arange(shrink**2 * max(weights.values()) + 1)
+    counts = {colour: codes // weight % base for colour, weight in weights.items()}
+    bare = shrink**2 - np.stack(list(counts.values())).sum(0)  # negative for codes that do not occur
+    total = bare[:, None] * np.array(BOX_RGB)
+    for colour, count in counts.items():
+        total += count[:, None] * np.array(COLOUR_RGB[colour])
+    return _Palette(weights, (total // shrink**2).clip(0, 255).astype(np.uint8))
+
+
+@cache
+def _stamp(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Stamp:
     side = KIND_PIXELS[kind]
-    item = Item(0, 0, Shape(kind // len(Size)), colour, Size(kind % len(Size)))
-    pixels = np.full((odd_y + side + (odd_y + side) % 2, odd_x + side + (odd_x + side) % 2, 3), BOX_RGB, np.uint8)
-    _paint(pixels, item, odd_x, odd_y)
-    return _shrunk(pixels, shrink)
+    width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
+    drawn = np.zeros((height, width), np.uint8)
+    drawn[odd_y : odd_y + side, odd_x : odd_x + side] = _mask(kind)
+    blocks = drawn.reshape(height // shrink, shrink, width // shrink, shrink).sum((1, 3), dtype=np.uint8)
+    palette = _palette(shrink)
+    counts = blocks * np.uint8(palette.weights[colour])
+    return _Stamp(palette.colours[counts], counts)
 
 
-def _patch_of(box_index: int, item: Item) -> Patch:
-    """The smallest even patch that holds the item, cut at the image's border."""
-    left, top = box_index * BOX_PITCH + item.x, item.y
-    right, bottom = left + item.side, top + item.side
-    return Patch(
-        left=max(0, left - left % 2),
-        top=max(0, top - top % 2),
-        right=min(IMAGE_WIDTH, right + right % 2),
-        bottom=min(IMAGE_HEIGHT, bottom + bottom % 2),
-    )
+@cache
+def _blank(shrink: int) -> UInt8Array:
+    """An empty box."""
+    side = BOX_SIDE // shrink
+    return np.full((side, side, 3), BOX_RGB, np.uint8)
 
 
-def _is_alone(item: Item, others: Sequence[Item]) -> bool:
-    """Whether the item lies in its box and no other reaches into its patch, so that its sprite is its picture."""
-    x, y, side = item.x, item.y, item.side
-    if x < 0 or y < 0 or x + side > BOX_SIDE or y + side > BOX_SIDE:
+@cache
+def _draws_over(kind: int, other: int, dx: int, dy: int) -> bool:
+    """Whether an item draws pixels that another, `dx` and `dy` to the right and below of it, draws too."""
+    left, top = max(0, dx), max(0, dy)
+    right = min(KIND_PIXELS[kind], dx + KIND_PIXELS[other])
+    bottom = min(KIND_PIXELS[kind], dy + KIND_PIXELS[other])
+    if left >= right or top >= bottom:
         return False
+    ours, theirs = _mask(kind)[top:bottom, left:right], _mask(other)[top - dy : bottom - dy, left - dx : right - dx]
+    return bool((ours & theirs).any())
+
+
+class _Blit(NamedTuple):
+    """Pixels to put somewhere in a box."""
+
+    place: tuple[slice, slice]  # rows and columns of the box's part of the image
+    pixels: UInt8Array  # (rows, columns, 3)
+
+
+def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> _Blit | None:
+    """The box's picture, with `items`, on the patch of `item`, which need not be one of them.
+
+    None when some item there reaches out of the box or is drawn over by another: then order matters.
+    """
+    x, y, shape, colour, size = item
+    side = SIZE_PIXELS[size]
     left, top = x - x % 2, y - y % 2
     right, bottom = x + side + (x + side) % 2, y + side + (y + side) % 2
-    return not any(
-        other.x < right and left < other.x + other.side and other.y < bottom and top < other.y + other.side
-        for other in others
-        if other is not item
-    )
+    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
+        return None
+    place = slice(top // shrink, bottom // shrink), slice(left // shrink, right // shrink)
+    there: list[Item] = []
+    for other in items:
+        other_x, other_y = other[0], other[1]
+        if other_x < right and other_y < bottom:
+            other_side = SIZE_PIXELS[other[4]]
+            if left < other_x + other_side and top < other_y + other_side:
+                there.append(other)
+    if not there:
+        return _Blit(place, _blank(shrink)[: (bottom - top) // shrink, : (right - left) // shrink])
+    if len(there) == 1 and there[0] is item:
+        return _Blit(place, _stamp(shape * 3 + size, colour, x % 2, y % 2, shrink).sprite)
+    return _composed(place, there, shrink)
+
+
+def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) -> _Blit | None:
+    """Items that may share blocks, together; None as in `_patch_blit`."""
+    rows, columns = place
+    counts = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
+    for number, item in enumerate(items):
+        x, y, kind = item.x, item.y, item.kind
+        if not fits_box(kind, x, y):
+            return None
+        for other in items[:number]:
+            if _draws_over(kind, other.kind, other.x - x, other.y - y):
+                return None
+        stamp = _stamp(kind, item.colour, x % 2, y % 2, shrink).counts
+        row, column = (y - y % 2) // shrink - rows.start, (x - x % 2) // shrink - columns.start
+        part = counts[max(0, row) : row + stamp.shape[0], max(0, column) : column + stamp.shape[1]]
+        skipped_rows, skipped_columns = max(0, -row), max(0, -column)
+        part += stamp[skipped_rows : skipped_rows + part.shape[0], skipped_columns : skipped_columns + part.shape[1]]
+    return _Blit(place, _palette(shrink).colours.take(counts, axis=0))
+
+
+def _box_blits(box: Box, shrink: int) -> tuple[_Blit, ...] | None:
+    """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
+    key = ("blits", shrink)
+    memo = box.memo
+    if key not in memo:
+        blits = [_patch_blit(item, box.items, shrink) for item in box.items]
+        memo[key] = None if None in blits else tuple(blits)
+    return memo[key]
 
 
 class Canvas:
@@ -176,55 +241,65 @@ class Canvas:
         if pixels is not None and (pixels.shape != shape or pixels.dtype != np.uint8):
             raise ValueError(f"pixels must be a uint8 array of shape {shape}, not {pixels.dtype} {pixels.shape}")
         self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
-        self._scene: Scene | None = None
+        lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
+        self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
+        self._shown: Scene | None = None  # None when the buffer must be drawn as a whole
 
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
-        shown = self._scene
-        if shown is None:
-            self.pixels[:] = draw(scene, self._image_size)
+        if self._updated(scene):
+            self._shown = scene
         else:
-            for index in range(BOX_COUNT):
-                if scene.boxes[index] is not shown.boxes[index]:
-                    self._update(index, shown.boxes[index], scene)
-        self._scene = scene
+            self.pixels[:] = draw(scene, self._image_size)
+            inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
+            self._shown = scene if inside else None
         return self.pixels
 
-    def _update(self, index: int, before: Box, scene: Scene) -> None:
-        old, new = before.items, scene.boxes[index].items
-        if len(new) == len(old) + 1 and new[:-1] == old:
-            self._redraw(index, new[-1], new)
-        elif (removed := _removed(old, new)) is not None:
-            self._redraw_patch(_patch_of(index, removed), index, new)
-        else:
-            self._put(Patch(index * BOX_PITCH, 0, index * BOX_PITCH + BOX_SIDE, IMAGE_HEIGHT), _BOX_PIXEL)
-            for item in old:
-                if not fits_box(item.kind, item.x, item.y):
-                    self._redraw_patch(_patch_of(index, item), index, new)
-            for item in new:
-                self._redraw(index, item, new)
+    def _updated(self, scene: Scene) -> bool:
+        """Makes the buffer show `scene` by changing the boxes that differ; False when that cannot be done."""
+        if self._shown is None:
+            return False
+        before, after = self._shown.boxes, scene.boxes
+        return (
+            (after[0] is before[0] or self._update(0, before[0], after[0]))
+            and (after[1] is before[1] or self._update(1, before[1], after[1]))
+            and (after[2] is before[2] or self._update(2, before[2], after[2]))
+        )
 
-    def _redraw(self, index: int, item: Item, items: Sequence[Item]) -> None:
-        if _is_alone(item, items):
-            self._put(_patch_of(index, item), _sprite(item.kind, item.colour, item.x % 2, item.y % 2, self._shrink))
-        else:
-            self._redraw_patch(_patch_of(index, item), index, items)
+    def _update(self, index: int, before: Box, after: Box) -> bool:
+        changed = _changed_item(before.items, after.items)
+        if changed is None:
+            return self._replace(index, after)
+        blit = _patch_blit(changed, after.items, self._shrink)
+        if blit is None:
+            return False
+        self._boxes[index][blit[0]] = blit[1]
+        return True
 
-    def _redraw_patch(self, patch: Patch, index: int, items: Sequence[Item]) -> None:
-        self._put(patch, _shrunk(_drawn_patch(patch, ((index, item) for item in items)), self._shrink))
+    def _replace(self, index: int, box: Box) -> bool:
+        blits = _box_blits(box, self._shrink)
+        if blits is None:
+            return False
+        pixels = self._boxes[index]
+        pixels[:] = _blank(self._shrink)
+        for place, patch in blits:
+            pixels[place] = patch
+        return True
 
-    def _put(self, patch: Patch, pixels: UInt8Array) -> None:
-        left, top, right, bottom = patch
-        shrink = self._shrink
-        self.pixels[top // shrink : bottom // shrink, left // shrink : right // shrink] = pixels
 
-
-def _removed(old: Sequence[Item], new: Sequence[Item]) -> Item | None:
-    """The one item of `old` that is missing in `new`, if that is all the difference."""
-    if len(new) != len(old) - 1:
-        return None
-    first = next((i for i, (item, other) in enumerate(zip(old, new, strict=False)) if item is not other), len(new))
-    return old[first] if old[first + 1 :] == new[first:] else None
+def _changed_item(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
+    """The one item that was added at the end or taken away, if that is all the difference."""
+    difference = len(after) - len(before)
+    if difference == 1:
+        return after[-1] if after[:-1] == before else None
+    if difference == -1:
+        first = 0
+        for item in after:
+            if item is not before[first]:
+                break
+            first += 1
+        return before[first] if before[first + 1 :] == after[first:] else None
+    return None
 
 
 FRAME_SCALE = 2  # native pixels are this wide in a frame

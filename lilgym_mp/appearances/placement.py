@@ -154,6 +154,12 @@ def _blocking_templates() -> BoolArray:
     return np.ascontiguousarray((codes[:, :, inner, inner] == OVERLAPPING).transpose(1, 0, 2, 3))
 
 
+@cache
+def _clear_templates() -> BoolArray:
+    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two do not overlap."""
+    return ~_blocking_templates()
+
+
 def blocked_corners(items: Iterable[Item], kinds: slice = slice(None)) -> BoolArray:
     """(kinds, 100, 100) by kind, x, y: whether an item of that kind placed there would overlap one of `items`."""
     templates = _blocking_templates()[:, kinds]
@@ -235,6 +241,18 @@ def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
     return np.ascontiguousarray((2 * inside >= half_items) | (2 * inside >= half_cell))
 
 
+@cache
+def _search_places(kind: int, fitting: tuple[int, int], cell: tuple[int, int]) -> BoolArray:
+    """(cell width, cell height): where in a cell the search may place an item when nothing else is there.
+
+    `fitting`: how many columns and rows of the cell are such that the item stays in the box.
+    """
+    places = search_offsets(*cell)[kind].copy()
+    places[max(0, fitting[0]) :] = False
+    places[:, max(0, fitting[1]) :] = False
+    return places
+
+
 def searched(
     kind: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
 ) -> tuple[int, int] | None:
@@ -243,9 +261,16 @@ def searched(
     Columns from left to right, and rows from top to bottom within a column.
     """
     width, height = cell
-    window = (slice(cell_x, cell_x + width), slice(cell_y, cell_y + height))
-    blocked = blocked_corners(items, slice(kind, kind + 1))[0][window]
-    places = search_offsets(width, height)[kind] & inside_corners()[kind][window] & ~blocked
+    beyond = BOX_SIDE - KIND_PIXELS[kind] + 1
+    fitting = min(width, beyond - cell_x), min(height, beyond - cell_y)
+    places = _search_places(kind, fitting, cell).copy()
+    clear = _clear_templates()
+    for item in items:
+        left, top = cell_x - item.x + LARGEST_SIDE, cell_y - item.y + LARGEST_SIDE
+        if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:
+            template = clear[item.kind, kind, max(0, left) : left + width, max(0, top) : top + height]
+            first_x, first_y = max(0, -left), max(0, -top)
+            places[first_x : first_x + template.shape[0], first_y : first_y + template.shape[1]] &= template
     first = int(places.argmax())
     offset_x, offset_y = divmod(first, height)
     return (cell_x + offset_x, cell_y + offset_y) if places[offset_x, offset_y] else None
