@@ -1,0 +1,215 @@
+"""The shipped placement tables against shapely: kind by kind, offset by offset, and at random absolute places."""
+
+from __future__ import annotations
+
+import random
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+
+from lilgym_mp.actions import AddItem, RemoveItem
+from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.appearances.placement import (
+    AREA_UNIT,
+    FIRST_TOO_FAR,
+    OFFSET_COUNT,
+    OFFSET_LIMIT,
+    OVERLAPPING,
+    cell_areas,
+    placement_tables,
+    shape_area,
+)
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import BOX_PITCH, KIND_PIXELS, Box, Colour, Item, Scene, Shape, Size
+from scripts import build_placement_tables as script
+from tests.appearances import reference
+
+KINDS = range(9)
+SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
+OLDER_AT = (40, 40)  # not where the script puts it
+RANDOM_PLACEMENTS = 20_000
+OVERHANG = 4  # pixels that an older item may lie outside its box, as the release leaves some
+
+
+@cache
+def placed(kind: int) -> NDArray[Any]:
+    """(69 * 69,) polygons of a kind, by offset from OLDER_AT."""
+    x, y = OLDER_AT
+    return np.array([script.kind_polygon(kind, x + dx, y + dy) for dx in SPAN for dy in SPAN])
+
+
+def codes_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
+    """(n,) clearance codes of polygons, two by two."""
+    distances = shapely.distance(new, older)
+    codes = np.minimum(np.trunc(distances).astype(np.int64) + 1, FIRST_TOO_FAR)
+    joined = np.nonzero(distances == 0)[0]
+    shared = shapely.area(shapely.intersection(new[joined], older[joined]))
+    codes[joined[shared > 0]] = OVERLAPPING
+    return codes
+
+
+def moves_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
+    """(n, 2) how far the truncated nearest point of each new polygon is from that of its older one."""
+    ends = np.trunc(shapely.get_coordinates(shapely.shortest_line(new, older))).reshape(-1, 2, 2)
+    return (ends[:, 1] - ends[:, 0]).astype(np.int64)
+
+
+def item_of(kind: int, x: int, y: int) -> Item:
+    return Item(x, y, Shape(kind // 3), Colour.BLUE, Size(kind % 3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(kind: int):
+    outline, side = script.kind_polygon(kind, 3, 7), KIND_PIXELS[kind]
+    assert outline.bounds == (3, 7, 3 + side, 7 + side)
+    points = shapely.get_coordinates(outline.exterior)[:-1]
+    match Shape(kind // 3):
+        case Shape.CIRCLE:
+            assert len(points) == 64
+            assert np.hypot(*(points - (3 + side / 2, 7 + side / 2)).T) == pytest.approx(side / 2)
+        case Shape.SQUARE:
+            assert outline.area == side**2
+        case Shape.TRIANGLE:
+            assert {tuple(point) for point in points} == {(3 + side / 2, 7), (3, 7 + side), (3 + side, 7 + side)}
+
+
+@pytest.mark.parametrize("older_kind", KINDS)
+def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_kind: int):
+    tables, older = placement_tables(), item_of(older_kind, *OLDER_AT)
+    outlines = np.full(OFFSET_COUNT**2, script.kind_polygon(older_kind, *OLDER_AT))
+    shapely.prepare(outlines[0])
+    places = [(OLDER_AT[0] + dx, OLDER_AT[1] + dy) for dx in SPAN for dy in SPAN]
+    for kind in KINDS:
+        codes = codes_of(placed(kind), outlines)
+        assert [tables.clearance_code(kind, x, y, older) for x, y in places] == codes.tolist()
+        near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
+        moves = [tables.move(kind, *places[index], older, frame_x=0) for index in near]
+        assert np.array_equal(moves, moves_of(placed(kind)[near], outlines[near]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_offsets_outside_the_table__are_too_far(kind: int):
+    older = item_of(8, *OLDER_AT)
+    outline = script.kind_polygon(8, *OLDER_AT)
+    for step in (-OFFSET_LIMIT - 1, OFFSET_LIMIT + 1):
+        for dx, dy in ((step, 0), (0, step)):
+            x, y = OLDER_AT[0] + dx, OLDER_AT[1] + dy
+            assert placement_tables().clearance_code(kind, x, y, older) == FIRST_TOO_FAR
+            assert shapely.distance(script.kind_polygon(kind, x, y), outline) >= 5
+
+
+def random_placements() -> list[tuple[int, int, int, Item]]:
+    """A kind and place inside a box, and an item near it."""
+    chance = random.Random(0)
+    found: list[tuple[int, int, int, Item]] = []
+    while len(found) < RANDOM_PLACEMENTS:
+        kind, other = chance.randrange(9), chance.randrange(9)
+        x, y = (chance.randint(0, 100 - KIND_PIXELS[kind]) for _ in "xy")
+        # From four pixels beyond touching on the left or above to as much on the right or below.
+        older_x, older_y = (place + chance.randint(-KIND_PIXELS[other] - 4, KIND_PIXELS[kind] + 4) for place in (x, y))
+        last = 100 - KIND_PIXELS[other] + OVERHANG
+        if -OVERHANG <= older_x <= last and -OVERHANG <= older_y <= last:
+            found.append((kind, x, y, item_of(other, older_x, older_y)))
+    return found
+
+
+def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """(n,) and (n,) the outlines of the new and of the older items, the box's left border at `frame_x`."""
+    new = [script.kind_polygon(kind, x + frame_x, y) for kind, x, y, _ in placements]
+    older = [script.kind_polygon(other.kind, other.x + frame_x, other.y) for *_, other in placements]
+    return np.array(new), np.array(older)
+
+
+def test_random_places__overlap_distance_and_move_equal_shapelys_in_every_box():
+    tables, placements = placement_tables(), random_placements()
+    codes = np.array([tables.clearance_code(*placement) for placement in placements])
+    near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
+    assert len(near) > RANDOM_PLACEMENTS / 5
+    for frame_x in (0, BOX_PITCH, 2 * BOX_PITCH):
+        new, older = polygons(placements, frame_x)
+        assert np.array_equal(codes, codes_of(new, older))
+        moves = [tables.move(*placements[index], frame_x) for index in near]
+        assert np.array_equal(moves, moves_of(new[near], older[near]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(kind: int):
+    assert shape_area(kind) / AREA_UNIT == pytest.approx(script.kind_polygon(kind, 0, 0).area, abs=1e-6)
+    for width, height in ((1, 1), (20, 20), (10, 5), (20, 100)):
+        table = np.array(cell_areas(width, height)[kind])
+        places = [(dx, dy) for dx in range(1 - width, 30) for dy in range(1 - height, 30)]
+        cells = np.array([shapely.box(dx, dy, dx + width, dy + height) for dx, dy in places])
+        areas = shapely.area(shapely.intersection(script.kind_polygon(kind, 0, 0), cells))
+        assert table.ravel() / AREA_UNIT == pytest.approx(areas, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> dict[str, NDArray[Any]]:
+    with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
+        return dict(arrays)
+
+
+@pytest.mark.parametrize("kind", [0, 4, 8])
+def test_shipped_file__is_what_the_script_builds(shipped: dict[str, NDArray[Any]], kind: int):
+    other = (kind + 3) % 9
+    codes = script.clearance_codes(kind, other)
+    assert np.array_equal(shipped["clearance"].reshape(9, 9, -1)[kind, other], codes)
+    assert np.array_equal(shipped["moves"].reshape(9, 9, -1, 2)[kind, other], script.snap_moves(kind, other, codes))
+    assert np.array_equal(shipped["pixel_areas"][kind], script.pixel_areas(kind))
+    assert shipped["outline_lengths"][kind] == len(script.centred_outline(kind))
+
+
+@pytest.mark.parametrize("kind", [0, 4, 8])
+def test_shipped_ties__are_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], kind: int):
+    other = (kind + 3) % 9
+    first = (kind * 9 + other) * OFFSET_COUNT**2
+    ends = shipped["tie_counts"].cumsum(dtype=int)
+    segments = dict(zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True))
+    built = script.ties(kind, other, script.clearance_codes(kind, other))
+    assert [first + index for index in built] == [i for i in segments if first <= i < first + OFFSET_COUNT**2]
+    assert all(np.array_equal(segments[first + index], pairs) for index, pairs in built.items())
+
+
+@pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
+@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 30), ((38, 10), 20), ((19, 1), 3)], ids=str)
+def test_random_play__every_edit_is_the_one_that_shapely_gives(
+    grid: tuple[int, int], plays: int, rules: PlacementRules
+):
+    scatter, chance, tried = Scatter(grid), random.Random(0), 0
+    for _ in range(plays):
+        box_index = chance.randrange(3)
+        items: list[Item] = []
+        for _ in range(12):
+            tried += 1
+            items = checked_edit(scatter, rules, chance, box_index, items)
+    assert tried == 12 * plays
+
+
+def checked_edit(
+    scatter: Scatter, rules: PlacementRules, chance: random.Random, box_index: int, items: list[Item]
+) -> list[Item]:
+    """The items after a random edit, which is done both ways and compared."""
+    width, height = scatter.cell
+    column, row = chance.randrange(100 // width), chance.randrange(100 // height)
+    cell_place, x = (column * width, row * height), column + box_index * BOX_PITCH // width
+    before = Scene.empty().with_box(box_index, Box(tuple(items)))
+    if chance.random() < 0.15:
+        edit = scatter.apply(before, RemoveItem(x, row), rules)
+        position = reference.removed(cell_place, scatter.cell, items)
+        assert (edit.invalid is InvalidReason.NOTHING_TO_REMOVE) == (position is None)
+        expected = [item for index, item in enumerate(items) if index != position]
+    else:
+        item = Item(*cell_place, chance.choice(list(Shape)), Colour.BLUE, chance.choice(list(Size)))
+        edit = scatter.apply(before, AddItem(x, row, item.shape, item.colour, item.size), rules)
+        result = reference.added(item, scatter.cell, items, box_index, rules)
+        if isinstance(result, InvalidReason):
+            assert edit == (before, result)
+            return items
+        expected = [*items, result]
+    assert edit.scene.boxes[box_index].items == tuple(expected)
+    return expected
