@@ -1,0 +1,184 @@
+"""The MDP's table of rewards and ends (SPEC sections 5 and 7), and that a step is a pure function."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.appearances import APPEARANCES, InvalidReason, make_appearance
+from lilgym_mp.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.scene import Scene, Shape, Size
+from lilgym_mp.task import Task
+from tests.scenes import SCENES, B, K, scene, square, tower
+
+HORIZON = 5
+BLUE_IS_HERE = "exist(filter_color(all_items, Color.BLUE))"
+BLUE, BLACK = scene(tower(B)), scene(tower(K))
+ADD, INVALID = AddBlock(1, K), RemoveBlock(2)
+
+# Where in the episode, the action, whether the statement is true before it -> outcome, reward, terminated, truncated,
+# whether the scene changes. The target is always True, so that `true` is where STOP succeeds.
+EARLY, LAST = 0, HORIZON - 1
+TABLE: dict[str, dict[tuple[int, Action, bool], tuple[str, float, bool, bool, bool]]] = {
+    "paper": {
+        (EARLY, STOP, True): ("success", 1.0, True, False, False),
+        (EARLY, STOP, False): ("wrong_stop", -1.0, True, False, False),
+        (EARLY, INVALID, True): ("invalid_action", -1.0, True, False, False),
+        (EARLY, INVALID, False): ("invalid_action", -1.0, True, False, False),
+        (EARLY, ADD, True): ("continues", -0.1, False, False, True),
+        (EARLY, ADD, False): ("continues", -0.1, False, False, True),
+        (LAST, STOP, True): ("success", 1.0, True, False, False),
+        (LAST, STOP, False): ("wrong_stop", -1.0, True, False, False),
+        (LAST, INVALID, True): ("invalid_action", -1.0, True, False, False),
+        (LAST, INVALID, False): ("invalid_action", -1.0, True, False, False),
+        (LAST, ADD, True): ("horizon", -1.0, True, False, True),
+        (LAST, ADD, False): ("horizon", -1.0, True, False, True),
+    },
+    "release": {
+        (EARLY, STOP, True): ("success", 1.0, True, False, False),
+        (EARLY, STOP, False): ("wrong_stop", -1.0, True, False, False),
+        (EARLY, INVALID, True): ("invalid_action", -1.0, False, True, False),
+        (EARLY, INVALID, False): ("invalid_action", -1.0, False, True, False),
+        (EARLY, ADD, True): ("continues", -0.1, False, False, True),
+        (EARLY, ADD, False): ("continues", -0.1, False, False, True),
+        (LAST, STOP, True): ("success", 1.0, True, True, False),
+        (LAST, STOP, False): ("wrong_stop", -1.0, True, True, False),
+        (LAST, INVALID, True): ("invalid_action", -1.0, False, True, False),
+        (LAST, INVALID, False): ("invalid_action", -1.0, False, True, False),
+        (LAST, ADD, True): ("horizon", -0.1, False, True, False),
+        (LAST, ADD, False): ("horizon", -0.1, False, True, False),
+    },
+}
+ROWS = [(rules, *row, expected) for rules, table in TABLE.items() for row, expected in table.items()]
+
+
+def task(start: Scene, *, target: bool = True, program: str = BLUE_IS_HERE) -> Task:
+    return Task("own", "Blue is here.", program, target, start)
+
+
+@pytest.mark.parametrize(("rules", "steps", "action", "true", "expected"), ROWS)
+def test_step__reward_flags_and_scene_are_those_of_the_table(
+    rules: str, steps: int, action: Action, true: bool, expected: tuple[str, float, bool, bool, bool]
+):
+    dynamics = make_dynamics(make_appearance("tower"), rules, HORIZON)
+    before = BLUE if true else BLACK
+    after, outcome, reward, terminated, truncated, invalid = dynamics.step(State(task(before), before, steps), action)
+    assert (str(outcome), reward, terminated, truncated, after.scene != before) == expected
+    assert (invalid is InvalidReason.EMPTY_TOWER) == (action == INVALID)
+    assert after.steps == steps + 1
+    if after.scene != before:
+        assert after.scene == scene(before.boxes[0].items, tower(K))
+
+
+@pytest.mark.parametrize("rules", RULE_SETS)
+def test_every_rule_set__has_a_consequence_for_every_outcome(rules: str):
+    rule_set = RULE_SETS[rules]
+    assert rule_set.name == rules
+    assert set(rule_set.consequences) == set(Outcome)
+    for outcome, consequence in rule_set.consequences.items():
+        assert isinstance(consequence.reward, float)
+        assert (consequence.terminated or consequence.truncated) == (outcome is not Outcome.CONTINUES)
+
+
+@pytest.mark.parametrize("target", [True, False])
+def test_stop__succeeds_where_the_truth_is_the_target(target: bool):
+    dynamics = make_dynamics(make_appearance("tower"))
+    for start, truth in ((BLUE, True), (BLACK, False)):
+        state = dynamics.start(task(start, target=target))
+        assert dynamics.goal_reached(state) == (truth == target)
+        assert (dynamics.step(state, STOP).outcome is Outcome.SUCCESS) == (truth == target)
+
+
+def test_stop__a_program_that_raises_is_false():
+    faulty = task(BLACK, target=False, program="is_blue(unique(filter_color(all_items, Color.BLUE)))")
+    dynamics = make_dynamics(make_appearance("tower"))
+    assert dynamics.step(dynamics.start(faulty), STOP).outcome is Outcome.SUCCESS
+
+
+@pytest.mark.parametrize(("rules", "horizon"), [("paper", 12), ("release", 11)])
+def test_default_horizon__is_the_rule_sets(rules: str, horizon: int):
+    dynamics = make_dynamics(make_appearance("tower"), rules)
+    assert dynamics.horizon == horizon
+    state, outcomes = dynamics.start(task(BLACK)), []
+    for number in range(horizon):
+        transition = dynamics.step(state, RemoveBlock(1) if number % 2 else ADD)
+        state = transition.state
+        outcomes.append(transition.outcome)
+    assert outcomes == [Outcome.CONTINUES] * (horizon - 1) + [Outcome.HORIZON]
+    assert state.steps == horizon
+
+
+def test_horizon__a_given_one_replaces_the_rule_sets():
+    dynamics = make_dynamics(make_appearance("tower"), "release", 1)
+    assert dynamics.step(dynamics.start(task(BLACK)), ADD).outcome is Outcome.HORIZON
+
+
+@pytest.mark.parametrize("horizon", [0, -1, 2.0, "12", True, float("inf")])
+def test_horizon__what_is_no_positive_number_is_refused(horizon: Any):
+    with pytest.raises(ValueError, match=r"horizon must be a positive whole number of actions or None, not "):
+        make_dynamics(make_appearance("tower"), "paper", horizon)
+
+
+@pytest.mark.parametrize("rules", ["Paper", "", None, ["paper"]])
+def test_rules__an_unknown_name_is_refused_with_the_choices(rules: Any):
+    with pytest.raises(ValueError, match=r"^unknown rules .*; choose from paper, release$"):
+        make_dynamics(make_appearance("tower"), rules)
+
+
+@pytest.mark.parametrize(
+    ("action", "reason"),
+    [
+        (AddItem(5, 0, Shape.CIRCLE, B, Size.SMALL), "separator"),
+        (RemoveItem(13, 4), "separator"),
+        (AddItem(4, 0, Shape.CIRCLE, B, Size.LARGE), "out_of_box"),
+        (AddItem(0, 0, Shape.SQUARE, B, Size.MEDIUM), "overlap"),
+        (RemoveItem(1, 1), "nothing_to_remove"),
+    ],
+)
+@pytest.mark.parametrize("rules", RULE_SETS)
+def test_scatter_step__an_invalid_action_tells_why_and_leaves_the_scene(rules: str, action: Action, reason: str):
+    dynamics = make_dynamics(make_appearance("scatter"), rules)
+    before = scene([square(0, 0)])
+    transition = dynamics.step(dynamics.start(task(before)), action)
+    assert (transition.outcome, transition.invalid, transition.reward) == (Outcome.INVALID_ACTION, reason, -1.0)
+    assert transition.state.scene is before
+
+
+@st.composite
+def states_and_actions(draw: st.DrawFn) -> tuple[Dynamics, State, Action]:
+    name = draw(st.sampled_from(sorted(APPEARANCES)))
+    dynamics = make_dynamics(make_appearance(name), draw(st.sampled_from(sorted(RULE_SETS))), HORIZON)
+    start = draw(SCENES[name])
+    number = draw(st.integers(0, dynamics.appearance.action_count - 1))
+    state = State(task(start), start, draw(st.integers(0, HORIZON - 1)))
+    return dynamics, state, dynamics.appearance.decode(number)
+
+
+@given(states_and_actions())
+def test_step__is_pure(given_case: tuple[Dynamics, State, Action]):
+    dynamics, state, action = given_case
+    before = copy.deepcopy(state)
+    first, second = dynamics.step(state, action), dynamics.step(state, action)
+    assert first == second == dynamics.step(before, action)
+    assert state == before
+
+
+@given(states_and_actions())
+def test_step__the_mask_neither_changes_nor_depends_on_what_was_done(given_case: tuple[Dynamics, State, Action]):
+    dynamics, state, action = given_case
+    fresh = copy.deepcopy(state)
+    mask = dynamics.legal_mask(state)
+    dynamics.step(state, action)
+    mask[:] = False
+    assert dynamics.legal_mask(state).tolist() == dynamics.legal_mask(fresh).tolist()
+
+
+def test_goal_reached__is_whether_stop_would_succeed():
+    dynamics = make_dynamics(make_appearance("tower"))
+    assert dynamics.goal_reached(dynamics.start(task(BLUE)))
+    assert not dynamics.goal_reached(dynamics.start(task(BLACK)))

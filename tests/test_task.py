@@ -1,0 +1,41 @@
+"""A task: what its program says of a scene, and whether STOP succeeds there."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import pytest
+
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+from tests.scenes import B, K, scene, tower
+
+TASK = Task("7-a", "Some block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
+
+
+def test_truth__is_the_programs_value_in_the_scene():
+    assert TASK.truth(scene(tower(K, B))) is True
+    assert TASK.truth(Scene.empty()) is False
+
+
+@pytest.mark.parametrize("target", [True, False])
+def test_solved_by__truth_equal_to_the_target(target: bool):
+    task = dataclasses.replace(TASK, target=target)
+    assert task.solved_by(scene(tower(B))) is target
+    assert task.solved_by(scene(tower(K))) is not target
+
+
+def test_truth__where_the_program_raises_is_false():
+    task = dataclasses.replace(TASK, program="is_blue(unique(all_items))")
+    assert task.truth(scene(tower(B))) is True
+    assert task.truth(Scene.empty()) is False
+    assert task.truth(scene(tower(B, B))) is False
+
+
+def test_task__is_an_immutable_value():
+    copied = pickle.loads(pickle.dumps(TASK))
+    assert copied == TASK
+    assert copied.truth(scene(tower(B)))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        TASK.target = True  # type: ignore[misc]
