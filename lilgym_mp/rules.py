@@ -5,9 +5,9 @@ Source: SPEC sections 4, 5 and 7 (Wu et al. 2023, section 4, and release 0.0.1).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
 from lilgym_mp.actions import Action, Stop
@@ -82,6 +82,45 @@ _RELEASE = RuleSet(
 RULE_SETS: Mapping[str, RuleSet] = {rules.name: rules for rules in (_PAPER, _RELEASE)}
 
 
+class Situation(IntEnum):
+    """What an action turned out to be, before the rule set judges it."""
+
+    RIGHT_STOP = 0
+    WRONG_STOP = 1
+    INVALID_EDIT = 2
+    VALID_EDIT = 3
+
+
+class Verdict(NamedTuple):
+    """What a rule set makes of a situation."""
+
+    number: int  # 2 * situation, plus 1 when the action is the last one allowed
+    outcome: Outcome
+    reward: float
+    terminated: bool
+    truncated: bool
+    applies: bool  # whether the edit's scene becomes the new one
+
+
+_OUTCOMES = {
+    Situation.RIGHT_STOP: Outcome.SUCCESS,
+    Situation.WRONG_STOP: Outcome.WRONG_STOP,
+    Situation.INVALID_EDIT: Outcome.INVALID_ACTION,
+    Situation.VALID_EDIT: Outcome.CONTINUES,
+}
+
+
+def _verdict(rules: RuleSet, situation: Situation, *, last: bool) -> Verdict:
+    outcome = _OUTCOMES[situation]
+    if last and situation is Situation.VALID_EDIT:
+        outcome = Outcome.HORIZON
+    reward, terminated, truncated = rules.consequences[outcome]
+    if last and situation in (Situation.RIGHT_STOP, Situation.WRONG_STOP):
+        truncated = truncated or rules.truncates_last_stop
+    applies = situation is Situation.VALID_EDIT and (rules.applies_edit_at_horizon or not last)
+    return Verdict(2 * situation + last, outcome, reward, terminated, truncated, applies)
+
+
 class State(NamedTuple):
     """A moment of an episode; `steps` actions have been taken."""
 
@@ -94,11 +133,24 @@ class Transition(NamedTuple):
     """What an action made of a state."""
 
     state: State
-    outcome: Outcome
-    reward: float
-    terminated: bool
-    truncated: bool
+    verdict: Verdict
     invalid: InvalidReason | None  # why, when the outcome is INVALID_ACTION
+
+    @property
+    def outcome(self) -> Outcome:
+        return self.verdict.outcome
+
+    @property
+    def reward(self) -> float:
+        return self.verdict.reward
+
+    @property
+    def terminated(self) -> bool:
+        return self.verdict.terminated
+
+    @property
+    def truncated(self) -> bool:
+        return self.verdict.truncated
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +160,12 @@ class Dynamics:
     appearance: Appearance
     rules: RuleSet
     horizon: int
+    verdicts: Sequence[Verdict] = field(init=False, repr=False, compare=False)  # by number
+
+    def __post_init__(self) -> None:
+        pairs = ((situation, last) for situation in Situation for last in (False, True))
+        table = tuple(_verdict(self.rules, situation, last=last) for situation, last in pairs)
+        object.__setattr__(self, "verdicts", table)
 
     def start(self, task: Task) -> State:
         return State(task, task.start, 0)
@@ -115,24 +173,16 @@ class Dynamics:
     def step(self, state: State, action: Action) -> Transition:
         """What `action` makes of `state`. An invalid action is an outcome, never an exception."""
         task, scene, steps = state
-        last = steps + 1 >= self.horizon
+        steps += 1
         invalid = None
-        if isinstance(action, Stop):
-            outcome = Outcome.SUCCESS if task.solved_by(scene) else Outcome.WRONG_STOP
+        if type(action) is Stop:
+            after = scene
+            situation = Situation.RIGHT_STOP if task.solved_by(scene) else Situation.WRONG_STOP
         else:
             after, invalid = self.appearance.apply(scene, action, self.rules.placement)
-            if invalid is not None:
-                outcome = Outcome.INVALID_ACTION
-            elif last:
-                outcome = Outcome.HORIZON
-                scene = after if self.rules.applies_edit_at_horizon else scene
-            else:
-                outcome = Outcome.CONTINUES
-                scene = after
-        reward, terminated, truncated = self.rules.consequences[outcome]
-        if last and isinstance(action, Stop):
-            truncated = truncated or self.rules.truncates_last_stop
-        return Transition(State(task, scene, steps + 1), outcome, reward, terminated, truncated, invalid)
+            situation = Situation.VALID_EDIT if invalid is None else Situation.INVALID_EDIT
+        verdict = self.verdicts[2 * situation + (steps >= self.horizon)]
+        return Transition(State(task, after if verdict.applies else scene, steps), verdict, invalid)
 
     def legal_mask(self, state: State) -> BoolArray:
         """(action_count,) a new array: whether each action is valid in `state`."""
