@@ -99,7 +99,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._last_action = index
         if self.render_mode == "human":
             self.render()
-        info = {} if transition.outcome is Outcome.CONTINUES else _end_info(transition)
+        info = {} if transition.outcome is Outcome.CONTINUES else end_info(transition)
         return (
             self._observe(transition.state),
             transition.reward,
@@ -192,7 +192,8 @@ class LilGymEnv(gym.Env[Observation, int]):
             self._window = None
 
 
-def _end_info(transition: Transition) -> dict[str, Any]:
+def end_info(transition: Transition) -> dict[str, Any]:
+    """What info says of the action that ended an episode."""
     info: dict[str, Any] = {
         "outcome": str(transition.outcome),
         "is_success": transition.outcome is Outcome.SUCCESS,
