@@ -184,6 +184,12 @@ class Dynamics:
         verdict = self.verdicts[2 * situation + (steps >= self.horizon)]
         return Transition(State(task, after if verdict.applies else scene, steps), verdict, invalid)
 
+    def wait(self, state: State) -> Transition:
+        """What a step that leaves the scene makes of `state`: it counts as a valid edit does."""
+        steps = state.steps + 1
+        verdict = self.verdicts[2 * Situation.VALID_EDIT + (steps >= self.horizon)]
+        return Transition(State(state.task, state.scene, steps), verdict, None)
+
     def legal_mask(self, state: State) -> BoolArray:
         """(action_count,) a new array: whether each action is valid in `state`."""
         return self.appearance.legal_mask(state.scene, self.rules.placement)
