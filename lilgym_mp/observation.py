@@ -8,11 +8,17 @@ from typing import TypedDict
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from lilgym_mp.render import UInt8Array, image_shape
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import BOX_COUNT, Item, Scene
 from lilgym_mp.task import Task
 
+Int16Array = NDArray[np.int16]
+
 MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
+EMPTY = -1  # in every field of an item array's slot without an item
 PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
 
 
@@ -38,3 +44,17 @@ def observation_space(image_size: str, tasks: Iterable[Task]) -> spaces.Dict:
     return spaces.Dict(
         {"image": image_space(image_size), "statement": statement_space(tasks), "target": spaces.Discrete(2)}
     )
+
+
+def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:
+    """How many items a box can come to have: those it starts with, and one for each action."""
+    return max(len(box.items) for task in tasks for box in task.start.boxes) + dynamics.horizon
+
+
+def item_array(scene: Scene, capacity: int) -> Int16Array:
+    """(3, capacity, 5): x, y, shape, colour and size of each box's items in their order, EMPTY after the last."""
+    array = np.full((BOX_COUNT, capacity, len(Item._fields)), EMPTY, np.int16)
+    for index, box in enumerate(scene.boxes):
+        if box.items:
+            array[index, : len(box.items)] = box.items
+    return array

@@ -10,8 +10,15 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
+from lilgym_mp.observation import item_array, item_capacity
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.moment import BoolArray, Int64Array, World, WrongEnvironment
+from lilgym_mp.wrappers.moment import (
+    BoolArray,
+    Int16Array,
+    Int64Array,
+    World,
+    WrongEnvironment,
+)
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 Does = TypeVar("Does", bound=Transformation)
@@ -73,6 +80,14 @@ class EnvMoment:
     def task_numbers(self) -> Int64Array:
         return np.array([self._world.task_number(self._state.task.id)])
 
+    @property
+    def steps(self) -> Int64Array:
+        return np.array([self._state.steps])
+
+    @property
+    def items(self) -> Int16Array:
+        return item_array(self._state.scene, self._world.item_capacity)[None]
+
     def legal(self) -> BoolArray:
         return self._env.get_wrapper_attr("action_masks")()[None]
 
@@ -89,7 +104,7 @@ def world_of(env: gym.Env[Any, Any], wrapper: str) -> World:
             f"{wrapper} wraps one of this package's Gymnasium environments, such as"
             f' gymnasium.make("lilgym_mp/TowerScratch-v0"), not {env!r}'
         )
-    return World(wrapper, tasks, dynamics, env.observation_space, env.action_space)
+    return World(wrapper, tasks, dynamics, env.observation_space, env.action_space, item_capacity(tasks, dynamics))
 
 
 def batch_of_one(value: Any) -> Batch:

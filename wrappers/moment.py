@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP
 from lilgym_mp.corpus import TaskSet
+from lilgym_mp.observation import EMPTY, Int16Array
 from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 BoolArray = NDArray[np.bool_]
 Int64Array = NDArray[np.int64]
@@ -26,6 +29,14 @@ class Moment(Protocol):
 
     @property
     def task_numbers(self) -> Int64Array:  # (B,) place of each current task in the world's tasks
+        ...
+
+    @property
+    def steps(self) -> Int64Array:  # (B,) actions taken
+        ...
+
+    @property
+    def items(self) -> Int16Array:  # (B, 3, capacity, 5): `item_array` of each scene
         ...
 
     def legal(self) -> BoolArray:
@@ -46,6 +57,7 @@ class World:
     dynamics: Dynamics
     observation_space: spaces.Space[Any]  # of one environment
     action_space: spaces.Space[Any]  # of one environment
+    item_capacity: int  # items that a box can have at most
     stop: int = field(init=False)  # the number of STOP
 
     _numbers: dict[str, int] = field(init=False, repr=False)  # by task id
@@ -58,20 +70,25 @@ class World:
         """The place of a task in `tasks`."""
         return self._numbers[task_id]
 
-    def part(self, name: str) -> spaces.Space[Any]:
-        """The space of the observation's part `name`. Raises WrongEnvironment naming the parts there are."""
+    def parts(self) -> Mapping[str, spaces.Space[Any]]:
+        """The spaces of an observation's parts. Raises WrongEnvironment where observations have none."""
         space = self.observation_space
         if not isinstance(space, spaces.Dict):
             raise WrongEnvironment(
-                f"{self.wrapper} needs observations with a part {name!r}; beneath it they are {space}."
+                f"{self.wrapper} needs observations with parts by name; beneath it they are {space}."
                 f" Put {self.wrapper} nearer to the environment"
             )
-        if name not in space.spaces:
+        return space.spaces
+
+    def part(self, name: str) -> spaces.Space[Any]:
+        """The space of the observation's part `name`. Raises WrongEnvironment naming the parts there are."""
+        parts = self.parts()
+        if name not in parts:
             raise WrongEnvironment(
                 f"{self.wrapper} needs observations with a part {name!r}; beneath it they have"
-                f" {', '.join(sorted(space.spaces))}. Put {self.wrapper} nearer to the environment"
+                f" {', '.join(sorted(parts))}. Put {self.wrapper} nearer to the environment"
             )
-        return space[name]
+        return parts[name]
 
     def numbered_actions(self) -> spaces.Discrete:
         """The space of action numbers. Raises WrongEnvironment where actions have another form."""
@@ -82,3 +99,13 @@ class World:
                 f" beneath it they are {space}. Put {self.wrapper} nearer to the environment"
             )
         return space
+
+
+def scene_of(array: Int16Array) -> Scene:
+    """The scene whose `item_array` is `array`."""
+    return Scene.of(*([_item(row) for row in box if row[-1] != EMPTY] for box in array.tolist()))
+
+
+def _item(row: list[int]) -> Item:
+    x, y, shape, colour, size = row
+    return Item(x, y, Shape(shape), Colour(colour), Size(size))
