@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
+from lilgym_mp.corpus.installing import installation_faults
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.places import corpus_path
 from lilgym_mp.corpus.records import SPLITS, STARTS
@@ -59,6 +60,8 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
         try:
             counts = _released_counts(path, faults) if path.is_dir() else _file_counts(path, faults)
+            for fault in installation_faults(path):
+                faults.add(*fault)
         except CorpusError as fault:
             faults.add(str(path), str(fault).removeprefix(f"{path}: "))
             counts = []

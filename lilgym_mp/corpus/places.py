@@ -27,10 +27,15 @@ def user_cache() -> Path:
     return parent / "lilgym_mp"
 
 
+def installed_directory() -> Path:
+    """Where the official corpus is installed; it may not exist."""
+    return user_cache() / OFFICIAL
+
+
 def official_directory() -> Path:
-    """The directory of the official corpus: LILGYM_DATA when set, else the user's cache; it may not exist."""
+    """Where the official corpus is looked for: LILGYM_DATA when set, else where it is installed; it may not exist."""
     named = os.environ.get(DATA_VARIABLE)
-    return Path(named) if named else user_cache() / OFFICIAL
+    return Path(named) if named else installed_directory()
 
 
 @contextmanager

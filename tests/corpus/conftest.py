@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lilgym_mp.corpus import write_corpus
+from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.official import Facts, content_digest
+from lilgym_mp.corpus.released import ReleasedFile
+from tests.web import Web, web_server
 
 BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
 BLACK_BLOCK = {**BLUE_BLOCK, "color": "Black"}
@@ -84,3 +88,21 @@ def released(tmp_path: Path) -> Path:
     }
     (directory / "tower_flipit_test.json").write_text(json.dumps(flipit))
     return directory
+
+
+@pytest.fixture
+def web(monkeypatch: pytest.MonkeyPatch) -> Generator[Web, None, None]:
+    """A web server on loopback, reached without a proxy."""
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    with web_server() as web:
+        yield web
+
+
+@pytest.fixture
+def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
+    """Two files that count as all of the release's test split of Tower: one known by content, one by numbers."""
+    names = ("tower_scratch_test.json", "tower_flipit_test.json")
+    records = ReleasedFile(released / names[0], "scratch").records(FaultLog(stop_at_first=True))
+    facts = {names[0]: Facts(1, 1, content_digest(records)), names[1]: Facts(3, 3)}
+    monkeypatch.setattr("lilgym_mp.corpus.official.FACTS", facts)
+    return {name: (released / name).read_bytes() for name in names}

@@ -1,0 +1,357 @@
+"""Downloading over HTTP from a server on loopback that breaks off, lies, refuses and forgets."""
+
+from __future__ import annotations
+
+import errno
+import json
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError, load_tasks
+from lilgym_mp.corpus.download import GitHub, WebDirectory, download_official
+from lilgym_mp.corpus.faults import InterruptionError
+from lilgym_mp.corpus.fetching import Patience, fetch, fetch_text
+from lilgym_mp.corpus.installing import read_installation
+from tests.web import Misdeed, Web
+
+CONTENT = bytes(range(256)) * 1000
+SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"
+REPOSITORY, COMMIT = "lil-lab/lilgym", "c0ffee" * 6 + "c0ff"
+
+
+def _nothing(have: int, total: int | None) -> None:
+    """Shows no progress."""
+
+
+@pytest.fixture
+def pauses() -> list[float]:
+    return []
+
+
+@pytest.fixture
+def patience(pauses: list[float]) -> Patience:
+    """Waits in no time, and notes how long it would have been."""
+    return Patience(tries=3, timeout=5.0, pause=pauses.append)
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    return tmp_path / "file.part"
+
+
+def test_fetch__a_file_comes_whole_with_its_progress(web: Web, part: Path, patience: Patience):
+    web.files["/file"] = CONTENT
+    seen: list[tuple[int, int | None]] = []
+    fetch(f"{web.url}/file", part, lambda have, total: seen.append((have, total)), patience)
+    assert part.read_bytes() == CONTENT
+    assert seen[0] == (0, len(CONTENT))
+    assert seen[-1] == (len(CONTENT), len(CONTENT))
+
+
+def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, patience: Patience):
+    web.files["/file"] = CONTENT
+    part.write_bytes(CONTENT[:1000])
+    fetch(f"{web.url}/file", part, _nothing, patience)
+    assert part.read_bytes() == CONTENT
+    assert web.asked_for("/file") == ["bytes=1000-"]
+
+
+@pytest.mark.parametrize(
+    ("misdeed", "ranges"),
+    [
+        (Misdeed(breaks_after=5000), [None, "bytes=5000-"]),
+        (Misdeed(resets=True), [None, None]),
+        (Misdeed(status=503), [None, None]),
+        (Misdeed(status=429, headers={"Retry-After": "7"}), [None, None]),
+        (Misdeed(status=403, headers={"Retry-After": "7"}), [None, None]),
+    ],
+)
+def test_fetch__tries_again_after_what_may_pass(
+    misdeed: Misdeed, ranges: list[str | None], web: Web, part: Path, patience: Patience
+):
+    web.files["/file"] = CONTENT
+    web.misdeeds["/file"] = [misdeed]
+    fetch(f"{web.url}/file", part, _nothing, patience)
+    assert part.read_bytes() == CONTENT
+    assert web.asked_for("/file") == ranges
+
+
+@pytest.mark.parametrize(
+    "misdeed",
+    [
+        Misdeed(ignores_range=True),
+        Misdeed(content_range="bytes 7-8/9"),
+        Misdeed(content_range="nonsense"),
+        Misdeed(status=416),
+    ],
+    ids=["ignores the range", "another range", "no range", "no such range"],
+)
+def test_fetch__a_server_that_cannot_go_on_is_asked_for_all(misdeed: Misdeed, web: Web, part: Path, patience: Patience):
+    web.files["/file"] = CONTENT
+    web.misdeeds["/file"] = [misdeed]
+    part.write_bytes(b"x" * 1000)
+    fetch(f"{web.url}/file", part, _nothing, patience)
+    assert part.read_bytes() == CONTENT
+
+
+def test_fetch__pauses_grow_and_follow_the_server(web: Web, part: Path, patience: Patience, pauses: list[float]):
+    web.files["/file"] = CONTENT
+    web.misdeeds["/file"] = [Misdeed(status=500), Misdeed(status=503, headers={"Retry-After": "9"})]
+    fetch(f"{web.url}/file", part, _nothing, patience)
+    assert pauses == [1.0, 9.0]
+
+
+def test_fetch__new_bytes_give_new_tries(web: Web, part: Path, patience: Patience):
+    web.files["/file"] = CONTENT
+    web.misdeeds["/file"] = [Misdeed(breaks_after=20_000)] * 6
+    fetch(f"{web.url}/file", part, _nothing, patience)
+    assert part.read_bytes() == CONTENT
+
+
+def test_fetch__a_server_that_stays_broken_is_given_up_and_what_came_is_kept(web: Web, part: Path, patience: Patience):
+    web.files["/file"] = CONTENT
+    web.misdeeds["/file"] = [Misdeed(breaks_after=5000)] + [Misdeed(resets=True)] * 3
+    with pytest.raises(InterruptionError, match=r"no proper answer.*asked 3 times"):
+        fetch(f"{web.url}/file", part, _nothing, patience)
+    assert part.read_bytes() == CONTENT[:5000]
+
+
+def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, patience: Patience, pauses: list[float]):
+    web.misdeeds["/file"] = [Misdeed(status=429, headers={"Retry-After": "3600"})]
+    with pytest.raises(InterruptionError, match=r"answers 429.*asked once"):
+        fetch(f"{web.url}/file", part, _nothing, patience)
+    assert pauses == []
+
+
+@pytest.mark.parametrize(
+    ("misdeed", "message"),
+    [
+        (Misdeed(status=404), r"/file: the server answers 404 Not Found"),
+        (Misdeed(status=401), r"/file: the server answers 401"),
+        (Misdeed(content=b"", headers={"Content-Length": str(10**12)}), "no file of the release has more than"),
+    ],
+)
+def test_fetch__a_refusal_is_final(misdeed: Misdeed, message: str, web: Web, part: Path, patience: Patience):
+    web.misdeeds["/file"] = [misdeed]
+    with pytest.raises(CorpusError, match=message):
+        fetch(f"{web.url}/file", part, _nothing, patience)
+    assert len(web.asked) == 1
+
+
+def test_fetch__without_a_server_the_host_is_named(part: Path, patience: Patience, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        host = f"127.0.0.1:{unused.getsockname()[1]}"
+        with pytest.raises(InterruptionError, match=rf"^{host}: cannot be reached: .*refused"):
+            fetch(f"http://{host}/file", part, _nothing, patience)
+
+
+def test_fetch_text__an_answer_cut_short_is_asked_for_again(web: Web, patience: Patience):
+    web.files["/text"] = "caf\u00e9".encode()
+    web.misdeeds["/text"] = [Misdeed(breaks_after=2)]
+    assert fetch_text(f"{web.url}/text", patience) == "caf\u00e9"
+
+
+@pytest.mark.parametrize("url", ["file:///etc/passwd", "ftp://host/file", "host/file", "http://"])
+def test_fetch__other_urls_are_refused(url: str, part: Path, patience: Patience):
+    with pytest.raises(CorpusError, match="a URL starts with http:// or https://"):
+        fetch(url, part, _nothing, patience)
+    with pytest.raises(CorpusError, match="a URL starts with"):
+        fetch_text(url, patience)
+
+
+@pytest.fixture
+def repository(web: Web, small_release: dict[str, bytes]) -> GitHub:
+    """The small release, in two directories of a repository."""
+    files = {f"some/where/{SCRATCH}": small_release[SCRATCH], f"else where/{FLIPIT}": small_release[FLIPIT]}
+    web.serve_repository(REPOSITORY, COMMIT, {**files, "README.md": b"Read me."})
+    return GitHub(api_url=web.url, raw_url=web.url)
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    return tmp_path / "cache" / "lilgym"
+
+
+Download = Callable[..., Any]
+
+
+@pytest.fixture
+def download(repository: GitHub, target: Path, patience: Patience) -> Download:
+    return lambda: download_official(repository, [SCRATCH, FLIPIT], target, patience=patience)
+
+
+def _scratch_path(web: Web) -> str:
+    return f"/{REPOSITORY}/{COMMIT}/some/where/{SCRATCH}"
+
+
+def test_download__installs_what_load_tasks_reads(download: Download, target: Path):
+    installation = download()
+    assert [task.id for task in load_tasks(target, "tower", "flipit", "test")] == ["blue-yes", "blue-no", "pair-no"]
+    assert (installation.revision, installation.source) == (COMMIT, f"{REPOSITORY} at HEAD")
+    assert read_installation(target) == installation
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_download__goes_on_after_an_interruption(download: Download, target: Path, web: Web):
+    broken = Misdeed(breaks_after=10)
+    web.misdeeds[_scratch_path(web)] = [broken, *[Misdeed(resets=True)] * 3]
+    with pytest.raises(InterruptionError):
+        download()
+    assert not target.exists()
+    download()
+    assert web.asked_for(_scratch_path(web))[-1] == "bytes=10-"
+    assert read_installation(target) is not None
+
+
+def test_download__files_that_came_whole_are_not_asked_for_again(download: Download, target: Path, web: Web):
+    second = next(path for path in web.files if path.endswith(FLIPIT))
+    web.misdeeds[second] = [Misdeed(resets=True)] * 3
+    with pytest.raises(InterruptionError):
+        download()
+    download()
+    assert len(web.asked_for(_scratch_path(web))) == 1
+
+
+def test_download__wrong_bytes_are_refused_and_removed(download: Download, target: Path, web: Web):
+    content = web.files[_scratch_path(web)]
+    web.misdeeds[_scratch_path(web)] = [Misdeed(content=content.replace(b"Blue", b"Pink"))]
+    with pytest.raises(CorpusError, match=r"tower_scratch_test.json: checksum mismatch: Git object id"):
+        download()
+    assert list(target.parent.iterdir()) == []
+
+
+def test_download__a_spoilt_beginning_is_fetched_anew(download: Download, target: Path, web: Web):
+    web.misdeeds[_scratch_path(web)] = [
+        Misdeed(content=b"?" * 10, headers={"Content-Length": "90"}),
+        *[Misdeed(resets=True)] * 3,
+    ]
+    with pytest.raises(InterruptionError):
+        download()
+    download()
+    assert web.asked_for(_scratch_path(web))[-2:] == ["bytes=10-", None]
+    assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
+
+
+def test_download__a_repository_without_the_files_is_refused_by_name(
+    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+):
+    web.serve_repository(REPOSITORY, COMMIT, {f"data/{SCRATCH}": small_release[SCRATCH]})
+    with pytest.raises(CorpusError, match=rf"{REPOSITORY} at HEAD: has no {FLIPIT}; .*lilgym-mp data import"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH, FLIPIT], target, patience=patience)
+    assert list(target.parent.iterdir()) == []
+
+
+def test_download__two_different_files_of_one_name_are_refused(
+    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+):
+    web.serve_repository(REPOSITORY, COMMIT, {f"a/{SCRATCH}": small_release[SCRATCH], f"b/{SCRATCH}": b"{}"})
+    with pytest.raises(CorpusError, match=f"several different files {SCRATCH}"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+
+
+@pytest.mark.parametrize("answer", [b"<html>", b"[]", b'{"sha": 1}'])
+def test_download__a_listing_that_is_none_is_refused(answer: bytes, web: Web, target: Path, patience: Patience):
+    web.files[f"/repos/{REPOSITORY}/commits/HEAD"] = answer
+    with pytest.raises(CorpusError, match=r"the answer cannot be read|no JSON object|404"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+    assert not target.exists()
+
+
+def test_download__an_exhausted_allowance_tells_when_to_come_back(web: Web, target: Path, patience: Patience):
+    web.misdeeds[f"/repos/{REPOSITORY}/commits/HEAD"] = [Misdeed(status=403, headers={"X-RateLimit-Remaining": "0"})]
+    with pytest.raises(InterruptionError, match="takes no more requests for now; try again in an hour"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+
+
+def test_download__a_web_directory_needs_no_listing(
+    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+):
+    web.files.update({f"/mirror/{name}": content for name, content in small_release.items()})
+    installation = download_official(WebDirectory(f"{web.url}/mirror/"), [SCRATCH, FLIPIT], target, patience=patience)
+    assert installation.revision is None
+    assert {file.name: str(file.proof) for file in installation.files} == {
+        SCRATCH: "content digest",
+        FLIPIT: "numbers and labels",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        (
+            SCRATCH,
+            "Blue is",
+            "Pink is",
+            r"scratch_test\.json: is not the file of release 0\.0\.1.*content digest",
+        ),
+        (SCRATCH, '"7"', '"6": {"sentence": "a", "lf": "exist(all_items)"}, "7"', "has 2 entries; that of .* has 1"),
+        (FLIPIT, '"false"', '"true"', "label is true but the program says false"),
+        (FLIPIT, "{", "", "not JSON"),
+    ],
+    ids=["another statement", "another number", "a wrong label", "broken"],
+)
+def test_download__files_of_another_version_are_refused_and_removed(
+    name: str,
+    old: str,
+    new: str,
+    message: str,
+    web: Web,
+    small_release: dict[str, bytes],
+    target: Path,
+    patience: Patience,
+):
+    spoilt = {**small_release, name: small_release[name].decode().replace(old, new, 1).encode()}
+    web.files.update({f"/{name}": content for name, content in spoilt.items()})
+    with pytest.raises(CorpusError, match=message):
+        download_official(WebDirectory(web.url), [SCRATCH, FLIPIT], target, patience=patience)
+    assert list(target.parent.iterdir()) == []
+
+
+def test_download__a_disk_too_small_is_told_before_anything_comes(
+    download: Download, target: Path, web: Web, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 5}))
+    with pytest.raises(CorpusError, match=r"no space left on the disk of .*: the files need \d+ bytes, 5 are free"):
+        download()
+    assert not web.asked_for(_scratch_path(web))
+    assert list(target.parent.iterdir()) == []
+
+
+def test_download__a_disk_that_fills_up_leaves_nothing(
+    download: Download, target: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("lilgym_mp.corpus.fetching._copy", full)
+    with pytest.raises(CorpusError, match=r"no space left on the disk of .*; nothing was installed"):
+        download()
+    assert list(target.parent.iterdir()) == []
+
+
+def test_download__progress_is_told_by_file(
+    repository: GitHub, small_release: dict[str, bytes], target: Path, patience: Patience
+):
+    seen: dict[str, int] = {}
+
+    def progress(name: str, have: int, total: int | None) -> None:
+        assert total == len(small_release[name])
+        seen[name] = have
+
+    download_official(repository, [SCRATCH, FLIPIT], target, progress, patience)
+    assert seen == {name: len(content) for name, content in small_release.items()}
+
+
+def test_download__the_listing_names_the_files_of_the_commit_that_was_asked(
+    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+):
+    web.serve_repository(REPOSITORY, COMMIT, {SCRATCH: small_release[SCRATCH]})
+    web.files[f"/repos/{REPOSITORY}/commits/v1"] = json.dumps({"sha": COMMIT}).encode()
+    source = GitHub(revision="v1", api_url=web.url, raw_url=web.url)
+    assert download_official(source, [SCRATCH], target, patience=patience).source == f"{REPOSITORY} at v1"

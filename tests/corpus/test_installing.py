@@ -1,0 +1,167 @@
+"""Installing the official corpus from a directory: whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
+from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.installing import import_official, read_installation, staging_area
+from lilgym_mp.corpus.official import FACTS, STATEMENT_COUNT, content_digest, official_names
+from lilgym_mp.corpus.released import ReleasedFile
+
+SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"
+NAMES = [SCRATCH, FLIPIT]
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    return tmp_path / "cache" / "lilgym"
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, small_release: dict[str, bytes]) -> Path:
+    """A checkout whose files lie in different directories, one of them twice."""
+    for name, place in ((SCRATCH, "data"), (FLIPIT, "data/deep"), (FLIPIT, "copy")):
+        path = tmp_path / "checkout" / place / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(small_release[name])
+    return tmp_path / "checkout"
+
+
+def test_import__files_are_found_wherever_they_lie(checkout: Path, target: Path):
+    installation = import_official(checkout, NAMES, target)
+    assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
+    assert installation.source == str(checkout)
+    assert read_installation(target) == installation
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_import__missing_files_are_named(checkout: Path, target: Path):
+    (checkout / "data" / SCRATCH).unlink()
+    with pytest.raises(CorpusError, match=rf"lacks {SCRATCH}; it has {FLIPIT}"):
+        import_official(checkout, NAMES, target)
+    with pytest.raises(CorpusError, match="it has none of the released files"):
+        import_official(checkout / "data" / "deep", [SCRATCH], target)
+    assert not target.parent.exists()
+
+
+def test_import__no_directory_is_refused(tmp_path: Path, target: Path):
+    with pytest.raises(CorpusError, match="nowhere: no such directory"):
+        import_official(tmp_path / "nowhere", NAMES, target)
+
+
+def test_import__two_different_files_of_one_name_are_refused(checkout: Path, target: Path):
+    (checkout / "copy" / FLIPIT).write_text("{}")
+    with pytest.raises(CorpusError, match=f"several different files {FLIPIT}"):
+        import_official(checkout, NAMES, target)
+
+
+def test_import__files_of_another_version_leave_what_was_installed(checkout: Path, target: Path):
+    first = import_official(checkout, NAMES, target)
+    (checkout / "data" / SCRATCH).write_text('{"7": {"sentence": "Other.", "lf": "exist(all_items)"}}')
+    with pytest.raises(CorpusError, match=rf"^{SCRATCH}: is not the file of release 0\.0\.1"):
+        import_official(checkout, NAMES, target)
+    assert read_installation(target) == first
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_import__takes_the_place_of_what_was_installed(checkout: Path, target: Path):
+    import_official(checkout, NAMES, target)
+    import_official(checkout, [SCRATCH], target)
+    assert sorted(path.name for path in target.iterdir()) == ["installed.json", SCRATCH]
+
+
+def test_install__a_swap_that_was_cut_short_is_undone(checkout: Path, target: Path):
+    first = import_official(checkout, NAMES, target)
+    target.rename(target.with_name("lilgym.previous"))
+    with pytest.raises(CorpusError, match="lacks"):
+        import_official(checkout, [*NAMES, "tower_scratch_dev.json"], target)
+    with pytest.raises(RuntimeError), staging_area(target, "x"):
+        raise RuntimeError
+    assert read_installation(target) == first
+
+
+def test_staging__is_for_one_at_a_time(target: Path):
+    message = "another process is installing the official corpus"
+    with staging_area(target, "here"), pytest.raises(CorpusError, match=message), staging_area(target, "there"):
+        pass
+    assert list(target.parent.iterdir()) == []
+
+
+def _interrupted(target: Path, source: str) -> None:
+    with contextlib.suppress(KeyboardInterrupt), staging_area(target, source) as files:
+        (files / "a").write_text("kept")
+        raise KeyboardInterrupt
+
+
+def test_staging__files_are_kept_for_the_same_source(target: Path):
+    _interrupted(target, "here")
+    with staging_area(target, "here") as files:
+        assert (files / "a").read_text() == "kept"
+    assert list(target.parent.iterdir()) == []
+
+
+def test_staging__files_from_another_source_are_not_used(target: Path):
+    _interrupted(target, "here")
+    with staging_area(target, "there") as files:
+        assert list(files.iterdir()) == []
+
+
+def test_staging__a_place_that_cannot_be_written_is_named(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(CorpusError, match=r"file.*cannot be written"),
+        staging_area(tmp_path / "file" / "lilgym", "here"),
+    ):
+        pass
+
+
+def test_check__changed_and_lost_files_of_an_installation_are_faults(checkout: Path, target: Path):
+    import_official(checkout, NAMES, target)
+    assert check_corpus(target).ok
+    text = (target / FLIPIT).read_text()
+    (target / FLIPIT).write_text(text + " ")
+    (target / SCRATCH).unlink()
+    assert [str(fault).rsplit(os.sep, 1)[-1] for fault in check_corpus(target).faults] == [
+        f"{SCRATCH}: is gone; it was there at installation",
+        f"{FLIPIT}: has changed since installation (its SHA-256 is another)",
+    ]
+
+
+def test_check__a_broken_record_of_the_installation_is_a_fault(checkout: Path, target: Path):
+    import_official(checkout, NAMES, target)
+    for record in ("{", "{}", '{"format": "other", "version": 1}', '{"format": "lilgym_mp-official", "version": 1}'):
+        (target / "installed.json").write_text(record)
+        assert any("installed.json: cannot be read" in str(fault) for fault in check_corpus(target).faults)
+
+
+def test_facts__every_released_file_has_its_numbers():
+    assert set(FACTS) == set(official_names())
+    scratch = sum(facts.tasks for name, facts in FACTS.items() if "scratch" in name)
+    assert STATEMENT_COUNT < scratch == 2_959
+
+
+def test_import__the_official_dev_files_are_known_by_content(official_data: Path, target: Path):
+    installation = import_official(official_data, official_names(["dev"]), target)
+    assert [(file.proof, file.remark) for file in installation.files] == [("content digest", None)] * 4
+
+
+def test_import__the_official_files_without_test_are_partial(official_data: Path, target: Path):
+    with pytest.raises(CorpusError, match=r"lacks scatter_flipit_test\.json, scatter_scratch_test\.json, "):
+        import_official(official_data, official_names(), target)
+
+
+def test_content_digest__blanks_and_order_of_keys_do_not_matter(tmp_path: Path):
+    compact = '{"a":{"sentence":"S.","lf":"exist(all_items)","label":"true","structured_rep":[[],[],[]]}}'
+    spread = '{ "a": {"structured_rep": [[ ], [ ], [ ]], "label": "true", "lf": "exist(all_items)", "sentence": "S."} }'
+    other = compact.replace("true", "false")
+    digests = []
+    for text in (compact, spread, other):
+        (tmp_path / "file").write_text(text)
+        digests.append(content_digest(ReleasedFile(tmp_path / "file", "flipit").records(FaultLog(stop_at_first=True))))
+    assert digests[0] == digests[1] != digests[2]
