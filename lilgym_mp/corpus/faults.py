@@ -9,6 +9,10 @@ class CorpusError(ValueError):
     """A corpus that cannot be used: names the file, the line or entry, and the fault."""
 
 
+class NoTasksError(CorpusError):
+    """A corpus without tasks for the configuration and split asked for."""
+
+
 class InterruptionError(CorpusError):
     """A download that stopped half-way and can go on later."""
 

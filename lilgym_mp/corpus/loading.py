@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus.faults import CorpusError, FaultLog
+from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.places import corpus_path
 from lilgym_mp.corpus.records import SPLITS, STARTS
@@ -26,7 +27,8 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
 
     `corpus` is "builtin", "lilgym" (the official one), the path of a corpus file, or of a directory of released
     JSON files. A set is read once per process, until its file changes.
-    Raises CorpusError naming file, entry and fault; ValueError for an unknown appearance, start or split.
+    Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks; ValueError for an unknown
+    appearance, start or split.
     """
     choose("appearance", appearance, APPEARANCES)
     choose("start", start, STARTS)
@@ -35,6 +37,20 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
         file = released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)
         return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)
+
+
+def load_all_tasks(corpus: str | os.PathLike[str]) -> Iterator[TaskSet]:
+    """The task sets that a corpus has, by appearance, start and split. Raises CorpusError when it has none."""
+    found = False
+    for appearance, start, split in product(APPEARANCES, STARTS, SPLITS):
+        try:
+            tasks = load_tasks(corpus, appearance, start, split)
+        except NoTasksError:
+            continue
+        found = True
+        yield tasks
+    if not found:
+        raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks")
 
 
 def _status(file: Path) -> os.stat_result:
@@ -58,7 +74,7 @@ def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, st
         provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
         tasks = TaskSet(TaskReader(appearance, faults).tasks(records), provenance)
     if not tasks:
-        raise CorpusError(f"{source.path}: has no tasks for {provenance}")
+        raise NoTasksError(f"{source.path}: has no tasks for {provenance}")
     return tasks
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.faults import CorpusError, FaultLog
+from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.records import (
     FLIPIT,
     SPLITS,
@@ -39,13 +39,13 @@ ALL_FILE_NAMES = tuple(
 def released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
     """The released file of one configuration and split.
 
-    Raises CorpusError naming the file looked for and the released files that are there.
+    Raises NoTasksError naming the file looked for and the released files that are there.
     """
     path = directory / file_name(appearance, start, split)
     if not path.exists():
         there = [name for name in ALL_FILE_NAMES if (directory / name).exists()]
         found = f"of the released files it has {listed(there)}" if there else "it has none of the released files"
-        raise CorpusError(f"{directory}: lacks {path.name}; {found}")
+        raise NoTasksError(f"{directory}: lacks {path.name}; {found}")
     return path
 
 

@@ -49,6 +49,11 @@ def word_name(node: Node) -> str | None:
     return node.word.name if isinstance(node, Call | WordName) else None
 
 
+def word_names(tree: Node) -> set[str]:
+    """The names of all words that the tree uses."""
+    return {name for node in nodes(tree) if (name := word_name(node)) is not None}
+
+
 def uses(tree: Node, *names: str) -> bool:
     return any(word_name(node) in names for node in nodes(tree))
 

@@ -1,0 +1,134 @@
+"""What a corpus's statistics count, and the charts of them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.corpus.charts import Series, bar_chart, write_charts
+from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.phenomena import Phenomenon
+from lilgym_mp.corpus.statistics import CorpusStatistics, corpus_statistics
+
+Entries = list[dict[str, Any]]
+Writer = Callable[..., Path]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture
+def statistics(entries: Entries, written: Writer) -> CorpusStatistics:
+    """Of two train statements about towers, and of three of dev that share one with them, and a form."""
+    program = "count(filter_color(all_items, Color.BLACK)) == 3"
+    dev = [("again", "blue is HERE"), ("form", "Black is here."), ("new", "Nothing alike at all.")]
+    entries += [
+        {**entries[0], "id": name, "split": "dev", "statement": statement, "program": program, "starts": []}
+        for name, statement in dev
+    ]
+    return corpus_statistics(written(entries))
+
+
+def test_all_tasks__sets_that_are_not_there_are_left_out(entries: Entries, written: Writer):
+    found = [
+        (s.provenance.appearance, s.provenance.start, s.provenance.split) for s in load_all_tasks(written(entries))
+    ]
+    assert found == [
+        ("tower", "scratch", "train"),
+        ("tower", "flipit", "train"),
+        ("scatter", "scratch", "dev"),
+        ("scatter", "flipit", "dev"),
+    ]
+
+
+def test_all_tasks__a_corpus_without_any_is_refused(written: Writer, tmp_path: Path):
+    with pytest.raises(NoTasksError, match="has no tasks"):
+        list(load_all_tasks(written([])))
+    with pytest.raises(NoTasksError, match="has no tasks"):
+        list(load_all_tasks(tmp_path))
+
+
+def test_all_tasks__a_faulty_corpus_is_refused(entries: Entries, written: Writer):
+    entries[0]["program"] = "exist("
+    with pytest.raises(CorpusError, match="never closed"):
+        corpus_statistics(written(entries))
+
+
+def test_statistics__tasks_and_contexts_are_counted(statistics: CorpusStatistics):
+    counts = {(c.appearance, c.start, c.split): (c.tasks, c.contexts, c.true_at_start) for c in statistics.counts}
+    assert counts["tower", "flipit", "train"] == (3, 3, 1)
+    assert counts["tower", "scratch", "dev"] == (3, 3, 0)
+    assert all(count.paper is None for count in statistics.counts)
+
+
+def test_statistics__statements_words_and_forms_are_counted(statistics: CorpusStatistics):
+    train, dev, _ = statistics.statements
+    assert (train.appearance, train.split, len(train.programs)) == ("tower", "train", 2)
+    assert train.vocabulary == {"blue", "is", "here", "two", "blocks", "it's", "all"}
+    assert dev.word_counts == [3, 3, 4]
+    assert dev.forms == {"COLOUR is here", "nothing alike at all"}
+    assert statistics.statement_count == 6
+
+
+def test_statistics__phenomena_and_program_words_are_counted_by_statement(statistics: CorpusStatistics):
+    train, dev, _ = statistics.statements
+    assert train.phenomena == {Phenomenon.EXISTENCE: 1, Phenomenon.EXACT_CARDINALITY: 1}
+    assert dev.program_words == {"count": 3, "filter_color": 3}
+
+
+def test_statistics__what_stands_in_train_is_seen_whatever_its_case(statistics: CorpusStatistics):
+    _, dev, scatter = statistics.statements
+    assert statistics.overlap(dev) == (3, 1, 2, 4)
+    assert statistics.overlap(scatter) is None
+
+
+def test_statistics__released_files_are_held_against_the_paper(released: Path):
+    paper = {count.start: count.paper for count in corpus_statistics(released).counts}
+    assert paper["flipit"] is not None
+    assert (paper["flipit"].tasks, paper["flipit"].contexts) == (1_383, 619)
+
+
+def test_statistics__of_the_official_dev_split(official_data: Path, tmp_path: Path):
+    for name in ("tower_scratch_train", "tower_scratch_dev"):
+        (tmp_path / f"{name}.json").symlink_to(official_data / f"{name}.json")
+    statistics = corpus_statistics(tmp_path)
+    assert [count.true_at_start for count in statistics.counts] == [25, 4]  # as the paper's authors found
+    assert statistics.overlap(statistics.statements[1]) == (163, 70, 104, 4)
+
+
+def _texts(chart: str) -> list[str | None]:
+    return [element.text for element in ElementTree.fromstring(chart).iter(f"{SVG}text")]
+
+
+def test_chart__bars_are_as_long_as_their_values():
+    series = [Series("one", "#111111", [1, 2]), Series("two", "#222222", [4, 0])]
+    chart = bar_chart("Title", ["a < b", "c & d"], series, " %")
+    bars = [rect for rect in ElementTree.fromstring(chart).iter(f"{SVG}rect") if rect.get("x") == "200"]
+    lengths = [float(rect.get("width", "")) for rect in bars]
+    assert lengths == pytest.approx([lengths[1] / 4, 500, lengths[1] / 2, 0])
+    assert {"Title", "a < b", "c & d", "one", "two", "4 %"} <= set(_texts(chart))
+
+
+def test_chart__without_any_value_is_a_chart():
+    assert ElementTree.fromstring(bar_chart("Nothing", [], [])).tag == f"{SVG}svg"
+
+
+def test_chart__a_series_of_the_wrong_length_is_refused():
+    with pytest.raises(ValueError, match="series 'one' has 1 values for 2 categories"):
+        bar_chart("Title", ["a", "b"], [Series("one", "red", [1])])
+
+
+def test_charts__of_a_corpus_are_written(statistics: CorpusStatistics, tmp_path: Path):
+    paths = write_charts(statistics, tmp_path / "new" / "charts")
+    assert [path.name for path in paths] == [
+        "phenomena.svg",
+        "program_words.svg",
+        "statement_lengths.svg",
+        "seen_in_train.svg",
+    ]
+    seen = _texts(paths[-1].read_text(encoding="utf-8"))
+    assert {"tower dev", "33 %", "67 %"} <= set(seen)
