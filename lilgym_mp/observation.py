@@ -47,8 +47,10 @@ def observation_space(image_size: str, tasks: Iterable[Task]) -> spaces.Dict:
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:
-    """How many items a box can come to have: those it starts with, and one for each action."""
-    return max(len(box.items) for task in tasks for box in task.start.boxes) + dynamics.horizon
+    """How many items a box can come to have: those it starts with and one for each action, if it holds so many."""
+    reachable = max(len(box.items) for task in tasks for box in task.start.boxes) + dynamics.horizon
+    capacity = dynamics.appearance.box_capacity
+    return reachable if capacity is None else min(reachable, capacity)
 
 
 def item_array(scene: Scene, capacity: int) -> Int16Array:

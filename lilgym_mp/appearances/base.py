@@ -43,6 +43,11 @@ class Appearance(Protocol):
     @property
     def action_count(self) -> int: ...
 
+    @property
+    def box_capacity(self) -> int | None:
+        """The most items that a box can hold; None where only geometry limits it."""
+        ...
+
     def decode(self, index: int) -> Action:
         """The action numbered `index`, which must be in range."""
         ...

@@ -127,6 +127,10 @@ class Scatter:
         return self._first_remove + columns * rows
 
     @property
+    def box_capacity(self) -> None:
+        return None
+
+    @property
     def is_native(self) -> bool:
         """Whether a cell is one pixel: then items go exactly there, without search and snapping."""
         return self.cell == (1, 1)

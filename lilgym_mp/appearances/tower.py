@@ -6,12 +6,13 @@ Source: SPEC sections 1, 3 and 4.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
@@ -23,7 +24,7 @@ LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
 CAPACITY = len(LEVEL_Y)
 SLOT_NAMES = ("type", "box", "colour")
 
-ACTIONS: tuple[Action, ...] = (
+ACTIONS: tuple[TowerAction, ...] = (
     STOP,
     *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
     *(RemoveBlock(box) for box in range(BOX_COUNT)),
@@ -92,6 +93,49 @@ def _fault(box: Box) -> str:
     raise AssertionError("this is a tower")
 
 
+class TowerTables(NamedTuple):
+    """The 121 boxes by number, the empty one first, as arrays to index by many boxes at once."""
+
+    boxes: Sequence[Box]  # (121,)
+    numbers: Mapping[tuple[Item, ...], int]  # by items
+    after: NDArray[np.int64]  # (121, 4) number of the box after adding each colour, removing; -1 where invalid
+    colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
+    action_box: NDArray[np.int64]  # (13,) box that an action is about; 0 for STOP
+    action_edit: NDArray[np.int64]  # (13,) column of `after`; 0 for STOP
+
+
+EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # by column of `after`
+
+
+@cache
+def tower_tables() -> TowerTables:
+    boxes = tuple(_boxes().values())
+    numbers = {box.items: number for number, box in enumerate(boxes)}
+    stacks = [_stack(box) for box in boxes]
+    edits = [(*stack.with_block, stack.without_top) for stack in stacks]
+    colours = np.full((len(boxes), CAPACITY), -1, np.int8)
+    for number, box in enumerate(boxes):
+        colours[number, : len(box.items)] = [item.colour for item in box.items]
+    return TowerTables(
+        boxes,
+        numbers,
+        after=np.array([[-1 if box is None else numbers[box.items] for box in row] for row in edits]),
+        colours=colours,
+        action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
+        action_edit=np.array([_edit_number(action) for action in ACTIONS]),
+    )
+
+
+def _edit_number(action: TowerAction) -> int:
+    match action:
+        case AddBlock():
+            return action.colour
+        case RemoveBlock():
+            return len(Colour)
+        case Stop():
+            return 0
+
+
 @dataclass(frozen=True, slots=True)
 class Tower:
     """13 actions: STOP, ADD(box, colour) for 3 boxes x 3 colours, REMOVE(box) for 3 boxes."""
@@ -103,6 +147,10 @@ class Tower:
     @property
     def action_count(self) -> int:
         return len(ACTIONS)
+
+    @property
+    def box_capacity(self) -> int:
+        return CAPACITY
 
     def decode(self, index: int) -> Action:
         return ACTIONS[index]

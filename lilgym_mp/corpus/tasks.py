@@ -54,25 +54,29 @@ class Provenance:
 class TaskSet(Sequence[Task]):
     """The tasks of one configuration and split, in file order; immutable and shared."""
 
-    __slots__ = ("_by_id", "_tasks", "provenance")
+    __slots__ = ("_numbers", "_tasks", "provenance")
 
     def __init__(self, tasks: Iterable[Task], provenance: Provenance) -> None:
         self._tasks = tuple(tasks)
-        self._by_id = {task.id: task for task in self._tasks}
+        self._numbers = {task.id: number for number, task in enumerate(self._tasks)}
         self.provenance = provenance
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Every task's id, in file order."""
-        return tuple(self._by_id)
+        return tuple(self._numbers)
 
     def by_id(self, task_id: str) -> Task:
         """The task called `task_id`. Raises ValueError naming it, the set, and ids that look like it."""
-        task = self._by_id.get(task_id)
-        if task is None:
+        return self._tasks[self.number(task_id)]
+
+    def number(self, task_id: str) -> int:
+        """The place of the task called `task_id`. Raises ValueError as `by_id` does."""
+        number = self._numbers.get(task_id)
+        if number is None:
             close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")
-        return task
+        return number
 
     @overload
     def __getitem__(self, index: int) -> Task: ...

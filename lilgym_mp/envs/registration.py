@@ -23,5 +23,6 @@ def register_all() -> None:
                 gym.register(
                     id=name,
                     entry_point="lilgym_mp.envs.single:LilGymEnv",
+                    vector_entry_point="lilgym_mp.envs.batched:BatchedEnv",
                     kwargs={"appearance": appearance, "start": start},
                 )

@@ -10,10 +10,11 @@ from typing import Any, SupportsFloat, SupportsIndex, cast
 import gymnasium as gym
 from gymnasium import spaces
 
-from lilgym_mp.actions import ActionError, describe
+from lilgym_mp.actions import ActionError
 from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.window import Window
 from lilgym_mp.observation import Observation, observation_space
 from lilgym_mp.render import Canvas, UInt8Array, frame, text
@@ -61,8 +62,9 @@ class LilGymEnv(gym.Env[Observation, int]):
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
         self.observation_space = cast("spaces.Space[Observation]", observation_space(image_size, self.tasks))
         self._state: State | None = None
-        self._last: Transition | None = None
-        self._last_action: int | None = None
+        self._last: LastAction | None = None
+        self._ended = False
+        self._decode = self.dynamics.appearance.decode
         self._window: Window | None = None
 
     def reset(
@@ -73,7 +75,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         task = self._chosen_task(options or {})
         self._state = self.dynamics.start(task)
         self._last = None
-        self._last_action = None
+        self._ended = False
         if self.render_mode == "human":
             self.render()
         return self._observe(self._state), {"task": task.id}
@@ -89,24 +91,19 @@ class LilGymEnv(gym.Env[Observation, int]):
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Raises ActionError for a number out of range, ResetNeeded before reset and after the end."""
         state = self._state
-        if state is None or (self._last is not None and (self._last.terminated or self._last.truncated)):
+        if state is None or self._ended:
             when = "before the first reset" if state is None else "after the end of the episode"
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
         index = self._checked(action)
-        transition = self.dynamics.step(state, self.dynamics.appearance.decode(index))
-        self._state = transition.state
-        self._last = transition
-        self._last_action = index
+        transition = self.dynamics.step(state, self._decode(index))
+        self._state = state = transition.state
+        _, _, reward, terminated, truncated, _ = verdict = transition.verdict
+        self._last = LastAction(index, verdict, transition.invalid)
+        self._ended = terminated or truncated
         if self.render_mode == "human":
             self.render()
-        info = {} if transition.outcome is Outcome.CONTINUES else end_info(transition)
-        return (
-            self._observe(transition.state),
-            transition.reward,
-            transition.terminated,
-            transition.truncated,
-            info,
-        )
+        info = end_info(transition) if self._ended else {}
+        return self._observe(state), reward, terminated, truncated, info
 
     def _checked(self, action: SupportsIndex) -> int:
         count = self.dynamics.appearance.action_count
@@ -165,26 +162,17 @@ class LilGymEnv(gym.Env[Observation, int]):
     def render(self) -> UInt8Array | str | None:
         """By render mode: an (288, 760, 3) picture with a caption, a text, or None after showing a window."""
         if self.render_mode == "ansi":
-            return text(self.scene, self._caption())
+            return text(self.scene, self._lines())
         if self.render_mode == "rgb_array":
-            return frame(self.scene, self._caption())
+            return frame(self.scene, self._lines())
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window(RENDER_FPS)
-            self._window.show(frame(self.scene, self._caption()))
+            self._window.show(frame(self.scene, self._lines()))
         return None
 
-    def _caption(self) -> list[str]:
-        state, last = self.state, self._last
-        lines = [
-            state.task.statement,
-            f"Make it {state.task.target}.  Action {state.steps} of {self.dynamics.horizon}.",
-        ]
-        if last is not None and self._last_action is not None:
-            name = describe(self.dynamics.appearance.decode(self._last_action))
-            reason = f" ({last.invalid})" if last.invalid else ""
-            lines.append(f"{name}: {last.outcome}{reason}, reward {last.reward:+.1f}")
-        return lines
+    def _lines(self) -> list[str]:
+        return caption(self.state, self.dynamics, self._last)
 
     def close(self) -> None:
         if self._window is not None:

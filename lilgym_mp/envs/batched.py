@@ -1,0 +1,346 @@
+"""N environments in one process, stepped together behind Gymnasium's vector interface."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, BoolArray, Float64Array, Int64Array
+from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
+from lilgym_mp.observation import Int16Array, Observation, observation_space
+from lilgym_mp.render import UInt8Array, frame, text
+from lilgym_mp.rules import Dynamics, State
+
+RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
+RESET_OPTIONS = ("reset_mask", "task")
+_REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
+
+Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
+Infos = dict[str, Any]
+
+
+class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
+    """What the batched and the worker environment have in common: all but who steps the environments."""
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    dynamics: Dynamics
+    tasks: TaskSet
+    single_action_space: spaces.Discrete
+    single_observation_space: spaces.Dict
+
+    def __init__(self, settings: Settings, block: Block, *, render_mode: str | None, copy: bool) -> None:
+        self.num_envs = settings.num_envs
+        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
+        self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
+        self.copy = copy
+        self.dynamics = settings.dynamics()
+        self.tasks = settings.tasks()
+        self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
+        self.single_observation_space = observation_space(settings.image_size, self.tasks)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
+        self._autoreset = settings.autoreset
+        self._evaluation = settings.evaluation
+        self._block = block
+        self._verdicts = VerdictTable.of(self.dynamics)
+        self._targets = np.array([task.target for task in self.tasks], np.int64)
+        self._statements = np.array([task.statement for task in self.tasks], object)
+        self._task_ids = np.array(self.tasks.ids, object)
+        self._seeds: list[int | None] = [None] * self.num_envs
+        self._evaluated = 0
+
+    @abstractmethod
+    def _reset(self, order: Reset) -> None: ...
+
+    @abstractmethod
+    def _step(self) -> None: ...
+
+    @abstractmethod
+    def _write(self, what: str) -> None:
+        """Brings the block's "mask", "goal" or "items" up to date."""
+
+    @abstractmethod
+    def _states(self) -> list[State]: ...
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observations, Infos]:
+        """Begins an episode in every environment, or where `options["reset_mask"]`, (N,) bool, is true.
+
+        `seed`: s gives environment i the seed s + i, a sequence gives each its own, None lets generators go on.
+        `options["task"]`: a task's id for all, or one for each environment (None: drawn).
+        Raises ValueError naming what is wrong with an option, a seed or a task id.
+        """
+        options = options or {}
+        unknown = sorted(options.keys() - set(RESET_OPTIONS))
+        if unknown:
+            raise ValueError(f"unknown reset options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
+        which = self._chosen(options.get("reset_mask"))
+        tasks = self._task_numbers(options.get("task"))
+        if len(which) == self.num_envs:
+            self._evaluated = 0
+        elif None in self._seeds:
+            raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
+        seeds = self._fresh_seeds(seed)
+        self._reset(Reset(which, [seeds[number] for number in which], [tasks[number] for number in which]))
+        return self._observe(), self._infos()
+
+    def _chosen(self, mask: object) -> Int64Array:
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},), not {mask!r}")
+        if not mask.any():
+            raise ValueError("reset_mask chooses no environment; leave it out to reset all")
+        return np.flatnonzero(mask)
+
+    def _task_numbers(self, task: str | Sequence[str | None] | None) -> Sequence[int | None]:
+        if task is None or isinstance(task, str):
+            task = [task] * self.num_envs
+        if len(task) != self.num_envs:
+            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(task)}")
+        return [None if name is None else self.tasks.number(name) for name in task]
+
+    def _fresh_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        """Seeds for generators that are to be made anew; remembers them."""
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + number for number in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs}, one for each environment, not {len(seeds)}")
+        for number, known in enumerate(self._seeds):
+            if seeds[number] is None and known is None:
+                seeds[number] = int(np.random.SeedSequence().generate_state(2, np.uint64)[0])
+            self._seeds[number] = known if seeds[number] is None else seeds[number]
+        return seeds
+
+    @property
+    def np_random_seed(self) -> tuple[int | None, ...]:
+        """The seed of each environment's generator; None before the first reset."""
+        return tuple(self._seeds)
+
+    def step(self, actions: Any) -> tuple[Observations, Float64Array, BoolArray, BoolArray, Infos]:
+        """One action number for each environment, (N,) integers; those about to be reset ignore theirs.
+
+        Raises ActionError for a wrong shape, type or number, ResetNeeded before the first reset and, without
+        autoreset, when an environment has ended.
+        """
+        self._check_started()
+        self._block.action[:] = self._checked(actions)
+        self._step()
+        verdict = self._block.verdict
+        table = self._verdicts
+        return (
+            self._observe(),
+            table.rewards[verdict],
+            table.terminated[verdict],
+            table.truncated[verdict],
+            self._infos(),
+        )
+
+    def _check_started(self) -> None:
+        if self._seeds[0] is None:
+            raise gym.error.ResetNeeded("nothing has started before the first reset; call reset first")
+
+    def _checked(self, actions: Any) -> Int64Array:
+        array = np.asarray(actions)
+        count = self.single_action_space.n
+        if array.shape != (self.num_envs,) or array.dtype.kind not in "iu":
+            raise ActionError(
+                f"actions must be {self.num_envs} whole numbers, one for each environment,"
+                f" not {array.dtype} of shape {array.shape}"
+            )
+        ended = self._block.ended
+        if self._autoreset is AutoresetMode.DISABLED and ended.any():
+            numbers = ", ".join(map(str, np.flatnonzero(ended)))
+            raise gym.error.ResetNeeded(f"environments {numbers} have ended; reset them with a reset_mask first")
+        outside = (array < 0) | (array >= count)
+        if outside.any():
+            if self._autoreset is AutoresetMode.NEXT_STEP:
+                outside &= ~ended
+                array = np.where(ended, 0, array)
+            for number in np.flatnonzero(outside).tolist():
+                raise ActionError(
+                    f"action {array[number]} of environment {number} is out of range; choose from 0 .. {count - 1}"
+                )
+        return array
+
+    def _observe(self) -> Observations:
+        block = self._block
+        return {
+            "image": block.image.copy() if self.copy else block.image,
+            "statement": tuple(self._statements[block.task].tolist()),
+            "target": self._targets[block.task],
+        }
+
+    def _infos(self) -> Infos:
+        """As Gymnasium's vector environments have them: arrays (N,), each with a mask `_name` of where it holds."""
+        block = self._block
+        infos: Infos = {}
+        if block.ended.any():
+            infos = self._end_infos(block.ended.copy())
+        if block.started.any():
+            started = block.started.copy()
+            infos |= {"task": np.where(started, self._task_ids[block.task], None), "_task": started}
+        return infos
+
+    def _end_infos(self, ended: BoolArray) -> Infos:
+        block = self._block
+        outcomes = self._verdicts.outcomes[block.verdict]
+        reasons = _REASON_NAMES[block.invalid]
+        invalid = ended & (block.invalid != NO_REASON)
+        infos: Infos = {
+            "outcome": np.where(ended, outcomes, None),
+            "_outcome": ended,
+            "is_success": self._verdicts.successes[block.verdict] & ended,
+            "_is_success": ended.copy(),
+        }
+        if invalid.any():
+            infos |= {"invalid_reason": np.where(invalid, reasons, None), "_invalid_reason": invalid}
+        if self._evaluation:
+            infos |= {"repeated": block.repeated & ended, "_repeated": ended.copy()}
+            self._evaluated += int((ended & ~block.repeated).sum())
+        if self._autoreset is AutoresetMode.SAME_STEP:
+            final = np.full(self.num_envs, None, object)
+            for number in np.flatnonzero(ended).tolist():
+                final[number] = self._last_observation(number)
+            return {
+                "final_obs": final,
+                "_final_obs": ended.copy(),
+                "final_info": infos,
+                "_final_info": ended.copy(),
+            }
+        return infos
+
+    def _last_action(self, number: int) -> LastAction | None:
+        block = self._block
+        verdict = int(block.verdict[number])
+        if verdict == NO_ACTION or block.started[number]:
+            return None
+        reason = int(block.invalid[number])
+        invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
+        return LastAction(int(block.action[number]), self.dynamics.verdicts[verdict], invalid)
+
+    def _last_observation(self, number: int) -> Observation:
+        task = self.tasks[int(self._block.last_task[number])]
+        image = self._block.last_image[number].copy()
+        return {"image": image, "statement": task.statement, "target": int(task.target)}
+
+    @property
+    def evaluation_finished(self) -> bool:
+        """With `evaluation=True`: whether every task of the split has been played to its end since the last reset."""
+        return self._evaluation and self._evaluated >= len(self.tasks)
+
+    def evaluation_tasks(self) -> tuple[str, ...]:
+        """Every task id of the split, in file order."""
+        return self.tasks.ids
+
+    @property
+    def task_numbers(self) -> Int64Array:
+        """(N,) a new array: place in `tasks` of each current task."""
+        return self._block.task.copy()
+
+    @property
+    def steps(self) -> Int64Array:
+        """(N,) a new array: actions taken in each current episode."""
+        return self._block.steps.copy()
+
+    @property
+    def item_capacity(self) -> int:
+        """Slots of a box in `scene_array`."""
+        return self._block.items.shape[2]
+
+    def action_masks(self) -> BoolArray:
+        """(N, actions) a new array: whether each action is valid now."""
+        return self._written("mask")
+
+    def goal_reached(self) -> BoolArray:
+        """(N,) a new array: whether STOP would be rewarded +1 now."""
+        return self._written("goal")
+
+    def scene_array(self) -> Int16Array:
+        """(N, 3, capacity, 5) a new array: `observation.item_array` of each scene."""
+        return self._written("items")
+
+    def _written(self, what: str) -> Any:
+        self._check_started()
+        self._write(what)
+        return getattr(self._block, what).copy()
+
+    def states(self) -> list[State]:
+        """The current state of each environment."""
+        self._check_started()
+        return self._states()
+
+    def encode_actions(self, actions: Any) -> Int64Array:
+        """(N,) numbers of N actions in the released array form, (N, slots). Raises ActionError."""
+        appearance = self.dynamics.appearance
+        return np.array([appearance.encode(appearance.from_array(action)) for action in actions])
+
+    def render(self) -> tuple[UInt8Array | str, ...] | None:
+        """A frame (288, 760, 3) or a text for each environment, by render mode."""
+        if self.render_mode is None:
+            return None
+        frames: list[UInt8Array | str] = []
+        for number, state in enumerate(self.states()):
+            lines = caption(state, self.dynamics, self._last_action(number))
+            frames.append(text(state.scene, lines) if self.render_mode == "ansi" else frame(state.scene, lines))
+        return tuple(frames)
+
+
+class BatchedEnv(SharedInterface):
+    """What `gymnasium.make_vec` gives: N environments in this process.
+
+    Observations are {"image": uint8 (N, 50, 190, 3), "statement": a tuple of N texts, "target": int64 (N,)}; the
+    rest is as with N single environments under Gymnasium's SyncVectorEnv, infos included.
+    """
+
+    def __init__(
+        self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
+    ) -> None:
+        """`settings`: the keywords of `engine.Settings.of`: those of a single environment, and two more.
+
+        `copy`: whether images are the caller's to keep; without, they are valid until the next call.
+        `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
+        `evaluation`: visit every task of the split once, in file order across the batch, instead of at random. An
+        environment without tasks left plays one again, with "repeated" true in its infos; see `evaluation_finished`.
+        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        """
+        checked = Settings.of(num_envs, **settings)
+        block = Block.new(checked.forms())
+        super().__init__(checked, block, render_mode=render_mode, copy=copy)
+        self._engine = Engine(checked, block)
+
+    def _reset(self, order: Reset) -> None:
+        self._engine.reset(order)
+
+    def _step(self) -> None:
+        self._engine.step()
+
+    def _write(self, what: str) -> None:
+        self._engine.write(what)
+
+    def _states(self) -> list[State]:
+        return self._engine.states()
+
+
+def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
+    """Gymnasium's `batch_space`, but with one Text space for all: its characters take room."""
+    parts = {
+        name: spaces.Tuple([space] * count) if isinstance(space, spaces.Text) else batch_space(space, count)
+        for name, space in single.spaces.items()
+    }
+    return spaces.Dict(parts)

@@ -1,0 +1,111 @@
+"""The arrays that a batch of environments reads its actions from and writes its results into.
+
+They may lie anywhere: in this process, or in memory that processes share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import InvalidReason
+from lilgym_mp.render import UInt8Array, image_shape
+
+BoolArray = NDArray[np.bool_]
+Int8Array = NDArray[np.int8]
+Int64Array = NDArray[np.int64]
+Float64Array = NDArray[np.float64]
+
+INVALID_REASONS = tuple(InvalidReason)  # by number in `Block.invalid`
+REASON_NUMBERS = {reason: number for number, reason in enumerate(INVALID_REASONS)}
+NO_REASON = -1
+ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
+
+
+class ArrayForm(NamedTuple):
+    shape: tuple[int, ...]
+    dtype: Any
+
+    @property
+    def size(self) -> int:
+        """Bytes, rounded up to whole cache lines."""
+        return -(-math.prod(self.shape) * np.dtype(self.dtype).itemsize // ALIGNMENT) * ALIGNMENT
+
+
+@dataclass
+class Block:
+    """What N environments are told and have to tell."""
+
+    action: Int64Array  # (N,)
+    image: UInt8Array  # (N, height, width, 3)
+    task: Int64Array  # (N,) number of the current task
+    steps: Int64Array  # (N,) actions taken in the episode
+    verdict: Int8Array  # (N,) number of the last action's `rules.Verdict`
+    invalid: Int8Array  # (N,) number in INVALID_REASONS, or NO_REASON
+    ended: BoolArray  # (N,) the last action ended the episode
+    started: BoolArray  # (N,) an episode was started in the last call
+    repeated: BoolArray  # (N,) the episode that ended was of a task that had been evaluated before
+    last_image: UInt8Array  # (N, height, width, 3) of the episode that ended, where it was reset in the same step
+    last_task: Int64Array  # (N,) likewise
+    mask: BoolArray  # (N, actions) on demand
+    goal: BoolArray  # (N,) on demand
+    items: NDArray[np.int16]  # (N, 3, capacity, 5) on demand
+
+    def part(self, first: int, stop: int) -> Block:
+        """The arrays of environments first .. stop - 1, as views."""
+        return Block(**{name: array[first:stop] for name, array in self.arrays()})
+
+    def arrays(self) -> Iterator[tuple[str, Any]]:
+        return ((field.name, getattr(self, field.name)) for field in fields(self))
+
+    @classmethod
+    def new(cls, forms: Mapping[str, ArrayForm]) -> Block:
+        """Arrays of their own, zero."""
+        return cls(**{name: np.zeros(form.shape, form.dtype) for name, form in forms.items()})
+
+    @classmethod
+    def over(cls, memory: memoryview, forms: Mapping[str, ArrayForm]) -> Block:
+        """Arrays one after another in `memory`, which has `block_size(forms)` bytes."""
+        arrays: dict[str, Any] = {}
+        offset = 0
+        for name, (shape, dtype) in forms.items():
+            arrays[name] = np.frombuffer(memory, dtype, math.prod(shape), offset).reshape(shape)
+            offset += forms[name].size
+        return cls(**arrays)
+
+
+def block_forms(
+    num_envs: int, image_size: str, actions: int, capacity: int, autoreset: AutoresetMode
+) -> dict[str, ArrayForm]:
+    """The form of every array of a Block."""
+    flags, numbers = ArrayForm((num_envs,), np.bool_), ArrayForm((num_envs,), np.int64)
+    small = ArrayForm((num_envs,), np.int8)
+    images = (num_envs, *image_shape(image_size))
+    kept = num_envs if autoreset is AutoresetMode.SAME_STEP else 0
+    return {
+        "action": numbers,
+        "image": ArrayForm(images, np.uint8),
+        "task": numbers,
+        "steps": numbers,
+        "verdict": small,
+        "invalid": small,
+        "ended": flags,
+        "started": flags,
+        "repeated": flags,
+        "last_image": ArrayForm((kept, *images[1:]), np.uint8),
+        "last_task": numbers,
+        "mask": ArrayForm((num_envs, actions), np.bool_),
+        "goal": flags,
+        "items": ArrayForm((num_envs, 3, capacity, 5), np.int16),
+    }
+
+
+def block_size(forms: Mapping[str, ArrayForm]) -> int:
+    """Bytes of a Block."""
+    return sum(form.size for form in forms.values())

@@ -1,0 +1,30 @@
+"""The lines under a rendered scene."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from lilgym_mp.actions import describe
+from lilgym_mp.appearances import InvalidReason
+from lilgym_mp.rules import Dynamics, State, Verdict
+
+
+class LastAction(NamedTuple):
+    """What led to the state shown."""
+
+    number: int
+    verdict: Verdict
+    invalid: InvalidReason | None
+
+
+def caption(state: State, dynamics: Dynamics, last: LastAction | None) -> list[str]:
+    """The statement, the target with the number of actions taken, and what came of the last one."""
+    lines = [
+        state.task.statement,
+        f"Make it {state.task.target}.  Action {state.steps} of {dynamics.horizon}.",
+    ]
+    if last is not None:
+        name = describe(dynamics.appearance.decode(last.number))
+        reason = f" ({last.invalid})" if last.invalid else ""
+        lines.append(f"{name}: {last.verdict.outcome}{reason}, reward {last.verdict.reward:+.1f}")
+    return lines

@@ -1,0 +1,101 @@
+"""Many episodes of one MDP at once: `rules.Dynamics` over the arrays of a `Block`.
+
+`EpisodeLoop` steps one state after another and serves every appearance; `tower_arrays.TowerArrays` does the same
+with array operations.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from lilgym_mp.appearances import Tower
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, Int64Array
+from lilgym_mp.envs.tower_arrays import TowerArrays
+from lilgym_mp.observation import item_array
+from lilgym_mp.render import Canvas
+from lilgym_mp.rules import Dynamics, State
+
+
+class Core(Protocol):
+    """N episodes, whose results go to the block: all but what `engine.Engine` tells of ends and starts."""
+
+    def start(self, which: Int64Array, tasks: Int64Array) -> None:
+        """Begins the tasks with those numbers in the environments `which`."""
+        ...
+
+    def step(self, which: Int64Array | None) -> None:
+        """Takes `block.action` in the environments `which`, ascending, or in all."""
+        ...
+
+    def write_masks(self) -> None:
+        """`block.mask` of all environments."""
+        ...
+
+    def write_goals(self) -> None:
+        """`block.goal` of all environments."""
+        ...
+
+    def write_items(self) -> None:
+        """`block.items` of all environments."""
+        ...
+
+    def state(self, number: int) -> State: ...
+
+
+def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> Core:
+    """The fastest core for the appearance."""
+    core = TowerArrays if isinstance(dynamics.appearance, Tower) else EpisodeLoop
+    return core(dynamics, tasks, block, image_size)
+
+
+class EpisodeLoop:
+    """A core of any appearance: one state and one canvas an environment."""
+
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
+        self._dynamics = dynamics
+        self._tasks = tasks
+        self._block = block
+        empty = dynamics.start(tasks[0])
+        self._states: list[State] = [empty] * len(block.action)
+        self._canvases = [Canvas(image_size, image) for image in block.image]
+
+    def start(self, which: Int64Array, tasks: Int64Array) -> None:
+        self._block.task[which] = tasks
+        self._block.steps[which] = 0
+        for number, task in zip(which.tolist(), tasks.tolist(), strict=True):
+            state = self._states[number] = self._dynamics.start(self._tasks[task])
+            self._canvases[number].show(state.scene)
+
+    def step(self, which: Int64Array | None) -> None:
+        block, states, canvases = self._block, self._states, self._canvases
+        step, decode = self._dynamics.step, self._dynamics.appearance.decode
+        chosen = slice(None) if which is None else which
+        numbers = range(len(states)) if which is None else which.tolist()
+        verdicts: list[int] = []
+        reasons: list[int] = []
+        for number, action in zip(numbers, block.action[chosen].tolist(), strict=True):
+            state, verdict, invalid = step(states[number], decode(action))
+            states[number] = state
+            if verdict.applies:
+                canvases[number].show(state.scene)
+            verdicts.append(verdict.number)
+            reasons.append(NO_REASON if invalid is None else REASON_NUMBERS[invalid])
+        block.steps[chosen] += 1
+        block.verdict[chosen] = verdicts
+        block.invalid[chosen] = reasons
+
+    def write_masks(self) -> None:
+        for mask, state in zip(self._block.mask, self._states, strict=True):
+            mask[:] = self._dynamics.legal_mask(state)
+
+    def write_goals(self) -> None:
+        self._block.goal[:] = [self._dynamics.goal_reached(state) for state in self._states]
+
+    def write_items(self) -> None:
+        items = self._block.items
+        for number, state in enumerate(self._states):
+            items[number] = item_array(state.scene, items.shape[2])
+
+    def state(self, number: int) -> State:
+        return self._states[number]

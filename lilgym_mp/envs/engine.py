@@ -1,0 +1,212 @@
+"""Episodes one after another in N environments: which task comes next, and when. A core plays them.
+
+What it does here is done alike in one process and in many: an environment's results depend on its own seed and
+actions only, wherever it is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appearance
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, BoolArray, Float64Array, Int64Array, block_forms
+from lilgym_mp.envs.cores import make_core
+from lilgym_mp.observation import item_capacity
+from lilgym_mp.rules import Dynamics, Outcome, Situation, State, make_dynamics
+
+AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
+NO_ACTION = 2 * len(Situation)  # number in `Block.verdict` where an episode was started instead of an action taken
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What defines N environments; picklable. The keywords of `LilGymEnv`, and how the batch goes on."""
+
+    appearance: str
+    start: str
+    corpus: str
+    split: str
+    rules: str
+    horizon: int | None
+    grid: Grid
+    image_size: str
+    num_envs: int
+    autoreset: AutoresetMode
+    evaluation: bool  # every task of the split once, instead of at random
+
+    @classmethod
+    def of(
+        cls,
+        num_envs: int,
+        *,
+        appearance: str,
+        start: str,
+        corpus: str | os.PathLike[str] = "builtin",
+        split: str = "train",
+        rules: str = "paper",
+        horizon: int | None = None,
+        grid: tuple[int, int] | str = RELEASED_GRID,
+        image_size: str = "half",
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        evaluation: bool = False,
+    ) -> Settings:
+        """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs must be a positive whole number, not {num_envs!r}")
+        if not isinstance(autoreset_mode, AutoresetMode):
+            autoreset_mode = choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
+        settings = cls(
+            appearance,
+            start,
+            os.fspath(corpus),
+            split,
+            rules,
+            horizon,
+            checked_grid(grid),
+            image_size,
+            int(num_envs),
+            autoreset_mode,
+            evaluation,
+        )
+        settings.forms()
+        return settings
+
+    def dynamics(self) -> Dynamics:
+        return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
+
+    def tasks(self) -> TaskSet:
+        return load_tasks(self.corpus, self.appearance, self.start, self.split)
+
+    def forms(self) -> dict[str, ArrayForm]:
+        """The form of the block's arrays."""
+        dynamics = self.dynamics()
+        capacity = item_capacity(self.tasks(), dynamics)
+        return block_forms(self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset)
+
+
+class Reset(NamedTuple):
+    """An order to begin episodes."""
+
+    which: Int64Array  # (k,) environments, ascending
+    seeds: Sequence[int | None]  # (k,) None: the generator goes on
+    tasks: Sequence[int | None]  # (k,) numbers of tasks; None: whichever comes next
+
+
+class VerdictTable(NamedTuple):
+    """What verdicts mean, by number; the last row is NO_ACTION's."""
+
+    rewards: Float64Array  # (9,)
+    terminated: BoolArray  # (9,)
+    truncated: BoolArray  # (9,)
+    outcomes: NDArray[np.object_]  # (9,) names
+    successes: BoolArray  # (9,)
+
+    @classmethod
+    def of(cls, dynamics: Dynamics) -> VerdictTable:
+        verdicts = dynamics.verdicts
+        return cls(
+            rewards=np.array([*(verdict.reward for verdict in verdicts), 0.0]),
+            terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
+            truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
+            outcomes=np.array([*(str(verdict.outcome) for verdict in verdicts), None], object),
+            successes=np.array([*(verdict.outcome is Outcome.SUCCESS for verdict in verdicts), False]),
+        )
+
+
+class Engine:
+    """Environments `first` .. `first + N - 1` of a batch, over their part of its block."""
+
+    def __init__(self, settings: Settings, block: Block, first: int = 0) -> None:
+        self.dynamics = settings.dynamics()
+        self.tasks = settings.tasks()
+        self.block = block
+        self.core = make_core(self.dynamics, self.tasks, block, settings.image_size)
+        self._writers = {
+            "mask": self.core.write_masks,
+            "goal": self.core.write_goals,
+            "items": self.core.write_items,
+        }
+        self._autoreset = settings.autoreset
+        self._first = first
+        self._stride = settings.num_envs
+        self._evaluation = settings.evaluation
+        count = len(block.action)
+        verdicts = VerdictTable.of(self.dynamics)
+        self._ends = verdicts.terminated | verdicts.truncated
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self._episodes = np.zeros(count, np.int64)  # begun in evaluation
+        self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
+
+    def reset(self, order: Reset) -> None:
+        """Begins episodes in some environments; the others stay as they are."""
+        which, seeds, tasks = order
+        block = self.block
+        block.started[:] = False
+        for number, seed in zip(which.tolist(), seeds, strict=True):
+            if seed is not None or self._generators[number] is None:
+                self._generators[number] = seeding.np_random(seed)[0]
+        if len(which) == len(block.action):
+            self._episodes[:] = 0
+        chosen = [self._next_task(n) if task is None else task for n, task in zip(which.tolist(), tasks, strict=True)]
+        self._begin(which, chosen)
+        block.verdict[which] = NO_ACTION
+        block.invalid[which] = NO_REASON
+        block.ended[which] = False
+
+    def step(self) -> None:
+        """Takes `block.action`, and begins new episodes as the autoreset mode has it."""
+        block = self.block
+        block.started[:] = False
+        if self._autoreset is AutoresetMode.NEXT_STEP and block.ended.any():
+            waiting, playing = np.flatnonzero(block.ended), np.flatnonzero(~block.ended)
+            self.core.step(playing)
+            self._begin_next(waiting)
+            block.verdict[waiting] = NO_ACTION
+            block.invalid[waiting] = NO_REASON
+        else:
+            self.core.step(None)
+        self._ends.take(block.verdict, out=block.ended)
+        if self._evaluation:
+            np.logical_and(block.ended, self._repeats, out=block.repeated)
+        if self._autoreset is AutoresetMode.SAME_STEP and block.ended.any():
+            ended = np.flatnonzero(block.ended)
+            block.last_image[ended] = block.image[ended]
+            block.last_task[ended] = block.task[ended]
+            self._begin_next(ended)
+
+    def _begin_next(self, which: Int64Array) -> None:
+        self._begin(which, [self._next_task(number) for number in which.tolist()])
+
+    def _begin(self, which: Int64Array, tasks: Sequence[int]) -> None:
+        self.core.start(which, np.array(tasks, np.int64))
+        self.block.started[which] = True
+
+    def _next_task(self, number: int) -> int:
+        """At random, or in evaluation the tasks `g`, `g + stride`, ... for the batch's environment `g`."""
+        if not self._evaluation:
+            generator = self._generators[number]
+            assert generator is not None
+            return int(generator.integers(len(self.tasks)))
+        place = self._first + number
+        task = place + self._stride * int(self._episodes[number])
+        self._episodes[number] += 1
+        self._repeats[number] = task >= len(self.tasks)
+        return task if task < len(self.tasks) else place % len(self.tasks)
+
+    def write(self, what: str) -> None:
+        """Brings the block's "mask", "goal" or "items" up to date."""
+        self._writers[what]()
+
+    def states(self) -> list[State]:
+        """The current state of each environment."""
+        return [self.core.state(number) for number in range(len(self.block.action))]
