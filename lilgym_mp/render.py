@@ -245,6 +245,10 @@ class Canvas:
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
         self._shown: Scene | None = None  # None when the buffer must be drawn as a whole
 
+    def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
+        """A copy has a buffer of its own, to be drawn anew."""
+        return Canvas, (self._image_size,)
+
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
         if self._updated(scene):
@@ -254,6 +258,10 @@ class Canvas:
             inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
             self._shown = scene if inside else None
         return self.pixels
+
+    def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
+        """A copy has a buffer of its own and draws anew."""
+        return Canvas, (self._image_size,)
 
     def _updated(self, scene: Scene) -> bool:
         """Makes the buffer show `scene` by changing the boxes that differ; False when that cannot be done."""
