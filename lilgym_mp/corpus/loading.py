@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import product
@@ -39,10 +39,15 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
         return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)
 
 
-def load_all_tasks(corpus: str | os.PathLike[str]) -> Iterator[TaskSet]:
-    """The task sets that a corpus has, by appearance, start and split. Raises CorpusError when it has none."""
+def load_all_tasks(
+    corpus: str | os.PathLike[str],
+    appearances: Iterable[str] = APPEARANCES,
+    starts: Iterable[str] = STARTS,
+    splits: Iterable[str] = SPLITS,
+) -> Iterator[TaskSet]:
+    """The task sets that a corpus has, by appearance, start and split. Raises NoTasksError when it has none."""
     found = False
-    for appearance, start, split in product(APPEARANCES, STARTS, SPLITS):
+    for appearance, start, split in product(appearances, starts, splits):
         try:
             tasks = load_tasks(corpus, appearance, start, split)
         except NoTasksError:
@@ -50,7 +55,7 @@ def load_all_tasks(corpus: str | os.PathLike[str]) -> Iterator[TaskSet]:
         found = True
         yield tasks
     if not found:
-        raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks")
+        raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks of what was asked for")
 
 
 def _status(file: Path) -> os.stat_result:

@@ -156,6 +156,7 @@ class TaskReader:
             return program.evaluate(scene)
         except ProgramRuntimeError as fault:
             place = "its start scene" if any(scene.items()) else "the empty scene"
+            self._programs[record.program] = None  # it may be slow to fail: it is not tried on further scenes
             self._faults.add(record.where, f"program {shown(program.source)} has no value on {place}: {fault}")
             return None
 

@@ -206,6 +206,26 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
         assert message in fault
 
 
+def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
+    entries: Entries, written: Writer, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("lilgym_mp.programs.reference.STEP_LIMIT", 100_000)
+    program = "exist(filter_obj(all_items, lambda {}: {}))"
+    nested = "exist(all_items)"
+    for variable in "abcdefgh":
+        nested = program.format(variable, nested)
+    circles = [
+        {"x_loc": 12 * column, "y_loc": 12 * row, "type": "circle", "color": "Black", "size": 10}
+        for column in range(4)
+        for row in range(2)
+    ]
+    starts = [{"id": f"s{n}", "label": True, "scene": [circles, circles, circles[n:]]} for n in range(4)]
+    entries[2] |= {"program": nested, "starts": starts}
+    (fault,) = check_corpus(written(entries)).faults
+    assert "start 's0'" in fault.where
+    assert "needs more than 100000 steps on this scene" in fault.what
+
+
 def test_check__absent_released_files_are_listed_and_no_fault(released: Path):
     report = check_corpus(released)
     assert report.ok

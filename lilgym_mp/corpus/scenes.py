@@ -1,0 +1,119 @@
+"""Random scenes of each appearance, and random changes of one item, for finding start scenes."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.appearances.placement import fits_box, is_free
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+
+PLACES_TRIED = 20  # for an item, before it is left out
+KIND_COUNTS = (1, 2, 3, 3)  # of colours, shapes, sizes in a scene; repeated ones are likelier
+TOWER_HEIGHTS = (0, 1, 1, 2, 2, 3, 3, 4)
+MOST_ITEMS = (1, 2, 4, 6, 8)  # in a box of a Scatter scene
+_PLACEMENT = RULE_SETS["paper"].placement
+
+
+class Looks(NamedTuple):
+    """What items may look like."""
+
+    shapes: tuple[Shape, ...] = tuple(Shape)
+    colours: tuple[Colour, ...] = tuple(Colour)
+    sizes: tuple[Size, ...] = tuple(Size)
+
+
+ALL_LOOKS = Looks()
+
+
+class Sampler(NamedTuple):
+    """How scenes of one appearance are drawn, and changed by one item: scenes with items, both."""
+
+    scene: Callable[[random.Random], Scene]
+    changed: Callable[[random.Random, Scene], Scene]
+
+
+def _random_tower(rng: random.Random) -> Scene:
+    tower = APPEARANCES["tower"]
+    colours = rng.sample(list(Colour), rng.choice(KIND_COUNTS))
+    scene = Scene.empty()
+    while not any(scene.items()):
+        for box in range(BOX_COUNT):
+            for _ in range(rng.choice(TOWER_HEIGHTS)):
+                scene = tower.apply(scene, tower.from_array([1, box, rng.choice(colours)]), _PLACEMENT).scene
+    return scene
+
+
+def _changed_tower(rng: random.Random, scene: Scene) -> Scene:
+    tower = APPEARANCES["tower"]
+    while True:
+        changed = tower.apply(scene, tower.decode(rng.randrange(1, tower.action_count)), _PLACEMENT)
+        if changed.invalid is None and any(changed.scene.items()):
+            return changed.scene
+
+
+def _random_scatter(rng: random.Random) -> Scene:
+    looks = Looks(
+        tuple(rng.sample(list(Shape), rng.choice(KIND_COUNTS))),
+        tuple(rng.sample(list(Colour), rng.choice(KIND_COUNTS))),
+        tuple(rng.sample(list(Size), rng.choice(KIND_COUNTS))),
+    )
+    most = rng.choice(MOST_ITEMS)
+    scene = Scene.empty()
+    while not any(scene.items()):
+        for box in range(BOX_COUNT):
+            for _ in range(rng.randint(0, most)):
+                scene = _with_item(rng, scene, box, looks)
+    return scene
+
+
+def _changed_scatter(rng: random.Random, scene: Scene) -> Scene:
+    while True:
+        index = rng.randrange(BOX_COUNT)
+        box = scene.boxes[index]
+        if box.items and rng.random() < 0.5:
+            changed = scene.with_box(index, box.without(rng.randrange(len(box.items))))
+        else:
+            changed = _with_item(rng, scene, index, ALL_LOOKS)
+        if changed is not scene and any(changed.items()):
+            return changed
+
+
+def _with_item(rng: random.Random, scene: Scene, index: int, looks: Looks) -> Scene:
+    """The scene with one more item in a box, or the same scene when no place was found for it."""
+    shape, colour, size = rng.choice(looks.shapes), rng.choice(looks.colours), rng.choice(looks.sizes)
+    items = scene.boxes[index].items
+    for _ in range(PLACES_TRIED):
+        x, y = _random_place(rng, size.pixels, items)
+        item = Item(x, y, shape, colour, size)
+        if fits_box(item.kind, x, y) and is_free(item.kind, x, y, items):
+            return scene.with_box(index, Box((*items, item)))
+    return scene
+
+
+def _random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
+    """A place in a box: anywhere, often against a wall, in a corner, or beside another item."""
+    last = BOX_SIDE - side
+    x, y = rng.randint(0, last), rng.randint(0, last)
+    match rng.choice(("free", "free", "wall", "corner", "beside")):
+        case "wall":
+            return rng.choice(((0, y), (last, y), (x, 0), (x, last)))
+        case "corner":
+            return rng.choice((0, last)), rng.choice((0, last))
+        case "beside" if others:
+            other = rng.choice(others)
+            slide = rng.randint(-side // 2, other.side // 2)
+            left, right = (other.x - side, other.y + slide), (other.x + other.side, other.y + slide)
+            above, below = (other.x + slide, other.y - side), (other.x + slide, other.y + other.side)
+            return rng.choice((left, right, above, below))
+        case _:
+            return x, y
+
+
+SAMPLERS: Mapping[str, Sampler] = {
+    "tower": Sampler(_random_tower, _changed_tower),
+    "scatter": Sampler(_random_scatter, _changed_scatter),
+}

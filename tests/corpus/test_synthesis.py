@@ -1,0 +1,103 @@
+"""Start scenes that are found for statements, and the random scenes they come from."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
+from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus.scenes import SAMPLERS
+from lilgym_mp.corpus.synthesis import Settings, start_scenes, synthesize
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Box, Scene
+
+Entries = list[dict[str, Any]]
+Writer = Callable[..., Path]
+
+APPEARANCE_NAMES = sorted(APPEARANCES)
+THREE_BLUE = "count(filter_color(all_items, Color.BLUE)) == 3"
+
+
+@given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
+def test_sampled_scenes__are_legal_and_not_empty(seed: int, appearance: str):
+    rng = random.Random(seed)
+    scene = SAMPLERS[appearance].scene(rng)
+    changed = SAMPLERS[appearance].changed(rng, scene)
+    for one in (scene, changed):
+        APPEARANCES[appearance].check_scene(one)
+        assert any(one.items())
+
+
+def _item_changes(one: Scene, other: Scene) -> int:
+    """How many items one scene has that the other lacks, both ways, box by box."""
+
+    def lacking(box: Box, of: Box) -> int:
+        return (Counter(box.items) - Counter(of.items)).total()
+
+    return sum(lacking(a, b) + lacking(b, a) for a, b in zip(one.boxes, other.boxes, strict=True))
+
+
+@given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
+def test_changed_scene__differs_by_one_item(seed: int, appearance: str):
+    rng = random.Random(seed)
+    scene = SAMPLERS[appearance].scene(rng)
+    assert _item_changes(scene, SAMPLERS[appearance].changed(rng, scene)) == 1
+
+
+@pytest.mark.parametrize("appearance", APPEARANCE_NAMES)
+def test_start_scenes__are_pairs_that_differ_by_one_item_and_the_truth(appearance: str):
+    starts = start_scenes(THREE_BLUE, appearance, random.Random(1), count=6)
+    assert [start.label for start in starts] == [True, False] * 3
+    assert [start.label for start in starts] == [compile_program(THREE_BLUE)(start.scene) for start in starts]
+    for true, false in zip(starts[::2], starts[1::2], strict=True):
+        assert _item_changes(true.scene, false.scene) == 1
+    assert len({start.scene for start in starts}) == 6
+
+
+@pytest.mark.parametrize(("program", "value"), [("exist(all_items)", True), ("count(all_items) > 900", False)])
+def test_start_scenes__have_the_one_truth_value_that_is_met(program: str, value: bool):
+    starts = start_scenes(program, "tower", random.Random(1), count=4, walks=20)
+    assert [start.label for start in starts] == [value] * 4
+
+
+def test_start_scenes__where_the_program_has_no_value_are_passed_over():
+    starts = start_scenes("is_blue(unique(filter_obj(all_items, is_top)))", "tower", random.Random(1), count=6)
+    assert [sum(bool(box.items) for box in start.scene.boxes) for start in starts] == [1] * 6
+    assert {start.label for start in starts} == {True, False}
+
+
+def test_synthesize__gives_a_corpus_without_faults(entries: Entries, written: Writer, tmp_path: Path):
+    found = synthesize(written(entries), Settings(starts=2))
+    path = tmp_path / "new.jsonl"
+    write_corpus(path, "new", "MIT", (entry.to_json() for entry in found))
+    assert check_corpus(path).ok
+    tasks = load_tasks(path, "tower", "flipit", "train")
+    assert tasks.ids == ("blue:1", "blue:2", "pair:1", "pair:2")
+    assert [task.target for task in tasks] == [False, True, False, True]
+
+
+def test_synthesize__the_seed_decides_whatever_other_statements_there_are(entries: Entries, written: Writer):
+    settings = Settings(appearances=["tower"], seed=3)
+    both = list(synthesize(written(entries), settings))
+    alone = list(synthesize(written(entries[1:2]), settings))
+    assert alone == both[1:]
+    assert alone != list(synthesize(written(entries[1:2]), settings._replace(seed=4)))
+
+
+def test_synthesize__ids_that_are_taken_twice_are_told_apart(released: Path):
+    (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
+    assert [entry.id for entry in synthesize(released, Settings())] == ["tower-dev-7", "tower-test-7"]
+
+
+def test_synthesize__a_corpus_without_statements_of_the_split_is_refused(entries: Entries, written: Writer):
+    with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks of what was asked for"):
+        list(synthesize(written(entries), Settings(splits=["test"])))
