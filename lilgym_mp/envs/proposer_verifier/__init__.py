@@ -1,0 +1,101 @@
+"""A proposer and a verifier act on one MDP: PettingZoo environments, partners, measures. Needs pettingzoo.
+
+docs/proposer_verifier.md tells the protocols, the settings and what was measured.
+"""
+
+from __future__ import annotations
+
+try:
+    import pettingzoo
+except ImportError as missing:
+    message = 'the proposer-verifier game needs pettingzoo: pip install "lilgym-mp[pettingzoo]"'
+    raise ImportError(message, name=missing.name) from missing
+
+from lilgym_mp.envs.proposer_verifier.batched import BatchedGames
+from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
+from lilgym_mp.envs.proposer_verifier.metrics import (
+    GameRecord,
+    Metrics,
+    exploitability,
+    measure,
+    play_games,
+    summarise,
+)
+from lilgym_mp.envs.proposer_verifier.parallel import ProposerVerifierParallel, parallel_env
+from lilgym_mp.envs.proposer_verifier.partners import (
+    ALWAYS_ACCEPT,
+    ALWAYS_REJECT,
+    HELPFUL_PROPOSER,
+    SCRIPTED,
+    SNEAKY_PROPOSER,
+    ClaimingProposer,
+    FrozenPolicy,
+    OracleVerifier,
+    Partner,
+    PartnerError,
+    RandomPartner,
+    Seat,
+)
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
+from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS
+from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Intent, Role
+from lilgym_mp.envs.proposer_verifier.turns import ProposerVerifierTurns, env, raw_env
+from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
+
+__all__ = [
+    "AGENTS",
+    "ALWAYS_ACCEPT",
+    "ALWAYS_REJECT",
+    "ENDINGS",
+    "ENVIRONMENT_ID",
+    "HELPFUL_PROPOSER",
+    "PRESETS",
+    "PROTOCOLS",
+    "SCRIPTED",
+    "SNEAKY_PROPOSER",
+    "TERMS",
+    "VIEWS",
+    "BatchedGames",
+    "ClaimingProposer",
+    "FrozenPolicy",
+    "Game",
+    "GameRecord",
+    "Intent",
+    "Metrics",
+    "OracleVerifier",
+    "Partner",
+    "PartnerError",
+    "ProposerVerifierParallel",
+    "ProposerVerifierTurns",
+    "RandomPartner",
+    "Role",
+    "Seat",
+    "Settings",
+    "SingleAgentView",
+    "TurnError",
+    "View",
+    "env",
+    "exploitability",
+    "measure",
+    "parallel_env",
+    "play_games",
+    "raw_env",
+    "read_text",
+    "summarise",
+]
+
+ENVIRONMENT_ID = "lilgym_mp/ProposerVerifier-v0"
+
+
+def _register() -> None:
+    """Makes both forms known to `pettingzoo.make`, in the versions that have it (1.27 does)."""
+    if hasattr(pettingzoo, "register"):
+        if ENVIRONMENT_ID not in pettingzoo.aec_registry:
+            pettingzoo.register("aec", ENVIRONMENT_ID, f"{__name__}:env")
+        if ENVIRONMENT_ID not in pettingzoo.parallel_registry:
+            pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
+
+
+_register()

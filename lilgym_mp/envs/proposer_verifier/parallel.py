@@ -1,0 +1,67 @@
+"""The form in which both agents act in every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, SupportsIndex
+
+from gymnasium.error import ResetNeeded
+from pettingzoo import ParallelEnv
+
+from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
+from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.shared import GameAccess
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+
+PROPOSER, VERIFIER = AGENTS
+
+ParallelStep = tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]
+
+
+class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, SupportsIndex]):
+    """A proposer and a verifier act on one MDP, both in every step.
+
+    Where they take turns, one step is one turn: for the agent whose turn it is not only "wait" is legal, and
+    whatever else it does is ignored. Both agents' observations of one step share the arrays of what both see.
+    """
+
+    def __init__(self, settings: Settings, render_mode: str | None = None) -> None:
+        GameAccess.__init__(self, Session(settings.world(), render_mode))
+        self.agents: list[str] = []
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, AgentObservation], dict[str, Info]]:
+        """`options`: "task", an id of the split, and "intent", "helpful" or "sneaky"; others are ignored."""
+        infos = self.session.reset(seed, options)
+        self.agents = list(AGENTS)
+        return self._observations(), {PROPOSER: infos[0], VERIFIER: infos[1]}
+
+    def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
+        """Raises ActionError for a number out of range, TurnError where not just both agents act, ResetNeeded
+        before reset and after the end."""
+        if not self.agents:
+            raise ResetNeeded("no agent is in play; call reset before step")
+        if actions.keys() != self.action_spaces.keys():
+            raise TurnError(f"actions must be of {PROPOSER} and {VERIFIER}, not of {', '.join(actions) or 'nobody'}")
+        step, infos = self.session.play_together(actions[PROPOSER], actions[VERIFIER])
+        if not step.state.movers:
+            self.agents = []
+        rewards, terminated, truncated = step.rewards, step.terminated, step.truncated
+        return (
+            self._observations(),
+            {PROPOSER: rewards[0], VERIFIER: rewards[1]},
+            {PROPOSER: terminated, VERIFIER: terminated},
+            {PROPOSER: truncated, VERIFIER: truncated},
+            {PROPOSER: infos[0], VERIFIER: infos[1]},
+        )
+
+    def _observations(self) -> dict[str, AgentObservation]:
+        observe = self.session.observe
+        return {PROPOSER: observe(Role.PROPOSER), VERIFIER: observe(Role.VERIFIER)}
+
+
+def parallel_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierParallel:
+    """The form in which both agents act in every step; keywords are the fields of Settings."""
+    return ProposerVerifierParallel(Settings.of(**settings), render_mode)

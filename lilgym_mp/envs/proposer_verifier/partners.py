@@ -1,0 +1,191 @@
+"""Who can play the other side: scripted partners, frozen policies, and any callable.
+
+A partner is a function of its `Seat`, which it may also read as its observation: seat["action_mask"].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, SupportsIndex
+
+import numpy as np
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.envs.proposer_verifier.game import Game, Int8Array
+from lilgym_mp.envs.proposer_verifier.protocols import REJECT
+from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, STOP_ACTION, GameState, Intent, Role
+
+
+class PartnerError(ValueError):
+    """A partner returned an illegal action."""
+
+
+@dataclass
+class Seat:
+    """What a partner may go by in its turn. Observation and mask are made when first asked for."""
+
+    session: Session
+    role: Role
+    rng: np.random.Generator
+
+    @property
+    def game(self) -> Game:
+        return self.session.game
+
+    @property
+    def state(self) -> GameState:
+        """The whole state, truth included: for scripts, not for learned policies."""
+        return self.session.state
+
+    @cached_property
+    def full_observation(self) -> AgentObservation:
+        """{"observation": parts, "action_mask": int8 (actions,)}."""
+        return self.session.observe(self.role)
+
+    @property
+    def observation(self) -> dict[str, Any]:
+        """The parts that the agent sees."""
+        return self.full_observation["observation"]
+
+    @cached_property
+    def action_mask(self) -> Int8Array:
+        return self.game.legal_mask(self.state, self.role)
+
+    def __getitem__(self, key: str) -> Any:
+        return self.full_observation[key]
+
+    def random_action(self, mask: Int8Array | None = None) -> int:
+        """One of the legal actions, or of those of `mask`, all equally likely."""
+        legal = np.flatnonzero(self.action_mask if mask is None else mask)
+        return int(legal[self.rng.integers(len(legal))])
+
+
+Partner = Callable[[Seat], SupportsIndex]
+
+
+def ask(partner: Partner, seat: Seat) -> int:
+    """The partner's action. Raises PartnerError naming the partner when it is not legal."""
+    action = partner(seat)
+    try:
+        index = seat.game.checked(seat.role, action)
+    except ActionError as fault:
+        raise PartnerError(f"partner {partner!r}: {fault}") from None
+    if not seat.action_mask[index]:
+        name = seat.game.describe(seat.role, index)
+        raise PartnerError(
+            f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[seat.role]} now"
+        )
+    return index
+
+
+@dataclass(frozen=True)
+class RandomPartner:
+    """Any legal action, all equally likely; for either side."""
+
+    def __call__(self, seat: Seat) -> int:
+        return seat.random_action()
+
+
+@dataclass(frozen=True)
+class OracleVerifier:
+    """Knows the truth. Accepts a claim when it holds, and every other proposal.
+
+    With `error_rate` it answers the opposite in that share of its judgements. In "audit" with bins it is sure.
+    """
+
+    error_rate: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.error_rate <= 1:
+            raise ValueError(f"error_rate must be between 0 and 1, not {self.error_rate!r}")
+
+    def __call__(self, seat: Seat) -> int:
+        game, state = seat.game, seat.state
+        if state.proposal not in (None, STOP_ACTION):
+            return answer(game, accepts=True)
+        holds = game.conditions.dynamics.goal_reached(state.mdp)
+        errs = self.error_rate > 0 and seat.rng.random() < self.error_rate
+        return answer(game, accepts=holds != errs)
+
+
+@dataclass(frozen=True)
+class ConstantVerifier:
+    """Accepts everything, or rejects everything."""
+
+    accepts: bool
+
+    def __call__(self, seat: Seat) -> int:
+        return answer(seat.game, accepts=self.accepts)
+
+
+ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
+ALWAYS_REJECT = ConstantVerifier(accepts=False)
+
+
+def answer(game: Game, *, accepts: bool) -> int:
+    """The verifier's action that accepts or rejects outright, in silence."""
+    surest = (game.conditions.verdict_bins or 2) - 1  # ACCEPT, where there are no bins
+    return game.action(Role.VERIFIER, surest if accepts else REJECT)
+
+
+@dataclass(frozen=True)
+class ClaimingProposer:
+    """Edits at random until a claim would be as true or false as it wants, and claims then.
+
+    `intent` helpful claims what holds, sneaky what does not; None goes by the episode's own intent. At least
+    `least_edits` and at most `most_edits` edits come first; after the most it claims whatever is the case.
+    """
+
+    intent: Intent | None = None
+    least_edits: int = 1
+    most_edits: int = 8
+
+    def __call__(self, seat: Seat) -> int:
+        state, game = seat.state, seat.game
+        wants_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
+        edits = state.mdp.steps
+        claim = game.action(Role.PROPOSER, STOP_ACTION)
+        if seat.action_mask[claim] and edits >= self.least_edits:
+            is_as_wanted = game.conditions.dynamics.goal_reached(state.mdp) == wants_truth
+            if is_as_wanted or edits >= self.most_edits:
+                return claim
+        edit_mask = seat.action_mask.copy()
+        edit_mask[: game.action(Role.PROPOSER, STOP_ACTION + 1)] = 0
+        return seat.random_action(edit_mask)
+
+
+HELPFUL_PROPOSER = ClaimingProposer(Intent.HELPFUL)
+SNEAKY_PROPOSER = ClaimingProposer(Intent.SNEAKY)
+
+
+@dataclass(frozen=True)
+class FrozenPolicy:
+    """A trained model as a partner: anything with Stable-Baselines3's `predict`.
+
+    `masked` for models that take `action_masks` (MaskablePPO). An unmasked model's illegal choices are replaced by
+    a random legal action, since a partner must act legally.
+    """
+
+    model: Any
+    masked: bool = True
+    deterministic: bool = False
+
+    def __call__(self, seat: Seat) -> int:
+        masks = {"action_masks": seat.action_mask.astype(bool)} if self.masked else {}
+        action, _ = self.model.predict(seat.observation, deterministic=self.deterministic, **masks)
+        index = int(action)
+        return index if seat.action_mask[index] else seat.random_action()
+
+
+SCRIPTED: dict[str, Partner] = {
+    "random": RandomPartner(),
+    "oracle": OracleVerifier(),
+    "always_accept": ALWAYS_ACCEPT,
+    "always_reject": ALWAYS_REJECT,
+    "helpful": HELPFUL_PROPOSER,
+    "sneaky": SNEAKY_PROPOSER,
+    "by_intent": ClaimingProposer(),
+}

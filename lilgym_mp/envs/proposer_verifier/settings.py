@@ -1,0 +1,139 @@
+"""Every setting of the game with its default, and what a set of them builds."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS, GameProtocol
+from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, make_scheme
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Conditions
+from lilgym_mp.envs.proposer_verifier.views import AnyView, World, make_view
+from lilgym_mp.render import shrink_of
+from lilgym_mp.rules import make_dynamics
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A game's settings; docs/proposer_verifier.md gives the reason for each default."""
+
+    appearance: str = "tower"
+    start: str = "scratch"
+    protocol: str = "veto"  # "veto", "joint", "audit" or "critique"
+    ending: str | None = None  # who may end the episode: "agreement", "proposer", "verifier", "either"
+    rewards: Rewards = "common"  # a name of PRESETS, or {agent: term or {term: weight}}
+    false_accept_cost: float = 1.0  # of the reward "correctness"
+    false_reject_cost: float = 1.0
+    sneaky_share: float = 0.5  # of the episodes, where the proposer's intent is hidden
+    views: AnyView | Mapping[str, AnyView] = "image"  # for both, or {agent: view}
+    message_size: int | Mapping[str, int] | None = None  # words beside silence: for both, or {agent: words}
+    message_cost: float = 0.0  # to the sender, for each word
+    verdict_bins: int | None = None  # audit: probabilities to choose among; None for a plain verdict
+    exchanges: int = 3  # critique: rejections in a round before the next proposal counts unasked
+    horizon: int | None = None  # rounds an episode; None: the rule set's
+    reveal_truth: bool = False  # whether infos tell the truth
+    homogeneous: bool = False  # equal spaces for both agents
+    corpus: str | os.PathLike[str] = "builtin"
+    split: str = "train"
+    rules: str = "paper"
+    grid: tuple[int, int] | str = RELEASED_GRID
+    image_size: str = "half"
+
+    @classmethod
+    def of(cls, **given: Any) -> Settings:
+        """Raises ValueError naming the choices for a setting that does not exist."""
+        names = {field.name: field for field in fields(cls)}
+        for name in given:
+            choose("setting", name, names)
+        return cls(**given)
+
+    def world(self) -> World:
+        """The game and what its observations depend on. Raises ValueError naming the value and the choices."""
+        views = _by_role(self.views, make_view)
+        protocol = choose("protocol", self.protocol, PROTOCOLS)
+        shrink_of(self.image_size)
+        sizes = protocol.message_sizes if self.message_size is None else self.message_size
+        game = Game(
+            protocol,
+            self._conditions(protocol),
+            self._reward_scheme(),
+            sizes if isinstance(sizes, tuple) else _by_role(sizes, _message_size),
+            _number("message_cost", self.message_cost),
+            max(view.history for view in views),
+            _flag("homogeneous", self.homogeneous),
+        )
+        tasks = load_tasks(self.corpus, self.appearance, self.start, self.split)
+        return World(
+            game,
+            tasks,
+            self.image_size,
+            views,
+            _share("sneaky_share", self.sneaky_share),
+            _flag("reveal_truth", self.reveal_truth),
+        )
+
+    def _conditions(self, protocol: GameProtocol) -> Conditions:
+        ending = protocol.endings[0] if self.ending is None else self.ending
+        choose(f"ending of protocol {protocol.name!r}", ending, dict.fromkeys(protocol.endings))
+        if self.verdict_bins is not None and not protocol.takes_bins:
+            raise ValueError(f'verdict_bins is for protocol="audit"; {protocol.name!r} has no verdict')
+        return Conditions(
+            make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon),
+            ENDINGS[ending],
+            None if self.verdict_bins is None else _count("verdict_bins", self.verdict_bins, least=2),
+            _count("exchanges", self.exchanges, least=0),
+        )
+
+    def _reward_scheme(self) -> RewardScheme:
+        costs = Costs(
+            _number("false_accept_cost", self.false_accept_cost), _number("false_reject_cost", self.false_reject_cost)
+        )
+        return make_scheme(self.rewards, costs, has_probabilities=self.verdict_bins is not None)
+
+
+def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
+    """Both agents' values, from {agent: value} or from one value for both."""
+    if isinstance(given, Mapping) and set(given) & set(AGENTS):
+        if set(given) != set(AGENTS):
+            raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")
+        proposer, verifier = (checked(given[agent]) for agent in AGENTS)
+        return proposer, verifier
+    value = checked(given)
+    return value, value
+
+
+def _message_size(size: Any) -> int:
+    return _count("message_size", size, least=0)
+
+
+def _count(name: str, value: Any, *, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{name} must be a whole number, {least} or more, not {value!r}")
+    return value
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _share(name: str, value: Any) -> float:
+    if not 0 <= _number(name, value) <= 1:
+        raise ValueError(f"{name} must be between 0 and 1, not {value!r}")
+    return float(value)
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, not {value!r}")
+    return value

@@ -1,0 +1,128 @@
+"""What a game of proposer and verifier is made of: immutable states, judgements, and what a protocol decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from lilgym_mp.rules import Dynamics, State, Transition
+
+AGENTS = ("proposer_0", "verifier_0")  # by Role
+SILENCE = 0  # the word that says nothing
+NO_CHOICE = -1  # in what is remembered of a turn
+STOP_ACTION = 0  # the MDP's STOP among its numbered actions (`appearances.Appearance`)
+
+
+class Role(IntEnum):
+    PROPOSER = 0
+    VERIFIER = 1
+
+    @property
+    def other(self) -> Role:
+        return Role(1 - self)
+
+
+class Intent(IntEnum):
+    """What a proposer is out for; drawn at reset when its reward is hidden."""
+
+    HELPFUL = 0
+    SNEAKY = 1
+
+
+PROPOSER_MOVES: tuple[Role, ...] = (Role.PROPOSER,)
+VERIFIER_MOVES: tuple[Role, ...] = (Role.VERIFIER,)
+BOTH_MOVE: tuple[Role, ...] = (Role.PROPOSER, Role.VERIFIER)
+NOBODY_MOVES: tuple[Role, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """Who may end the episode with a STOP."""
+
+    by_proposer: bool  # the proposer alone
+    by_verifier: bool  # the verifier alone
+    together: bool  # the proposer, when the verifier accepts
+
+    @property
+    def proposer_may_stop(self) -> bool:
+        """Whether STOP is among the proposer's choices."""
+        return self.by_proposer or self.together
+
+
+ENDINGS: Mapping[str, Ending] = {
+    "agreement": Ending(by_proposer=False, by_verifier=False, together=True),
+    "proposer": Ending(by_proposer=True, by_verifier=False, together=False),
+    "verifier": Ending(by_proposer=False, by_verifier=True, together=False),
+    "either": Ending(by_proposer=True, by_verifier=True, together=False),
+}
+
+
+class Judgement(NamedTuple):
+    """The verifier's answer to the claim that the statement has the target value in the scene."""
+
+    scene: State  # whose scene is judged
+    probability: float  # that the claim holds, as the verifier says; 0 or 1 where it just accepts or rejects
+    final: bool  # whether the episode ends with it
+
+    @property
+    def accepted(self) -> bool:
+        return self.probability > 0.5
+
+    @property
+    def holds(self) -> bool:
+        """Whether the claim is true."""
+        return self.scene.task.solved_by(self.scene.scene)
+
+
+class PastTurn(NamedTuple):
+    """What history keeps of a turn."""
+
+    proposal: int  # NO_CHOICE where there was none
+    answer: int
+    words: tuple[int, int]  # the last of each, by Role
+
+
+class GameState(NamedTuple):
+    """A moment of a game. `mdp.steps` counts the rounds spent."""
+
+    mdp: State
+    movers: tuple[Role, ...]  # whose turn it is; empty after the end
+    intent: Intent
+    proposal: int | None = None  # number of the action that the verifier is asked about
+    rejections: int = 0  # in this round
+    words: tuple[int, int] = (SILENCE, SILENCE)  # the last of each, by Role
+    history: tuple[PastTurn, ...] = ()  # the last turns, oldest first
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What holds throughout a game, beside its protocol."""
+
+    dynamics: Dynamics
+    ending: Ending
+    verdict_bins: int | None  # audit: None for a plain verdict
+    exchanges: int  # critique: rejections before a proposal counts unasked
+
+
+class Ruling(NamedTuple):
+    """What a protocol makes of the choices of a turn."""
+
+    played: Transition | None  # of the MDP, when the turn spends a round
+    movers: tuple[Role, ...]  # next, unless `played` ends the episode
+    proposal: int | None = None
+    rejections: int = 0
+    judgement: Judgement | None = None
+
+
+class GameStep(NamedTuple):
+    """What a turn made of a state. Pairs are by Role."""
+
+    state: GameState
+    rewards: tuple[float, float]
+    terminated: bool
+    truncated: bool
+    played: Transition | None
+    judgement: Judgement | None
+    illegal: tuple[bool, bool]  # whose choice was not legal, and so counted as none

@@ -1,0 +1,395 @@
+"""What each agent sees: the parts of an observation, each with its space and its encoding of a state.
+
+Every part is an array or a NumPy number, because PettingZoo's own test refuses strings in observations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, GameState, Intent, Role
+from lilgym_mp.observation import image_space, item_array, item_capacity
+from lilgym_mp.render import Canvas, UInt8Array
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
+
+AnyView: TypeAlias = "View | str | Mapping[str, Any]"
+Value = NDArray[Any] | np.integer[Any]
+
+BOX_TITLES = ("left", "middle", "right")
+VOCABULARY_SPLIT = "train"
+LENGTH_STEP = 8  # words: the statement's array is a multiple as long, so that most splits agree
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What an agent sees. The proposer's intent and the other's word are added where there are such things."""
+
+    scene: str = "image"  # "image", "structured", "text" or "none"
+    statement: str = "tokens"  # "tokens", "text" or "none"
+    target: bool = True
+    proposal: bool = True  # the one that awaits an answer
+    history: int = 0  # this many past turns
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the choices."""
+        choose("scene view", self.scene, SCENE_PARTS)
+        choose("statement view", self.statement, STATEMENT_PARTS)
+        for name in ("target", "proposal"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} of a view must be True or False, not {getattr(self, name)!r}")
+        if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 0:
+            raise ValueError(f"history of a view must be a number of turns, 0 or more, not {self.history!r}")
+
+
+def make_view(view: AnyView) -> View:
+    """A view from its fields, or from one of the names in VIEWS. Raises ValueError naming the choices."""
+    if isinstance(view, View):
+        return view
+    if isinstance(view, Mapping):
+        names = {field.name: field for field in fields(View)}
+        for name in view:
+            choose("field of a view", name, names)
+        return View(**view)
+    return choose("view", view, VIEWS)
+
+
+@dataclass(frozen=True)
+class World:
+    """What observations of one game depend on beside its state; shared by all copies of the game."""
+
+    game: Game
+    tasks: TaskSet
+    image_size: str
+    views: tuple[View, View]  # by Role
+    sneaky_share: float  # of the episodes, where the proposer's intent is hidden
+    reveals_truth: bool  # in infos
+
+    @cached_property
+    def vocabulary(self) -> Vocabulary:
+        """The words of the corpus's train split: the same for every split."""
+        return Vocabulary.from_statements(task.statement for task in self._training_tasks)
+
+    @cached_property
+    def statement_length(self) -> int:
+        """Words in an array that holds every statement of the train split and of this one."""
+        longest = max(len(words(task.statement)) for tasks in (self.tasks, self._training_tasks) for task in tasks)
+        return -(-longest // LENGTH_STEP) * LENGTH_STEP
+
+    @cached_property
+    def _training_tasks(self) -> TaskSet:
+        origin = self.tasks.provenance
+        if origin.split == VOCABULARY_SPLIT:
+            return self.tasks
+        return load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
+
+    @cached_property
+    def item_capacity(self) -> int:
+        """How many items a box can come to have."""
+        return item_capacity(self.tasks, self.game.conditions.dynamics)
+
+    @cached_property
+    def longest_text(self) -> int:
+        """Bytes of the longest statement."""
+        return max(len(task.statement.encode()) for task in self.tasks)
+
+
+class Part(Protocol):
+    """One entry of an observation."""
+
+    @property
+    def space(self) -> spaces.Space[Any]: ...
+
+    def encode(self, state: GameState) -> Value:
+        """The entry's value: a new array, or a number."""
+        ...
+
+
+@dataclass
+class ImagePart:
+    """uint8 (50, 190, 3), or (100, 380, 3) at native size. With `pixels` the picture is drawn there, not copied."""
+
+    world: World
+    pixels: UInt8Array | None = None
+
+    def __post_init__(self) -> None:
+        self.space = image_space(self.world.image_size)
+        self._canvas = Canvas(self.world.image_size, self.pixels)
+
+    def encode(self, state: GameState) -> Value:
+        picture = self._canvas.show(state.mdp.scene)
+        return picture.copy() if self.pixels is None else picture
+
+
+class ItemsPart:
+    """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
+
+    def __init__(self, world: World) -> None:
+        self._capacity = world.item_capacity
+        self.space = spaces.Box(-BOX_SIDE, BOX_SIDE, (BOX_COUNT, self._capacity, len(Item._fields)), np.int16)
+
+    def encode(self, state: GameState) -> Value:
+        return item_array(state.mdp.scene, self._capacity)
+
+
+LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
+
+
+class SceneTextPart:
+    """The scene in words, as `as_bytes` writes them."""
+
+    def __init__(self, world: World) -> None:
+        self._length = BOX_COUNT * (world.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
+        self.space = byte_space(self._length)
+
+    def encode(self, state: GameState) -> Value:
+        return as_bytes(scene_in_words(state.mdp.scene), self._length)
+
+
+def scene_in_words(scene: Scene) -> str:
+    """One line a box, such as "left: medium yellow square at (40, 80)"; pixels from the box's top-left corner."""
+    boxes = zip(BOX_TITLES, scene.boxes, strict=True)
+    return "\n".join(f"{title}: {', '.join(map(item_in_words, box.items)) or 'empty'}" for title, box in boxes)
+
+
+def item_in_words(item: Item) -> str:
+    size, colour, shape = (member.name.lower() for member in (item.size, item.colour, item.shape))
+    return f"{size} {colour} {shape} at ({item.x}, {item.y})"
+
+
+class TokensPart:
+    """int64 (length,): the statement's words as `World.vocabulary` numbers them, padded with 0."""
+
+    def __init__(self, world: World) -> None:
+        self._vocabulary, self._length = world.vocabulary, world.statement_length
+        self.space = spaces.Box(0, len(self._vocabulary) - 1, (self._length,), np.int64)
+        self._known: dict[str, NDArray[np.int64]] = {}
+
+    def encode(self, state: GameState) -> Value:
+        statement = state.mdp.task.statement
+        known = self._known.get(statement)
+        if known is None:
+            known = self._known[statement] = self._vocabulary.encode(statement, self._length)
+        return known.copy()
+
+
+class StatementTextPart:
+    """The statement, as `as_bytes` writes it."""
+
+    def __init__(self, world: World) -> None:
+        self._length = world.longest_text
+        self.space = byte_space(self._length)
+
+    def encode(self, state: GameState) -> Value:
+        return as_bytes(state.mdp.task.statement, self._length)
+
+
+def byte_space(length: int) -> spaces.Box:
+    return spaces.Box(0, 255, (length,), np.uint8)
+
+
+def as_bytes(text: str, length: int) -> UInt8Array:
+    """(length,) the text's UTF-8 bytes, padded with zeros; `read_text` gives the text back."""
+    array = np.zeros(length, np.uint8)
+    encoded = text.encode()
+    array[: len(encoded)] = np.frombuffer(encoded, np.uint8)
+    return array
+
+
+def read_text(array: UInt8Array) -> str:
+    """The text in a part of an observation that holds UTF-8 bytes."""
+    return array.tobytes().rstrip(b"\0").decode()
+
+
+class TargetPart:
+    """0 or 1."""
+
+    def __init__(self) -> None:
+        self.space = spaces.Discrete(2)
+        self._values = (np.int64(0), np.int64(1))
+
+    def encode(self, state: GameState) -> Value:
+        return self._values[state.mdp.task.target]
+
+
+class ProposalPart:
+    """int64 (slots,): the proposal that awaits an answer, in the released array form; all -1 where there is none."""
+
+    def __init__(self, world: World) -> None:
+        self._arrays = ActionArrays(world.game)
+        self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
+
+    def encode(self, state: GameState) -> Value:
+        return self._arrays[NO_CHOICE if state.proposal is None else state.proposal].copy()
+
+
+class HistoryPart:
+    """int64 (turns, slots + 3): proposal in the released array form, answer, both words; newest last, -1 before."""
+
+    def __init__(self, world: World, turns: int) -> None:
+        self._arrays = ActionArrays(world.game)
+        self._shape = (turns, self._arrays.slots + 3)
+        answers, sizes = world.game.choices[Role.VERIFIER], world.game.message_sizes
+        largest = max(IMAGE_WIDTH - 1, answers.stop - 1, *sizes)
+        self.space = spaces.Box(NO_CHOICE, largest, self._shape, np.int64)
+
+    def encode(self, state: GameState) -> Value:
+        array = np.full(self._shape, NO_CHOICE, np.int64)
+        past = state.history[-len(array) :]
+        for row, turn in zip(array[len(array) - len(past) :], past, strict=True):
+            row[:-3] = self._arrays[turn.proposal]
+            row[-3:] = turn.answer, *turn.words
+        return array
+
+
+class ActionArrays(dict[int, NDArray[np.int64]]):
+    """The released array form of each action of the MDP, made when first asked for; not to be written."""
+
+    def __init__(self, game: Game) -> None:
+        super().__init__()
+        self._appearance = game.conditions.dynamics.appearance
+        self.slots = len(self._appearance.to_array(self._appearance.decode(0)))
+        self[NO_CHOICE] = np.full(self.slots, NO_CHOICE)
+
+    def __missing__(self, number: int) -> NDArray[np.int64]:
+        array = self[number] = np.array(self._appearance.to_array(self._appearance.decode(number)), np.int64)
+        return array
+
+
+@dataclass
+class WordPart:
+    """The other agent's last word; 0 is silence."""
+
+    speaker: Role
+    size: int
+
+    def __post_init__(self) -> None:
+        self.space = spaces.Discrete(self.size + 1)
+
+    def encode(self, state: GameState) -> Value:
+        return np.int64(state.words[self.speaker])
+
+
+class IntentPart:
+    """0 helpful, 1 sneaky: seen by the proposer alone."""
+
+    def __init__(self) -> None:
+        self.space = spaces.Discrete(len(Intent))
+
+    def encode(self, state: GameState) -> Value:
+        return np.int64(state.intent)
+
+
+class ConstantPart:
+    """A value that never changes: who one is, or what one does not see."""
+
+    def __init__(self, space: spaces.Space[Any], value: Value) -> None:
+        self.space = space
+        self._value = value
+
+    def encode(self, state: GameState) -> Value:
+        return self._value.copy()
+
+
+class SharedPart:
+    """A part that both agents see: encoded once a turn, the same array for both."""
+
+    def __init__(self, part: Part) -> None:
+        self.space = part.space
+        self.draws = isinstance(part, ImagePart)
+        self._part = part
+        self._state: GameState | None = None
+        self._value: Value = np.int64(0)
+
+    def encode(self, state: GameState) -> Value:
+        if state is not self._state:
+            self._value = self._part.encode(state)
+            self._state = state
+        return self._value
+
+
+SCENE_PARTS: Mapping[str, tuple[str, Callable[[World], Part]] | None] = {  # by view: key in observations, part
+    "image": ("image", ImagePart),
+    "structured": ("items", ItemsPart),
+    "text": ("text", SceneTextPart),
+    "none": None,
+}
+STATEMENT_PARTS: Mapping[str, Callable[[World], Part] | None] = {
+    "tokens": TokensPart,
+    "text": StatementTextPart,
+    "none": None,
+}
+VIEWS: Mapping[str, View] = {
+    "image": View(),
+    "structured": View(scene="structured"),
+    "text": View(scene="text", statement="text"),
+}
+
+
+def make_parts(world: World, pixels: UInt8Array | None = None) -> tuple[dict[str, Part], dict[str, Part]]:
+    """Each agent's parts by key. `pixels`: an image buffer to draw into instead of copying."""
+    shared = _scene_parts(world, pixels)
+    proposer, verifier = (_parts(world, role, shared) for role in Role)
+    if world.game.homogeneous:
+        return _filled(proposer, verifier, Role.PROPOSER), _filled(verifier, proposer, Role.VERIFIER)
+    return proposer, verifier
+
+
+def _scene_parts(world: World, pixels: UInt8Array | None) -> dict[str, SharedPart]:
+    """One part for each way in which some agent sees the scene, by view."""
+    shared: dict[str, SharedPart] = {}
+    for view in world.views:
+        entry = SCENE_PARTS[view.scene]
+        if entry is not None and view.scene not in shared:
+            build = entry[1]
+            shared[view.scene] = SharedPart(ImagePart(world, pixels) if build is ImagePart else build(world))
+    return shared
+
+
+def _parts(world: World, role: Role, shared: Mapping[str, SharedPart]) -> dict[str, Part]:
+    view, game = world.views[role], world.game
+    parts: dict[str, Part] = {}
+    scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
+    if scene is not None:
+        parts[scene[0]] = shared[view.scene]
+    if statement is not None:
+        parts["statement"] = statement(world)
+    if view.target:
+        parts["target"] = TargetPart()
+    if view.proposal and not game.protocol.simultaneous:
+        parts["proposal"] = ProposalPart(world)
+    if view.history:
+        parts["history"] = HistoryPart(world, view.history)
+    if game.message_sizes[role.other]:
+        size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
+        parts["message"] = WordPart(role.other, size)
+    if role is Role.PROPOSER and game.rewards.draws_intent:
+        parts["intent"] = IntentPart()
+    return parts
+
+
+def _filled(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[str, Part]:
+    """One's own parts, blanks for the other's, and "agent", who one is."""
+    for key in own.keys() & others.keys():
+        if own[key].space != others[key].space:
+            raise ValueError(
+                f"homogeneous agents must see {key!r} alike, not as {own[key].space} and {others[key].space}:"
+                " give both the same view, or one that lacks it"
+            )
+    filled: dict[str, Part] = {"agent": ConstantPart(spaces.Discrete(len(Role)), np.int64(role))}
+    for key in sorted(own.keys() | others.keys()):
+        filled[key] = own[key] if key in own else ConstantPart(others[key].space, _blank(others[key].space))
+    return filled
+
+
+def _blank(space: spaces.Space[Any]) -> Value:
+    return np.int64(0) if isinstance(space, spaces.Discrete) else np.zeros(space.shape or (), space.dtype)
