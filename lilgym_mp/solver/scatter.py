@@ -1,0 +1,206 @@
+"""Scatter solved: first what must change, by sketches, then where there is room for it, under the exact rules."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+from lilgym_mp.actions import STOP, Action
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
+from lilgym_mp.solver.aspects import aspects
+from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
+from lilgym_mp.solver.placements import BoxEdit, Placements
+from lilgym_mp.solver.room import Refuted, room_for
+from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
+from lilgym_mp.solver.sketches import Sketcher, SketchLayers
+from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
+
+KEPT_SKETCHERS = 256  # programs
+MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
+MOST_DETOURS = 2  # edits beyond the fewest a sketch needs, before the search without sketches takes over
+
+
+@lru_cache(maxsize=KEPT_SKETCHERS)
+def sketcher_of(program: str) -> Sketcher:
+    """The sketches for a program, shared by all tasks that have it."""
+    return Sketcher(aspects(compile_program(program).tree))
+
+
+class ScatterSearch:
+    """Shortest solutions where that can be proven, else the best found."""
+
+    budget = 300_000
+
+    def __init__(self, scatter: Scatter, dynamics: Dynamics) -> None:
+        self._scatter = scatter
+        placement = dynamics.rules.placement
+        self._placements = [Placements(scatter, placement, index) for index in range(BOX_COUNT)]
+        self._placement = placement
+
+    def solve(self, state: State, most_edits: int, budget: Budget) -> Solution:
+        if state.task.solved_by(state.scene):
+            return solved((STOP,), 0, budget)
+        search = _TaskSearch(self._placements, state, most_edits, budget)
+        try:
+            actions = search.solution()
+        except BudgetSpentError:
+            return not_found(search.least_edits, budget)
+        if actions is not None:
+            return solved((*actions, STOP), search.least_edits, budget)
+        if search.least_edits > most_edits:
+            reason = f"no scene within {most_edits} edits makes it {state.task.target}"
+            return unsolvable(reason, search.least_edits, budget)
+        return not_found(search.least_edits, budget)
+
+    def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
+        """Every edit from which as many edits remain as a shortest solution leaves; complete where that is certain."""
+        solution = self.solve(state, most_edits, budget)
+        if solution.steps < 2:
+            actions = tuple(map(self._scatter.encode, solution.actions))
+            return ActionSet(actions, complete=solution.status is not Status.NOT_FOUND, steps=solution.steps)
+        remaining = solution.steps - 2
+        found = {self._scatter.encode(solution.actions[0])}
+        certain = solution.proven_optimal and all(placements.complete for placements in self._placements)
+        try:
+            for edit, after in self._edits(state.scene):
+                answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget)
+                if answer:
+                    found.add(self._scatter.encode(edit))
+                certain = certain and answer is not None
+        except BudgetSpentError:
+            certain = False
+        return ActionSet(tuple(sorted(found)), complete=certain, steps=solution.steps)
+
+    def _edits(self, scene: Scene) -> Iterator[tuple[Action, Scene]]:
+        """Every valid edit that is tried, and the scene after it; each colour and each cell counts."""
+        for index, placements in enumerate(self._placements):
+            for edit, box in placements.every(scene.boxes[index]):
+                yield edit, scene.with_box(index, box)
+
+    def _starts_shortest(self, state: State, edits: int, budget: Budget) -> bool | None:
+        """Whether `edits` edits lead on from `state` to a goal; None when that is not known."""
+        budget.spend()
+        if edits == 0:
+            return state.task.solved_by(state.scene)
+        search = _TaskSearch(self._placements, state, edits, budget)
+        if search.relational:
+            return None
+        if search.by_sketches() is not None:
+            return True
+        return False if search.least_edits > edits else None
+
+
+class _Level(NamedTuple):
+    """What came of all goals that take the same number of edits."""
+
+    found: list[BoxEdit] | None
+    goals: int
+    refuted: Refuted
+
+
+class _TaskSearch:
+    """The search from one state. `least_edits` grows as shorter solutions are ruled out."""
+
+    def __init__(self, placements: Sequence[Placements], state: State, most_edits: int, budget: Budget) -> None:
+        self._placements = placements
+        self._boxes = state.scene.boxes
+        self._is_goal = state.task.solved_by
+        self._most_edits = most_edits
+        self._budget = budget
+        self._sketcher = sketcher_of(state.task.program)
+        self.relational = self._sketcher.aspects.relational
+        self.least_edits = 1
+
+    def solution(self) -> list[BoxEdit] | None:
+        """Edits to a goal, as few as were found. Raises BudgetSpentError."""
+        if self._most_edits < 1:
+            return None
+        if self.relational:
+            return self._by_one_edit() or self._by_neighbours()
+        found = self.by_sketches()
+        if found is None and self.least_edits <= self._most_edits:
+            found = self._by_neighbours()
+        return found
+
+    # Sketches first
+
+    def by_sketches(self) -> list[BoxEdit] | None:
+        layers = [self._sketcher.layers(box) for box in self._boxes]
+        nearest = None  # edits to the nearest sketch of a goal
+        for edits in range(1, self._most_edits + 1):
+            level = self._level(edits, layers)
+            if level.found is not None:
+                return level.found
+            if level.refuted is Refuted.PROVEN and self.least_edits == edits:
+                self.least_edits = edits + 1
+            if level.goals and nearest is None:
+                nearest = edits
+            if nearest is not None and edits - nearest == MOST_DETOURS:
+                break
+        return None
+
+    def _level(self, edits: int, layers: Sequence[SketchLayers]) -> _Level:
+        """Seeks room for the sketches of goals that take that many edits."""
+        goals = 0
+        refuted = Refuted.PROVEN
+        found_goals = goals_after(edits, layers, self._is_goal, self._budget)
+        for goals, goal in enumerate(itertools.islice(found_goals, MOST_GOALS), start=1):
+            found = self._realised(goal, layers)
+            if not isinstance(found, Refuted):
+                return _Level(found, goals, Refuted.OPEN)
+            if found is Refuted.OPEN or goals == MOST_GOALS:
+                refuted = Refuted.OPEN
+        return _Level(None, goals, refuted)
+
+    def _realised(self, goal: Scene, layers: Sequence[SketchLayers]) -> list[BoxEdit] | Refuted:
+        """Edits that make the scene look like the goal's sketch."""
+        edits: list[BoxEdit] = []
+        for index, box in enumerate(self._boxes):
+            found = room_for(
+                layers[index].path(goal.boxes[index]), box, self._placements[index], self._sketcher, self._budget
+            )
+            if isinstance(found, Refuted):
+                return found
+            edits.extend(found)
+        return edits
+
+    # Without sketches
+
+    def _by_one_edit(self) -> list[BoxEdit] | None:
+        """A single edit to a goal; when there is none, and every edit was tried, `least_edits` says so."""
+        left, middle, right = self._boxes
+        for index, box in enumerate(self._boxes):
+            for edit, after in self._neighbours(index)(box):
+                boxes = [left, middle, right]
+                boxes[index] = after
+                if self._is_goal(Scene((boxes[0], boxes[1], boxes[2]))):
+                    return [edit]
+        if all(placements.complete for placements in self._placements):
+            self.least_edits = max(self.least_edits, 2)
+        return None
+
+    def _by_neighbours(self) -> list[BoxEdit] | None:
+        """At each number of edits removals alone come first: they are few, and often all that it takes."""
+        profile = Profile(self._sketcher.aspects, self._sketcher.classes)
+        neighbours = [self._neighbours(index) for index in range(BOX_COUNT)]
+        pairs = list(zip(self._boxes, neighbours, strict=True))
+        removals = [NeighbourLayers(box, edited.removals, _items) for box, edited in pairs]
+        everything = [NeighbourLayers(box, edited, profile) for box, edited in pairs]
+        for edits in range(self.least_edits, self._most_edits + 1):
+            for layers in (removals, everything):
+                goal = next(goals_after(edits, layers, self._is_goal, self._budget), None)
+                if goal is not None:
+                    return [edit for layer, box in zip(layers, goal.boxes, strict=True) for edit in layer.path(box)]
+        return None
+
+    def _neighbours(self, index: int) -> Neighbours:
+        return Neighbours(self._placements[index], self._sketcher.classes, self._budget)
+
+
+def _items(box: Box) -> tuple[Item, ...]:
+    return box.items

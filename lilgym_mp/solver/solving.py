@@ -1,0 +1,60 @@
+"""One solver for every appearance: what remains of the horizon, and which search to ask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.solver.scatter import ScatterSearch
+from lilgym_mp.solver.search import Budget
+from lilgym_mp.solver.solution import ActionSet, Solution
+from lilgym_mp.solver.tower import TowerSearch
+from lilgym_mp.task import Task
+
+
+class Search(Protocol):
+    """A way to solve the tasks of one appearance; `budget` is how many scenes it looks at by default."""
+
+    budget: int
+
+    def solve(self, state: State, most_edits: int, budget: Budget) -> Solution: ...
+    def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet: ...
+
+
+SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
+
+
+class Solver:
+    """Shortest solutions of the tasks of one MDP. It keeps nothing between calls but what is true of all."""
+
+    def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
+        """`budget`: scenes looked at per call, at most; None is the appearance's own. Raises ValueError below 1."""
+        self.dynamics = dynamics
+        self._search = SEARCHES[type(dynamics.appearance)](dynamics.appearance, dynamics)
+        self.budget = self._search.budget if budget is None else budget
+        if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:
+            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+
+    def solve(self, task: Task) -> Solution:
+        """A shortest way to success from the task's start."""
+        return self.solve_from(self.dynamics.start(task))
+
+    def solve_from(self, state: State) -> Solution:
+        """A shortest way to success from any state of an episode; `state.steps` counts against the horizon.
+
+        Raises ValueError when the horizon is over.
+        """
+        return self._search.solve(state, self._most_edits(state), Budget(self.budget))
+
+    def optimal_actions(self, state: State) -> ActionSet:
+        """The first actions of shortest solutions. Raises ValueError when the horizon is over."""
+        return self._search.first_actions(state, self._most_edits(state), Budget(self.budget))
+
+    def _most_edits(self, state: State) -> int:
+        """How many edits leave an action for STOP."""
+        left = self.dynamics.horizon - state.steps
+        if left < 1:
+            raise ValueError(f"no action is left: {state.steps} of {self.dynamics.horizon} were taken")
+        return left - 1
