@@ -259,10 +259,6 @@ class Canvas:
             self._shown = scene if inside else None
         return self.pixels
 
-    def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
-        """A copy has a buffer of its own and draws anew."""
-        return Canvas, (self._image_size,)
-
     def _updated(self, scene: Scene) -> bool:
         """Makes the buffer show `scene` by changing the boxes that differ; False when that cannot be done."""
         if self._shown is None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -230,6 +233,18 @@ def test_canvas__draws_into_a_given_buffer(image_size: str):
     assert np.array_equal(memory[1], draw(scene([circle(0, 0)]), image_size))
     assert not memory[0].any()
     assert not memory[2].any()
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
+def test_canvas__a_copy_goes_on_in_a_buffer_of_its_own(image_size: str, duplicate: Callable[[Canvas], Canvas]):
+    canvas = Canvas(image_size)
+    first, second, third = scene([circle(0, 0)]), scene([circle(0, 0), square(40, 40)]), scene([], [square(0, 0)])
+    canvas.show(first)
+    copied = duplicate(canvas)
+    canvas.show(third)
+    assert np.array_equal(copied.show(second), draw(second, image_size))
+    assert np.array_equal(canvas.pixels, draw(third, image_size))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,552 @@
+"""One environment through Gymnasium's interface: checkers, seeding, tasks, episodes, faults, pictures."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.render import draw
+from lilgym_mp.scene import Scene
+from lilgym_mp.wrappers import TokenizedStatement
+from tests.scenes import B, K, scene, tower
+
+CONFIGURATIONS = {
+    "lilgym_mp/TowerScratch-v0": ("tower", "scratch", 13),
+    "lilgym_mp/TowerFlipIt-v0": ("tower", "flipit", 13),
+    "lilgym_mp/ScatterScratch-v0": ("scatter", "scratch", 2661),
+    "lilgym_mp/ScatterFlipIt-v0": ("scatter", "flipit", 2661),
+}
+EVERY = pytest.mark.parametrize("name", CONFIGURATIONS)
+TOWER, TOWER_FLIPIT, SCATTER, SCATTER_FLIPIT = CONFIGURATIONS
+
+STOP = 0
+
+
+def make(name: str, **settings: Any) -> LilGymEnv:
+    env = gym.make(name, **settings).unwrapped
+    assert isinstance(env, LilGymEnv)
+    return env
+
+
+def equal(one: Any, other: Any) -> bool:
+    """Whether two observations, or whatever holds such, are the same in every part."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(equal, one, other))
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+
+
+def played(env: LilGymEnv, seed: int, steps: int = 60) -> list[Any]:
+    """Everything that an environment returns in random episodes, half of its actions being legal."""
+    chance = np.random.default_rng(seed)
+    record: list[Any] = [env.reset(seed=seed)]
+    for _ in range(steps):
+        legal = np.flatnonzero(env.action_masks()[1:]) + 1
+        action = chance.choice(legal) if len(legal) and chance.random() < 0.9 else chance.integers(env.action_space.n)
+        record.append(env.step(int(action)))
+        if record[-1][2] or record[-1][3]:
+            record.append(env.reset())
+    return record
+
+
+# What it is
+
+
+@EVERY
+def test_make__spaces_are_the_documented_ones(name: str):
+    env = make(name)
+    assert env.action_space == gym.spaces.Discrete(CONFIGURATIONS[name][2])
+    assert isinstance(env.observation_space, gym.spaces.Dict)
+    assert env.observation_space["image"] == gym.spaces.Box(0, 255, (50, 190, 3), np.uint8)
+    assert isinstance(env.observation_space["statement"], gym.spaces.Text)
+    assert env.observation_space["target"] == gym.spaces.Discrete(2)
+
+
+@EVERY
+def test_gymnasium_check__passes_without_a_warning(name: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("lilgym_mp.envs.single.RENDER_FPS", 1000)
+    check_env(make(name))
+
+
+@EVERY
+def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name: str):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(TokenizedStatement(gym.make(name)))
+
+
+def test_sb3_check__takes_no_text():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with pytest.raises(AssertionError, match=r"statement: The observation returned .* must be a numpy array"):
+        checker.check_env(make(TOWER))
+
+
+@EVERY
+def test_play__every_observation_is_in_the_space_and_every_value_of_its_plain_type(name: str):
+    env = make(name)
+    observations = []
+    for result in played(env, seed=3):
+        observations.append(result[0])
+        if len(result) == 5:
+            _, reward, terminated, truncated, info = result
+            assert (type(reward), type(terminated), type(truncated), type(info)) == (float, bool, bool, dict)
+    assert all(observation in env.observation_space for observation in observations)
+    assert all(type(observation["target"]) is int for observation in observations)
+
+
+# Settings
+
+
+def test_settings__native_images():
+    env = make(SCATTER_FLIPIT, image_size="native")
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space["image"].shape == (100, 380, 3)  # type: ignore[index]
+    assert np.array_equal(observation["image"], draw(env.scene))
+
+
+@pytest.mark.parametrize(("grid", "count"), [((38, 10), 10_641), ([19, 1], 533), ("native", 1_064_001)])
+def test_settings__grid(grid: Any, count: int):
+    env = make(SCATTER, grid=grid)
+    env.reset(seed=0)
+    assert env.action_space == gym.spaces.Discrete(count)
+    assert env.step(count - 1)[4]["invalid_reason"] == "nothing_to_remove"
+
+
+@pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 3}, 3)])
+def test_settings__horizon(settings: dict[str, Any], horizon: int):
+    env = make(TOWER, **settings)
+    env.reset(seed=0)
+    ends = []
+    while not any(ends):
+        action = 1 if len(ends) % 2 == 0 else 10  # a block on the left tower, and off again
+        _, _, terminated, truncated, info = env.step(action)
+        ends.append(terminated or truncated)
+    assert len(ends) == horizon
+    assert info["outcome"] == "horizon"
+
+
+@pytest.mark.parametrize("split", ["train", "dev", "test"])
+def test_settings__split(split: str):
+    assert make(TOWER, split=split).evaluation_tasks() == load_tasks("builtin", "tower", "scratch", split).ids
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter, tower"),
+        ({"start": "flip"}, "unknown start 'flip'; choose from flipit, scratch"),
+        ({"split": "valid"}, "unknown split 'valid'; choose from dev, test, train"),
+        ({"rules": "lilgym"}, "unknown rules 'lilgym'; choose from paper, release"),
+        ({"corpus": "nlvr"}, 'no corpus \'nlvr\': no such file or directory; choose from "builtin", "lilgym", or'),
+        ({"image_size": "full"}, "unknown image_size 'full'; choose from half, native"),
+        ({"render_mode": "video"}, "unknown render_mode 'video'; choose from ansi, human, rgb_array"),
+        ({"grid": (20, 5)}, "with 20 columns cells would straddle a separator; choose from 19, 38, 76, 95, 190, 380"),
+        ({"grid": (19, 3)}, "3 rows do not divide 100 pixels; choose from 1, 2, 4"),
+        ({"grid": "pixels"}, "grid must be 'native' or a pair .* not 'pixels'"),
+        ({"appearance": "scatter", "grid": 5}, "grid must be 'native' or a pair .* not 5"),
+        ({"horizon": 0}, "horizon must be a positive whole number of actions or None, not 0"),
+    ],
+    ids=str,
+)
+def test_settings__unknown_values_are_refused_with_the_choices(settings: dict[str, Any], message: str):
+    with pytest.raises(ValueError, match=message):
+        LilGymEnv(**{"appearance": "tower", "start": "scratch", **settings})
+
+
+def test_make__an_unknown_configuration_is_refused():
+    with pytest.raises(gym.error.NameNotFound, match="TowerScratched"):
+        gym.make("lilgym_mp/TowerScratched-v0")
+
+
+def test_settings__the_official_corpus_where_it_is_not_is_refused_with_help(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(ValueError, match=r"the official corpus is not here.*LILGYM_DATA"):
+        make(TOWER, corpus="lilgym")
+
+
+# Seeding and tasks
+
+
+@EVERY
+def test_seed__the_same_seed_and_actions_give_the_same_episodes(name: str):
+    assert equal(played(make(name), seed=11), played(make(name), seed=11))
+
+
+def test_seed__another_seed_gives_other_tasks():
+    env = make(TOWER)
+    tasks = {
+        seed: [env.reset(seed=seed if first else None)[1]["task"] for first in (True, *[False] * 9)] for seed in (0, 1)
+    }
+    assert tasks[0] != tasks[1]
+
+
+def test_seed__environments_do_not_share_a_generator_nor_use_the_global_one():
+    alone = make(TOWER)
+    alone.reset(seed=5)
+    expected = [alone.reset()[1]["task"] for _ in range(10)]
+    one, other = make(TOWER), make(TOWER)
+    one.reset(seed=5)
+    other.reset(seed=6)
+    before = np.random.get_state(legacy=False)  # noqa: NPY002
+    found = []
+    for _ in range(10):
+        found.append(one.reset()[1]["task"])
+        other.reset()
+    assert found == expected
+    assert equal(np.random.get_state(legacy=False), before)  # noqa: NPY002
+
+
+@EVERY
+def test_reset__draws_every_entry_equally_often(name: str):
+    env = make(name, split="dev")
+    number, draws = len(env.evaluation_tasks()), 40
+    env.reset(seed=0)
+    counts = Counter(env.reset()[1]["task"] for _ in range(draws * number))
+    assert counts.keys() == set(env.evaluation_tasks())
+    # Each count is binomial with mean 40: further than six deviations away is not to be.
+    assert all(abs(count - draws) < 6 * math.sqrt(draws) for count in counts.values())
+    chi_square = sum((count - draws) ** 2 / draws for count in counts.values())
+    assert chi_square < number + 5 * math.sqrt(2 * number)
+
+
+@EVERY
+def test_evaluation_tasks__are_every_entry_once_in_file_order(name: str):
+    env = make(name, split="dev")
+    appearance, start, _ = CONFIGURATIONS[name]
+    tasks = load_tasks("builtin", appearance, start, "dev")
+    assert env.evaluation_tasks() == tuple(task.id for task in tasks)
+    assert len(set(env.evaluation_tasks())) == len(tasks)
+    for task in tasks:
+        observation, info = env.reset(options={"task": task.id})
+        assert info == {"task": task.id}
+        assert (env.task, env.scene) == (task, task.start)
+        assert observation["statement"] == task.statement
+        assert observation["target"] == int(task.target)
+        assert np.array_equal(observation["image"], draw(task.start, "half"))
+
+
+def test_reset__scratch_starts_empty_with_target_true_and_flipit_where_stop_fails():
+    for name in CONFIGURATIONS:
+        env = make(name)
+        for seed in range(30):
+            observation, _ = env.reset(seed=seed)
+            if "Scratch" in name:
+                assert (env.scene, observation["target"]) == (Scene.empty(), 1)
+            else:
+                assert not env.goal_reached()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"task": "no-such-task"},
+            "no task 'no-such-task' in corpus 'builtin', tower scratch, split 'train'; there are",
+        ),
+        ({"task": 7}, "no task 7 in corpus"),
+        ({"tasks": "a", "seed": 1}, r"unknown reset options \['seed', 'tasks'\]; choose from task"),
+    ],
+)
+def test_reset__unknown_tasks_and_options_are_refused_and_the_episode_goes_on(options: dict[str, Any], message: str):
+    env = make(TOWER)
+    env.reset(seed=0)
+    env.step(1)
+    before = env.state
+    with pytest.raises(ValueError, match=message):
+        env.reset(options=options)
+    assert env.state == before
+    assert env.step(1)[1] == -0.1
+
+
+def test_reset__an_episode_may_be_left_before_its_end(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus)
+    env.reset(seed=0)
+    env.step(1)
+    env.reset()
+    assert (env.scene, env.state.steps) == (Scene.empty(), 0)
+
+
+# Episodes
+
+
+def test_episode__success(own_corpus: Path):
+    env = make(TOWER_FLIPIT, corpus=own_corpus)
+    observation, info = env.reset(options={"task": "blue-yes"})
+    assert (observation["statement"], observation["target"], info) == ("Blue is here.", 0, {"task": "blue-yes"})
+    assert env.scene == scene(tower(K), tower(B))
+    observation, *rest = env.step(env.encode_action([2, 1, -1]))
+    assert rest == [-0.1, False, False, {}]
+    assert env.scene == scene(tower(K))
+    assert np.array_equal(observation["image"], draw(scene(tower(K)), "half"))
+    assert env.goal_reached()
+    _, *rest = env.step(STOP)
+    assert rest == [1.0, True, False, {"outcome": "success", "is_success": True}]
+
+
+@pytest.mark.parametrize(("rules", "flags"), [("paper", [True, False]), ("release", [False, True])])
+@pytest.mark.parametrize(
+    ("name", "task", "action", "reason"),
+    [
+        (TOWER_FLIPIT, "blue-no", [2, 2, -1], "empty_tower"),
+        (SCATTER_FLIPIT, "round-no", [1, 6, 0, 0, 0, 0], "separator"),
+        (SCATTER_FLIPIT, "round-no", [1, 4, 0, 0, 0, 2], "out_of_box"),
+        (SCATTER_FLIPIT, "round-yes", [2, 0, 0, -1, -1, -1], "nothing_to_remove"),
+        (SCATTER_FLIPIT, "round-yes", [1, 8, 4, 1, 0, 1], None),
+    ],
+)
+def test_episode__an_invalid_action_is_an_outcome(
+    own_corpus: Path, rules: str, flags: list[bool], name: str, task: str, action: list[int], reason: str | None
+):
+    env = make(name, corpus=own_corpus, rules=rules)
+    env.reset(options={"task": task})
+    before = env.scene
+    _, *rest = env.step(env.encode_action(action))
+    if reason is None and rules == "paper":
+        assert rest == [-0.1, False, False, {}]
+        return
+    info = {"outcome": "invalid_action", "is_success": False, "invalid_reason": reason or "overlap"}
+    assert rest == [-1.0, *flags, info]
+    assert env.scene is before
+
+
+def test_episode__full_tower_wrong_stop_and_horizon(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus, horizon=5)
+    for actions, info in (
+        ([1, 1, 1, 1, 1], {"outcome": "invalid_action", "is_success": False, "invalid_reason": "full_tower"}),
+        ([1, STOP], {"outcome": "wrong_stop", "is_success": False}),
+        ([1, 1, 1, 1, 4], {"outcome": "horizon", "is_success": False}),
+    ):
+        env.reset(seed=0)
+        for action in actions:
+            _, reward, terminated, truncated, last = env.step(action)
+        assert (reward, terminated, truncated, last) == (-1.0, True, False, info)
+
+
+@EVERY
+def test_goal_reached__is_whether_stop_succeeds(name: str):
+    env, met = make(name), set()
+    for seed in range(40):
+        played(env, seed, steps=3)
+        expected = env.goal_reached()
+        assert env.step(STOP)[4]["is_success"] == expected
+        met.add(expected)
+    assert False in met
+
+
+@EVERY
+def test_action_masks__tell_which_actions_are_valid(name: str):
+    env = make(name)
+    chance = np.random.default_rng(0)
+    for task in env.evaluation_tasks()[:50]:
+        env.reset(options={"task": task})
+        env.step(int(chance.choice(np.flatnonzero(env.action_masks()[1:]))) + 1)
+        mask = env.action_masks()
+        assert (mask.shape, mask.dtype, bool(mask[STOP])) == ((CONFIGURATIONS[name][2],), np.bool_, True)
+        action = int(chance.integers(1, len(mask)))
+        assert (env.step(action)[4].get("outcome") != "invalid_action") == mask[action]
+
+
+def test_encode_action__undoes_decode_action():
+    env = make(SCATTER)
+    for action in (0, 1, 27, 28, 2565, 2566, 2660):
+        assert env.encode_action(env.decode_action(action)) == action
+    with pytest.raises(ActionError, match="action 2661 is out of range"):
+        env.decode_action(2661)
+    with pytest.raises(ActionError, match="shape 3 of the action is out of range"):
+        env.encode_action([1, 0, 0, 3, 0, 0])
+
+
+# What must not be done
+
+
+def test_before_reset__everything_about_a_state_asks_for_a_reset():
+    env = make(TOWER)
+    uses: list[Callable[[], Any]] = [
+        lambda: env.step(0),
+        env.action_masks,
+        env.goal_reached,
+        lambda: env.scene,
+        lambda: env.task,
+        lambda: env.state,
+    ]
+    for use in uses:
+        with pytest.raises(gym.error.ResetNeeded, match="before the first reset; call reset first"):
+            use()
+    with pytest.raises(gym.error.ResetNeeded):
+        gym.make(TOWER).step(0)
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
+def test_before_reset__rendering_asks_for_a_reset(mode: str):
+    with pytest.raises(gym.error.ResetNeeded):
+        make(TOWER, render_mode=mode).render()
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("last", [STOP, 10])
+def test_after_the_end__step_asks_for_a_reset(rules: str, last: int):
+    env = make(TOWER, rules=rules)
+    env.reset(seed=0)
+    env.step(last)
+    for _ in range(2):
+        with pytest.raises(gym.error.ResetNeeded, match="after the end of the episode; call reset first"):
+            env.step(STOP)
+    env.reset()
+    assert env.step(1)[1] == -0.1
+
+
+@pytest.mark.parametrize(
+    "action",
+    [1.0, True, False, "1", None, -1, 13, 2**70, [1], (1,), np.float32(1), np.bool_(True), np.array([1, 2]), math.nan],
+    ids=repr,
+)
+def test_step__what_is_no_action_number_is_refused_and_nothing_happens(action: Any):
+    env = make(TOWER)
+    env.reset(seed=0)
+    before = env.state
+    with pytest.raises(ActionError, match=r"0 \.\. 12"):
+        env.step(action)
+    assert env.state == before
+
+
+@pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.int32(1), np.array(1)], ids=repr)
+def test_step__numpys_whole_numbers_do(action: Any):
+    env = make(TOWER)
+    env.reset(seed=0)
+    assert env.step(action)[1] == -0.1
+
+
+# State
+
+
+@EVERY
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
+)
+def test_copy__goes_on_from_the_middle_of_an_episode_by_itself(name: str, duplicate: Callable[[Any], Any]):
+    env = make(name)
+    env.reset(seed=4)
+    env.step(1)
+    other = duplicate(env)
+    first = [env.step(2), env.step(STOP), env.reset()]
+    assert other.state.steps == 1
+    assert equal(first, [other.step(2), other.step(STOP), other.reset()])
+    assert env.state is not other.state
+
+
+@EVERY
+def test_spec__survives_json_and_makes_the_same_environment(name: str):
+    settings = {"split": "dev", "rules": "release", "grid": (38, 10), "image_size": "native", "horizon": 7}
+    env = gym.make(name, render_mode="rgb_array", **settings)  # type: ignore[arg-type]
+    assert env.spec is not None
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.spec == env.spec or again.spec.kwargs["grid"] == [38, 10]  # type: ignore[union-attr]
+    one, other = env.unwrapped, again.unwrapped
+    assert isinstance(one, LilGymEnv)
+    assert isinstance(other, LilGymEnv)
+    assert (one.dynamics, one.tasks.ids, one.render_mode) == (other.dynamics, other.tasks.ids, other.render_mode)
+    assert equal(played(one, 1, steps=20), played(other, 1, steps=20))
+
+
+@EVERY
+def test_observations__are_not_changed_by_later_steps(name: str):
+    record = [result[0]["image"] for result in played(make(name), seed=2, steps=25)]
+    copies = [result[0]["image"].copy() for result in played(make(name), seed=2, steps=25)]
+    assert equal(record, copies)
+    assert not any(np.shares_memory(one, other) for one, other in pairwise(record))
+
+
+def test_observations__writing_into_one_changes_nothing(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus)
+    observation, _ = env.reset(seed=0)
+    observation["image"][:] = 0
+    env.action_masks()[:] = False
+    assert env.action_masks().sum() == 10
+    assert np.array_equal(env.step(1)[0]["image"], draw(env.scene, "half"))
+
+
+# Pictures
+
+
+def test_render__none_without_a_mode():
+    env = make(TOWER)
+    env.reset(seed=0)
+    assert env.render_mode is None
+    assert env.render() is None
+
+
+def test_render__text_tells_statement_target_and_last_outcome(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus, render_mode="ansi")
+    env.reset(seed=0)
+    assert env.render().splitlines()[-2:] == ["Blue is here.", "Make it True.  Action 0 of 12."]
+    env.step(3)
+    assert env.render().splitlines()[-2:] == [
+        "Make it True.  Action 1 of 12.",
+        "ADD(LEFT, BLUE): continues, reward -0.1",
+    ]
+    env.step(12)
+    assert env.render().splitlines()[-1] == "REMOVE(RIGHT): invalid_action (empty_tower), reward -1.0"
+
+
+def test_render__picture_shows_scene_and_caption(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus, render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    env.step(3)
+    second = env.render()
+    assert isinstance(second, np.ndarray)
+    assert (second.shape, second.dtype) == ((288, 760, 3), np.uint8)
+    assert np.array_equal(second[:200:2, ::2], draw(scene(tower(B))))
+    assert not np.array_equal(first[200:], second[200:])
+
+
+def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("lilgym_mp.envs.single.RENDER_FPS", 1000)
+    shown: list[Any] = []
+    monkeypatch.setattr("pygame.display.flip", lambda: shown.append(None))
+    with make(TOWER, corpus=own_corpus, render_mode="human") as env:
+        env.reset(seed=0)
+        env.step(3)
+        assert env.render() is None
+        assert len(shown) == 3
+    env.close()
+    env.reset()
+    env.close()
+
+
+def test_render__a_window_without_pygame_tells_what_to_install(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = make(TOWER, render_mode="human")
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "lilgym-mp\[human\]"'):
+        env.reset(seed=0)
+
+
+def test_import__leaves_corpora_tables_and_windows_unread():
+    program = """if True:
+        import sys, lilgym_mp
+        late = ("lilgym_mp.envs.single", "lilgym_mp.corpus", "lilgym_mp.rules", "PIL", "pygame")
+        print(*[name for name in late if name in sys.modules])
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
