@@ -38,7 +38,6 @@ class _Stack(NamedTuple):
     box: Box
     with_block: tuple[Box | None, ...]  # by Colour
     without_top: Box | None
-    legal: BoolArray  # (4,) adding each colour, removing
 
 
 _MEMO_KEY = "tower stack"
@@ -62,7 +61,6 @@ def _boxes() -> dict[tuple[Item, ...], Box]:
             box,
             tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
             boxes[items[:-1]] if items else None,
-            np.array([not full] * len(Colour) + [bool(items)]),
         )
     return boxes
 
@@ -91,6 +89,19 @@ def _fault(box: Box) -> str:
                 f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
             )
     raise AssertionError("this is a tower")
+
+
+@cache
+def _legal_by_heights() -> BoolArray:
+    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers; not to be written."""
+    heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
+    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
+    for number, action in enumerate(ACTIONS):
+        if isinstance(action, AddBlock):
+            legal[..., number] = heights[action.box] < CAPACITY
+        elif isinstance(action, RemoveBlock):
+            legal[..., number] = heights[action.box] > 0
+    return legal
 
 
 class TowerTables(NamedTuple):
@@ -195,12 +206,8 @@ class Tower:
         return Edit(scene.with_box(action.box, box))
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
-        mask = np.ones(len(ACTIONS), np.bool_)
-        adds, removes = mask[1:10].reshape(BOX_COUNT, len(Colour)), mask[10:]
-        for index, box in enumerate(scene.boxes):
-            legal = _stack(box).legal
-            adds[index], removes[index] = legal[:-1], legal[-1]
-        return mask
+        left, middle, right = scene.boxes
+        return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
 
     def check_scene(self, scene: Scene) -> Scene:
         """The same scene made of the shared boxes."""
