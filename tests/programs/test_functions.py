@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import pytest
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.programs.functions import items as words
+from lilgym_mp.programs.views import ItemView, Side
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 Y, K, B = Colour.YELLOW, Colour.BLACK, Colour.BLUE
@@ -103,6 +108,8 @@ def test_filter_obj__of_a_set_is_in_scene_order() -> None:
 def test_is_top_and_is_bottom__ties_are_all_true() -> None:
     level = [square(0, 30), square(40, 30), circle(70, 60, Y, Size.SMALL)]
     assert holds("count(filter_obj(all_items, is_top)) == 2 and count(filter_obj(all_items, is_bottom)) == 1", level)
+    low = [circle(0, 60), square(70, 60, B, Size.SMALL), circle(40, 30)]
+    assert holds("count(filter_obj(all_items, is_bottom)) == 2 and count(filter_obj(all_items, is_top)) == 1", low)
 
 
 def test_is_bottom__compares_tops_not_bottoms() -> None:
@@ -166,10 +173,21 @@ def test_corners__are_exactly_two_walls(word: str, margin: int) -> None:
 
 
 def test_corners__three_walls_are_no_corner() -> None:
-    tall = [circle(0, 0, Y, Size.LARGE)._replace(y=-71), square(0, 0)]
-    assert holds("is_touching_corner(all_items[1])", tall)
-    wide = Item(-1, 100, Shape.SQUARE, Y, Size.MEDIUM)
-    assert holds("is_touching_corner(all_items[0], Side.LEFT)", [wide])
+    # No item is as long as a box, so only a made-up one can touch three walls.
+    two, three = (
+        SimpleNamespace(top=100, bottom=50, left=0, right=50),
+        SimpleNamespace(top=100, bottom=0, left=0, right=50),
+    )
+    for word in (words.is_touching_corner, words.is_closely_touching_corner, words.is_close_to_corner):
+        assert word(cast("ItemView", two))
+        assert not word(cast("ItemView", three))
+    specific = words.is_closely_touching_specific_corner
+    assert specific(cast("ItemView", two), Side.LEFT, Side.TOP)
+    assert not specific(cast("ItemView", three), Side.LEFT, Side.TOP)
+
+
+def test_corners__hold_for_items_slightly_outside() -> None:
+    assert holds("is_touching_corner(all_items[0], Side.LEFT)", [square(-1, 81)])
 
 
 def test_specific_corner__needs_both_named_sides() -> None:
