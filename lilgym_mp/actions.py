@@ -5,8 +5,10 @@ Source: SPEC section 3 (Wu et al. 2023, section 4).
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lilgym_mp.scene import Colour, Shape, Size
 
@@ -79,3 +81,38 @@ def describe(action: Action) -> str:
             return f"ADD({column}, {row}, {shape.name}, {colour.name}, {size.name})"
         case RemoveItem(column, row):
             return f"REMOVE({column}, {row})"
+
+
+_NAME = re.compile(r"\s*(\w+)\s*(?:\(([^()]*)\))?\s*")
+_BOX: Callable[[str], int] = BOX_NAMES.index
+_READERS: Mapping[tuple[str, int], tuple[Callable[..., Action], Sequence[Callable[[str], Any]]]] = {
+    ("STOP", 0): (Stop, ()),
+    ("ADD", 2): (AddBlock, (_BOX, Colour.__getitem__)),
+    ("REMOVE", 1): (RemoveBlock, (_BOX,)),
+    ("ADD", 5): (AddItem, (int, int, Shape.__getitem__, Colour.__getitem__, Size.__getitem__)),
+    ("REMOVE", 2): (RemoveItem, (int, int)),
+}  # by word and number of arguments
+
+
+def named(name: str) -> Action:
+    """The action that `describe` calls `name`, in any case and spacing. Raises ActionError."""
+    found = _NAME.fullmatch(name.upper())
+    if found:
+        word, inside = found.groups()
+        arguments = [argument.strip() for argument in inside.split(",")] if inside and inside.strip() else []
+        action, readers = _READERS.get((word, len(arguments)), (None, ()))
+        try:
+            if action is not None:
+                return action(*(read(argument) for read, argument in zip(readers, arguments, strict=True)))
+        except (KeyError, ValueError):
+            pass
+    raise ActionError(f"{name!r} names no action; names look like {', '.join(map(describe, _EXAMPLES))}")
+
+
+_EXAMPLES: tuple[Action, ...] = (
+    STOP,
+    AddBlock(0, Colour.BLUE),
+    RemoveBlock(2),
+    AddItem(3, 4, Shape.CIRCLE, Colour.BLACK, Size.LARGE),
+    RemoveItem(3, 4),
+)

@@ -1,8 +1,56 @@
-"""Wrappers around the environments, installed as `lilgym_mp.wrappers`: one file each."""
+"""Wrappers around the environments, installed as `lilgym_mp.wrappers`: one file each.
 
-from lilgym_mp.wrappers.action_mask import ActionMask
+A class wraps one Gymnasium environment; its factory, `name_v0`, makes the same change to a Gymnasium
+environment, a vector environment of this package, or a PettingZoo environment.
+"""
+
+from lilgym_mp.wrappers.action_mask import ActionMask, action_mask_v0
+from lilgym_mp.wrappers.box_permutation import BoxPermutation, box_permutation_v0
+from lilgym_mp.wrappers.channels_first import ChannelsFirst, channels_first_v0
+from lilgym_mp.wrappers.embedding import StatementEmbedding, statement_embedding_v0
+from lilgym_mp.wrappers.flat import FlatObservation, flat_observation_v0
+from lilgym_mp.wrappers.grid_planes import GridPlanes, grid_planes_v0
 from lilgym_mp.wrappers.moment import WrongEnvironment
-from lilgym_mp.wrappers.stop_forcing import StopForcing
-from lilgym_mp.wrappers.tokens import TokenizedStatement
+from lilgym_mp.wrappers.multi_discrete import MultiDiscreteActions, multi_discrete_actions_v0
+from lilgym_mp.wrappers.named_actions import NamedActions, named_actions_v0
+from lilgym_mp.wrappers.native_image import NativeImage, native_image_v0
+from lilgym_mp.wrappers.nlvr_reward import NLVRReward, nlvr_reward_v0
+from lilgym_mp.wrappers.steps_left import StepsLeft, steps_left_v0
+from lilgym_mp.wrappers.stop_forcing import StopForcing, stop_forcing_v0
+from lilgym_mp.wrappers.structured import StructuredObservation, structured_observation_v0
+from lilgym_mp.wrappers.text import TextObservation, text_observation_v0
+from lilgym_mp.wrappers.tokens import TokenizedStatement, tokenized_statement_v0
 
-__all__ = ["ActionMask", "StopForcing", "TokenizedStatement", "WrongEnvironment"]
+__all__ = [
+    "ActionMask",
+    "BoxPermutation",
+    "ChannelsFirst",
+    "FlatObservation",
+    "GridPlanes",
+    "MultiDiscreteActions",
+    "NLVRReward",
+    "NamedActions",
+    "NativeImage",
+    "StatementEmbedding",
+    "StepsLeft",
+    "StopForcing",
+    "StructuredObservation",
+    "TextObservation",
+    "TokenizedStatement",
+    "WrongEnvironment",
+    "action_mask_v0",
+    "box_permutation_v0",
+    "channels_first_v0",
+    "flat_observation_v0",
+    "grid_planes_v0",
+    "multi_discrete_actions_v0",
+    "named_actions_v0",
+    "native_image_v0",
+    "nlvr_reward_v0",
+    "statement_embedding_v0",
+    "steps_left_v0",
+    "stop_forcing_v0",
+    "structured_observation_v0",
+    "text_observation_v0",
+    "tokenized_statement_v0",
+]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
 from lilgym_mp.wrappers.moment import Moment
 from lilgym_mp.wrappers.transformation import Batch, Transformation
@@ -31,5 +31,7 @@ class ActionMask(EnvWrapper[MaskTold]):
     what is legal, such as StopForcing, are obeyed.
     """
 
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env, MaskTold)
+    does = MaskTold
+
+
+action_mask_v0 = factory(ActionMask)

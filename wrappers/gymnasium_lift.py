@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, SupportsFloat, TypeVar
+from typing import Any, ClassVar, Generic, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
-from lilgym_mp.observation import item_array, item_capacity
-from lilgym_mp.rules import State
-from lilgym_mp.wrappers.moment import (
-    BoolArray,
-    Int16Array,
-    Int64Array,
-    World,
-    WrongEnvironment,
-)
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
+from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation
 
 Does = TypeVar("Does", bound=Transformation)
 
@@ -27,14 +19,20 @@ Does = TypeVar("Does", bound=Transformation)
 class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic[Does]):
     """Base of the wrappers: `gym.make(env.spec)` rebuilds the whole stack, masks pass through it."""
 
-    def __init__(self, env: gym.Env[Any, Any], transformation: Callable[..., Does], **settings: Any) -> None:
+    does: ClassVar[Callable[..., Transformation]]  # makes the transformation from a world and the settings
+
+    def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
         """`settings`: the constructor's arguments, recorded for the spec and given to the transformation."""
         RecordConstructorArgs.__init__(self, **settings)
         gym.Wrapper.__init__(self, env)
-        self.transformation: Does = transformation(world_of(env, type(self).__name__), **settings)
+        world = world_of(env, type(self).__name__)
+        self.transformation = cast("Does", type(self).does(world, **settings))
+        if isinstance(self.transformation, TaskChange):
+            _refuse_above_others(self)
+            self.unwrapped.tasks = self.transformation.tasks()  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = self.transformation.observation_space()
         self.action_space = self.transformation.action_space()
-        self._moment = EnvMoment(env, self.transformation.world)
+        self._moment = EnvMoment(world, env)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         observation, info = self.env.reset(seed=seed, options=options)
@@ -65,28 +63,23 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         return {**info, **{name: _plain(value[0]) for name, value in entries.items()}} if entries else info
 
 
-class EnvMoment:
-    """The `Moment` of one environment; it looks when asked."""
+def _refuse_above_others(wrapper: EnvWrapper[Any]) -> None:
+    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks."""
+    env = wrapper.env
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, EnvWrapper) and not isinstance(env.transformation, TaskChange):
+            name, beneath = type(wrapper).__name__, type(env).__name__
+            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {beneath}, not above it")
+        env = env.env
 
-    def __init__(self, env: gym.Env[Any, Any], world: World) -> None:
+
+class EnvMoment(StatesMoment):
+    """The `Moment` of one environment, as the wrappers up to `env` have narrowed it."""
+
+    def __init__(self, world: World, env: gym.Env[Any, Any]) -> None:
+        base: Any = env.unwrapped
+        super().__init__(world, lambda: (base.state,))
         self._env = env
-        self._world = world
-
-    @property
-    def _state(self) -> State:
-        return self._env.unwrapped.state  # pyright: ignore[reportAttributeAccessIssue]
-
-    @property
-    def task_numbers(self) -> Int64Array:
-        return np.array([self._world.task_number(self._state.task.id)])
-
-    @property
-    def steps(self) -> Int64Array:
-        return np.array([self._state.steps])
-
-    @property
-    def items(self) -> Int16Array:
-        return item_array(self._state.scene, self._world.item_capacity)[None]
 
     def legal(self) -> BoolArray:
         return self._env.get_wrapper_attr("action_masks")()[None]
@@ -104,7 +97,7 @@ def world_of(env: gym.Env[Any, Any], wrapper: str) -> World:
             f"{wrapper} wraps one of this package's Gymnasium environments, such as"
             f' gymnasium.make("lilgym_mp/TowerScratch-v0"), not {env!r}'
         )
-    return World(wrapper, tasks, dynamics, env.observation_space, env.action_space, item_capacity(tasks, dynamics))
+    return World(wrapper, tasks, dynamics, env.observation_space, env.action_space)
 
 
 def batch_of_one(value: Any) -> Batch:

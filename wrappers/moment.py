@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.observation import EMPTY, Int16Array
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.observation import EMPTY, Int16Array, item_array, item_capacity
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 BoolArray = NDArray[np.bool_]
 Int64Array = NDArray[np.int64]
+
+IMAGE, ITEMS, PLANES = "image", "items", "planes"  # the observation's parts that show the scene
+SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 
 class WrongEnvironment(TypeError):
@@ -57,18 +60,12 @@ class World:
     dynamics: Dynamics
     observation_space: spaces.Space[Any]  # of one environment
     action_space: spaces.Space[Any]  # of one environment
-    item_capacity: int  # items that a box can have at most
+    item_capacity: int = field(init=False)  # items that a box can have at most
     stop: int = field(init=False)  # the number of STOP
 
-    _numbers: dict[str, int] = field(init=False, repr=False)  # by task id
-
     def __post_init__(self) -> None:
+        object.__setattr__(self, "item_capacity", item_capacity(self.tasks, self.dynamics))
         object.__setattr__(self, "stop", self.dynamics.appearance.encode(STOP))
-        object.__setattr__(self, "_numbers", {name: number for number, name in enumerate(self.tasks.ids)})
-
-    def task_number(self, task_id: str) -> int:
-        """The place of a task in `tasks`."""
-        return self._numbers[task_id]
 
     def parts(self) -> Mapping[str, spaces.Space[Any]]:
         """The spaces of an observation's parts. Raises WrongEnvironment where observations have none."""
@@ -90,6 +87,15 @@ class World:
             )
         return parts[name]
 
+    def require_scene(self) -> None:
+        """Raises WrongEnvironment where observations do not show the scene: a format reveals nothing new."""
+        parts = self.parts()
+        if not parts.keys() & SCENE_PARTS:
+            raise WrongEnvironment(
+                f"{self.wrapper} needs observations that show the scene (a part {' or '.join(sorted(SCENE_PARTS))});"
+                f" beneath it they have {', '.join(sorted(parts))}"
+            )
+
     def numbered_actions(self) -> spaces.Discrete:
         """The space of action numbers. Raises WrongEnvironment where actions have another form."""
         space = self.action_space
@@ -99,6 +105,33 @@ class World:
                 f" beneath it they are {space}. Put {self.wrapper} nearer to the environment"
             )
         return space
+
+
+class StatesMoment:
+    """The `Moment` of states at hand, nothing having narrowed what is legal; it looks when asked."""
+
+    def __init__(self, world: World, states: Callable[[], Sequence[State]]) -> None:
+        self._world = world
+        self._states = states
+
+    @property
+    def task_numbers(self) -> Int64Array:
+        return np.array([self._world.tasks.number(state.task.id) for state in self._states()], np.int64)
+
+    @property
+    def steps(self) -> Int64Array:
+        return np.array([state.steps for state in self._states()], np.int64)
+
+    @property
+    def items(self) -> Int16Array:
+        capacity = self._world.item_capacity
+        return np.stack([item_array(state.scene, capacity) for state in self._states()])
+
+    def legal(self) -> BoolArray:
+        return np.stack([self._world.dynamics.legal_mask(state) for state in self._states()])
+
+    def goal_reached(self) -> BoolArray:
+        return np.array([self._world.dynamics.goal_reached(state) for state in self._states()], np.bool_)
 
 
 def scene_of(array: Int16Array) -> Scene:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lilgym_mp.choices import choose
 from lilgym_mp.wrappers.action_mask import MASK
+from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
 from lilgym_mp.wrappers.moment import BoolArray, Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Transformation
@@ -76,5 +77,10 @@ class StopForcing(EnvWrapper[Transformation]):
     Raises ValueError for the splits of evaluation unless `allow_evaluation`: testing is without stop forcing.
     """
 
+    does = staticmethod(stop_forcing)
+
     def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
-        super().__init__(env, stop_forcing, mode=mode, allow_evaluation=allow_evaluation)
+        super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
+
+
+stop_forcing_v0 = factory(StopForcing)

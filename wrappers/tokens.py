@@ -13,8 +13,9 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Int64Array, Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.moment import Int64Array, Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 STATEMENT = "statement"  # the observation's part
@@ -37,8 +38,7 @@ class Tokens(Format):
         truncate: bool,
     ) -> None:
         super().__init__(world)
-        if not isinstance(world.part(STATEMENT), spaces.Text):
-            raise WrongEnvironment(f"{world.wrapper} needs statements as text; beneath it they are encoded already")
+        world.part(STATEMENT)
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
         if vocabulary is None:
@@ -59,10 +59,10 @@ class Tokens(Format):
                 " or truncate=True to cut what is longer"
             )
 
-    def spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
 
-    def values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
         return {STATEMENT: self._by_task[moment.task_numbers]}
 
     @cached_property
@@ -101,6 +101,8 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     Raises ValueError when a statement of the environment's tasks is longer, unless `truncate`.
     """
 
+    does = Tokens
+
     def __init__(
         self,
         env: gym.Env[Any, Any],
@@ -109,8 +111,11 @@ class TokenizedStatement(EnvWrapper[Tokens]):
         *,
         truncate: bool = False,
     ) -> None:
-        super().__init__(env, Tokens, vocabulary=vocabulary, length=length, truncate=truncate)
+        super().__init__(env, vocabulary=vocabulary, length=length, truncate=truncate)
 
     @property
     def vocabulary(self) -> Vocabulary:
         return self.transformation.vocabulary
+
+
+tokenized_statement_v0 = factory(TokenizedStatement)

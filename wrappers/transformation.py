@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from gymnasium import spaces
 
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.wrappers.moment import BoolArray, Moment, World
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
@@ -17,6 +18,7 @@ class Transformation:
 
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
+    reads_scene: ClassVar[bool] = False  # whether `observations` looks at the moment's items or legal actions
     tells: ClassVar[bool] = False  # whether `told` may have something to say
 
     def __init__(self, world: World) -> None:
@@ -48,27 +50,32 @@ class Transformation:
         return {}
 
 
+class TaskChange(Transformation):
+    """Gives the environment other tasks to play; done once, when it is wrapped."""
+
+    def tasks(self) -> TaskSet:
+        """The tasks to play instead of the world's."""
+        raise NotImplementedError
+
+
 class Format(Transformation):
-    """Changes parts of an observation and leaves the others: a pair (spaces, values)."""
+    """Changes parts of an observation and leaves the others: a pair (new_spaces, new_values)."""
 
     changes_observations = True
-    replaces: ClassVar[tuple[str, ...]] = ()  # parts that are left out unless `values` gives them anew
+    replaces: tuple[str, ...] = ()  # parts that are left out unless `new_values` gives them anew
 
-    def spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         """The new parts' spaces, of one environment."""
         raise NotImplementedError
 
-    def values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
         """The new parts of B observations."""
         raise NotImplementedError
 
     def observation_space(self) -> spaces.Dict:
-        old = self.world.observation_space
-        if not isinstance(old, spaces.Dict):
-            raise AssertionError("a format asks `world.part` for the parts it needs before this")
-        kept = {name: space for name, space in old.spaces.items() if name not in self.replaces}
-        return spaces.Dict(kept | dict(self.spaces()))
+        kept = {name: space for name, space in self.world.parts().items() if name not in self.replaces}
+        return spaces.Dict(kept | dict(self.new_spaces()))
 
     def observations(self, observations: Mapping[str, Batch], moment: Moment) -> dict[str, Batch]:
         kept = {name: value for name, value in observations.items() if name not in self.replaces}
-        return kept | dict(self.values(observations, moment))
+        return kept | dict(self.new_values(observations, moment))

@@ -259,6 +259,11 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
         return self._block.steps.copy()
 
     @property
+    def actions(self) -> Int64Array:
+        """(N,) a new array: the actions of the last step."""
+        return self._block.action.copy()
+
+    @property
     def item_capacity(self) -> int:
         """Slots of a box in `scene_array`."""
         return self._block.items.shape[2]

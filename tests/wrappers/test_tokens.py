@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.wrappers import TokenizedStatement, WrongEnvironment
+from lilgym_mp.wrappers import FlatObservation, TokenizedStatement, WrongEnvironment
 
 Make = Callable[..., gym.Env[Any, Any]]
 
@@ -80,6 +80,12 @@ def test_observations__do_not_alias(make: Make):
     assert env.reset(options={"task": "blue"})[0]["statement"].any()
 
 
-def test_second_tokenizer__is_refused(make: Make):
-    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs statements as text"):
-        TokenizedStatement(TokenizedStatement(make("TowerScratch")))
+def test_second_tokenizer__has_the_last_word(make: Make):
+    env = TokenizedStatement(TokenizedStatement(make("TowerScratch")), Vocabulary(("blue",)), length=5)
+    obs, _ = env.reset(options={"task": "blue"})
+    assert obs["statement"].tolist() == [2, UNKNOWN, UNKNOWN, PAD, PAD]
+
+
+def test_observation_without_a_statement__is_refused(make: Make):
+    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs observations with parts by name"):
+        TokenizedStatement(FlatObservation(TokenizedStatement(make("TowerScratch"))))

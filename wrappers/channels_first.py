@@ -1,0 +1,37 @@
+"""Images with their channels first, as PyTorch's convolutions want them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import IMAGE, Moment, World
+from lilgym_mp.wrappers.transformation import Batch, Format
+
+
+class Channels(Format):
+    """The image's last axis first."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._shape: tuple[int, ...] = world.part(IMAGE).shape or ()
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {IMAGE: spaces.Box(0, 255, (self._shape[-1], *self._shape[:-1]), np.uint8)}
+
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
+
+
+class ChannelsFirst(EnvWrapper[Channels]):
+    """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
+
+    does = Channels
+
+
+channels_first_v0 = factory(ChannelsFirst)

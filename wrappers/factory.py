@@ -1,0 +1,41 @@
+"""One factory for each wrapper, in the manner of SuperSuit: the same change to any kind of environment."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any, Concatenate, ParamSpec
+
+import gymnasium as gym
+
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import WrongEnvironment
+from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
+
+Settings = ParamSpec("Settings")
+AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo AEC or parallel environment
+
+
+def factory(
+    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]],
+) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
+    """`wrapper` as a function on environments of every kind, which gives one of the same kind."""
+    assert isinstance(wrapper, type)
+    signature = inspect.signature(wrapper)
+
+    def wrap(env: AnyEnv, *args: Settings.args, **kwargs: Settings.kwargs) -> AnyEnv:
+        if isinstance(env, gym.Env):
+            return wrapper(env, *args, **kwargs)
+        settings = signature.bind(env, *args, **kwargs)
+        settings.apply_defaults()
+        del settings.arguments["env"]
+        if isinstance(env, gym.vector.VectorEnv):
+            return VectorEnvWrapper(env, wrapper.__name__, wrapper.does, settings.arguments)
+        raise WrongEnvironment(
+            f"{wrapper.__name__} wraps this package's Gymnasium environments and vector environments and PettingZoo"
+            f" environments, not {env!r}"
+        )
+
+    wrap.__doc__ = f"`{wrapper.__name__}` around an environment of any kind.\n\n{wrapper.__doc__}"
+    wrap.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
+    return wrap

@@ -1,0 +1,68 @@
+"""Observations as one vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+Float32Array = NDArray[np.float32]
+
+
+class Flattening(Transformation):
+    """Every part in one row of numbers."""
+
+    changes_observations = True
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._parts = world.parts()
+        for name, space in self._parts.items():
+            if not isinstance(space, spaces.Box | spaces.Discrete):
+                raise WrongEnvironment(
+                    f"{world.wrapper} needs parts that are numbers, but {name!r} is {space}; put TokenizedStatement"
+                    f" or StatementEmbedding beneath it for a statement"
+                )
+
+    def observation_space(self) -> spaces.Box:
+        bounds = [_bounds(space) for space in self._parts.values()]
+        low, high = (np.concatenate([bound[side] for bound in bounds]) for side in (0, 1))
+        return spaces.Box(low, high, dtype=np.float32)
+
+    def observations(self, observations: Mapping[str, Batch], moment: Moment) -> Batch:
+        return np.concatenate([_rows(space, observations[name]) for name, space in self._parts.items()], axis=1)
+
+
+def _bounds(space: spaces.Space[Any]) -> tuple[Float32Array, Float32Array]:
+    if isinstance(space, spaces.Discrete):
+        return np.zeros(space.n, np.float32), np.ones(space.n, np.float32)
+    assert isinstance(space, spaces.Box)
+    return space.low.ravel().astype(np.float32), space.high.ravel().astype(np.float32)
+
+
+def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
+    """(B, numbers) the values of one part."""
+    if isinstance(space, spaces.Discrete):
+        return (values[:, None] == np.arange(space.n)).astype(np.float32)
+    return values.reshape(len(values), -1).astype(np.float32)
+
+
+class FlatObservation(EnvWrapper[Flattening]):
+    """Turns the whole observation into one float32 vector: the parts in alphabetical order, each flattened row by
+    row, a Discrete part as 0 and a single 1. The goal's value, image values and word numbers keep their scale.
+
+    Raises WrongEnvironment for a statement still in text.
+    """
+
+    does = Flattening
+
+
+flat_observation_v0 = factory(FlatObservation)

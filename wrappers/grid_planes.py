@@ -1,0 +1,100 @@
+"""The scene as planes over a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import RELEASED_GRID
+from lilgym_mp.observation import EMPTY
+from lilgym_mp.scene import (
+    BOX_PITCH,
+    IMAGE_HEIGHT,
+    IMAGE_WIDTH,
+    SIZE_PIXELS,
+    Colour,
+    Shape,
+    Size,
+)
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import PLANES, Int64Array, Moment, World
+from lilgym_mp.wrappers.scene_format import SceneFormat
+from lilgym_mp.wrappers.transformation import Batch
+
+OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # number of the last plane
+PLANE_COUNT = OCCUPANCY + 1
+
+_FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # of shape, colour and size
+_SIDES = np.array(SIZE_PIXELS)
+
+
+class Planes(SceneFormat):
+    """Counts of items by looks, and the cells they reach into."""
+
+    def __init__(self, world: World, *, keep_image: bool) -> None:
+        super().__init__(world, keep_image=keep_image)
+        self.columns, self.rows = getattr(world.dynamics.appearance, "grid", RELEASED_GRID)
+        self._cell = np.array([IMAGE_WIDTH // self.columns, IMAGE_HEIGHT // self.rows])  # width and height in pixels
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        high = np.full((PLANE_COUNT, self.rows, self.columns), self.world.item_capacity, np.uint8)
+        high[OCCUPANCY] = 1
+        return {PLANES: spaces.Box(np.zeros_like(high), high, dtype=np.uint8)}
+
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        items = moment.items
+        batch, box, slot = np.nonzero(items[..., -1] != EMPTY)
+        here = items[batch, box, slot].astype(np.int64)  # (items, 5)
+        sides = _SIDES[here[:, 4]]
+        corners = here[:, :2] + np.stack([box * BOX_PITCH, np.zeros_like(box)], axis=1)  # (items, 2) on the image
+        planes = self._counts(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
+        first, last = self._cells(corners), self._cells(corners + sides[:, None] - 1)
+        planes[:, OCCUPANCY] = self._reached(len(items), batch, first, last)
+        return {PLANES: planes}
+
+    def _cells(self, pixels: Int64Array) -> Int64Array:
+        """(items, 2) column and row of each pixel, the nearest ones for a pixel outside the image."""
+        return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
+
+    def _counts(self, size: int, batch: Int64Array, looks: Int64Array, cells: Int64Array) -> NDArray[np.uint8]:
+        """(size, planes, rows, columns) how many items of each shape, colour and size have their centre there."""
+        shape = (size, PLANE_COUNT, self.rows, self.columns)
+        column, row = cells[:, :1], cells[:, 1:]
+        places = ((batch[:, None] * PLANE_COUNT + _FIRST_PLANES + looks) * self.rows + row) * self.columns + column
+        return np.bincount(places.ravel(), minlength=np.prod(shape)).astype(np.uint8).reshape(shape)
+
+    def _reached(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
+        """(size, rows, columns) the cells that some item's bounding square reaches into."""
+        # Each rectangle as +1 and -1 at its corners; summing up along rows and columns fills it.
+        corners = np.zeros((size, self.rows + 1, self.columns + 1), np.int16)
+        for sign, row, column in (
+            (1, first[:, 1], first[:, 0]),
+            (-1, first[:, 1], last[:, 0] + 1),
+            (-1, last[:, 1] + 1, first[:, 0]),
+            (1, last[:, 1] + 1, last[:, 0] + 1),
+        ):
+            np.add.at(corners, (batch, row, column), sign)
+        return corners.cumsum(1).cumsum(2)[:, :-1, :-1] > 0
+
+
+class GridPlanes(EnvWrapper[Planes]):
+    """Replaces "image" by "planes": uint8 (10, rows, columns) over Scatter's grid, 5 x 19 for Tower.
+
+    Planes 0 .. 2 count the circles, squares and triangles whose centre lies in each cell, 3 .. 5 the yellow, black
+    and blue items, 6 .. 8 the small, medium and large ones. Plane 9 is 1 where an item's bounding square reaches
+    into the cell. `keep_image` leaves "image" beside them.
+    """
+
+    does = Planes
+
+    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
+        super().__init__(env, keep_image=keep_image)
+
+
+grid_planes_v0 = factory(GridPlanes)

@@ -1,0 +1,82 @@
+"""Actions in the released array form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.actions import STOP, ActionType
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import BoolArray, Int64Array, Moment, World
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+
+class _Form(NamedTuple):
+    """The actions of one type, numbered on end, the last slot fastest (SPEC section 3)."""
+
+    last: Int64Array  # (slots,) the array form of the last one: the largest value of each slot, -1 where unused
+    first_number: int
+
+
+class ArrayForm(Transformation):
+    """Action arrays to action numbers, a whole batch at once."""
+
+    changes_actions = True
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        world.numbered_actions()
+        self._appearance = world.dynamics.appearance
+        self._forms = _forms(self._appearance)
+        self._sizes = 1 + np.max([form.last for form in self._forms], axis=0)
+
+    def action_space(self) -> spaces.MultiDiscrete:
+        return spaces.MultiDiscrete(self._sizes)
+
+    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+        """Raises ActionError for an array of another shape or a value out of range."""
+        arrays = np.asarray(actions)
+        if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
+            return self._one_by_one(actions), {}
+        numbers = np.zeros(len(arrays), np.int64)
+        known = np.zeros(len(arrays), np.bool_)
+        for kind, (last, first_number) in enumerate(self._forms):
+            rows = arrays[:, 0] == kind
+            slots = np.flatnonzero(last[1:] >= 0) + 1
+            values = arrays[np.ix_(rows, slots)]
+            known[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
+            if slots.size and known[rows].all():
+                numbers[rows] = first_number + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
+        return (numbers if known.all() else self._one_by_one(arrays)), {}
+
+    def _one_by_one(self, arrays: Batch) -> Int64Array:
+        """The slow way, which explains what is wrong."""
+        return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
+
+
+def _forms(appearance: Appearance) -> list[_Form]:
+    """By ActionType."""
+    unused = [0] * (len(appearance.to_array(STOP)) - 1)
+    firsts = [appearance.encode(appearance.from_array([int(kind), *unused])) for kind in ActionType]
+    ends = [*firsts[1:], appearance.action_count]
+    lasts = [np.array(appearance.to_array(appearance.decode(end - 1))) for end in ends]
+    return [_Form(last, first) for last, first in zip(lasts, firsts, strict=True)]
+
+
+class MultiDiscreteActions(EnvWrapper[ArrayForm]):
+    """Takes actions in the released array form: [type, box, colour] for Tower, [type, x, y, shape, colour, size] for
+    Scatter, MultiDiscrete; slots that a type leaves unused may hold anything, -1 as in the release included.
+
+    `action_masks()` stays one flag for each numbered action: masks slot by slot cannot say which combinations are
+    legal. Raises ActionError in `step` for an array of another shape or a value out of range.
+    """
+
+    does = ArrayForm
+
+
+multi_discrete_actions_v0 = factory(MultiDiscreteActions)

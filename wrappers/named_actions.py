@@ -1,0 +1,84 @@
+"""Actions by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.actions import ActionError, describe, named
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+
+class ActionNames(spaces.Space[str]):
+    """The names of an appearance's actions, such as "ADD(LEFT, BLUE)"."""
+
+    def __init__(self, appearance: Appearance, seed: int | np.random.Generator | None = None) -> None:
+        super().__init__(shape=None, dtype=None, seed=seed)
+        self.appearance = appearance
+
+    def sample(self, mask: Any | None = None, probability: Any | None = None) -> str:
+        """The name of a random action; `mask` and `probability` as for `Discrete`, over action numbers."""
+        numbers = spaces.Discrete(self.appearance.action_count, seed=self.np_random)
+        return describe(self.appearance.decode(int(numbers.sample(mask, probability))))
+
+    def contains(self, x: Any) -> bool:
+        try:
+            return isinstance(x, str) and self.number(x) >= 0
+        except ActionError:
+            return False
+
+    def number(self, name: str) -> int:
+        """The number of the action called `name`. Raises ActionError."""
+        if not isinstance(name, str):
+            raise ActionError(f"an action must be given by its name, not {name!r}")
+        return self.appearance.encode(named(name))
+
+    @property
+    def is_np_flattenable(self) -> bool:
+        return False
+
+    def __repr__(self) -> str:
+        return f"ActionNames({self.appearance!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ActionNames) and self.appearance == other.appearance
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # as other spaces
+
+
+class Names(Transformation):
+    """Action names to action numbers."""
+
+    changes_actions = True
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        world.numbered_actions()
+        self._space = ActionNames(world.dynamics.appearance)
+
+    def action_space(self) -> ActionNames:
+        return self._space
+
+    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+        """Raises ActionError for a name that is none."""
+        return np.array([self._space.number(name) for name in actions]), {}
+
+
+class NamedActions(EnvWrapper[Names]):
+    """Takes actions by name: "STOP", "ADD(LEFT, BLUE)", "REMOVE(LEFT)"; in Scatter "ADD(3, 4, CIRCLE, BLUE, SMALL)"
+    and "REMOVE(3, 4)" with the grid's column and row. Case and spacing do not matter.
+
+    Raises ActionError in `step` for a name that is none.
+    """
+
+    does = Names
+
+
+named_actions_v0 = factory(NamedActions)

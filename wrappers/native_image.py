@@ -1,0 +1,45 @@
+"""Images at the size the scenes are made in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.observation import image_space
+from lilgym_mp.render import draw
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import IMAGE, Moment, World, scene_of
+from lilgym_mp.wrappers.scene_format import SceneFormat
+from lilgym_mp.wrappers.transformation import Batch
+
+SIZE = "native"
+
+
+class NativeDrawing(SceneFormat):
+    """The scene drawn anew."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world, keep_image=False)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {IMAGE: image_space(SIZE)}
+
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        return {IMAGE: np.stack([draw(scene_of(items), SIZE) for items in moment.items])}
+
+
+class NativeImage(EnvWrapper[NativeDrawing]):
+    """Replaces "image" by the native one, uint8 (100, 380, 3).
+
+    It draws every scene from scratch: where speed matters, make the environment with image_size="native", which
+    draws what changes only.
+    """
+
+    does = NativeDrawing
+
+
+native_image_v0 = factory(NativeImage)

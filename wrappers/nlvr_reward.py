@@ -1,0 +1,32 @@
+"""The ablation in which STOP is rewarded for a scene that the corpus has. Source: SPEC section 6."""
+
+from __future__ import annotations
+
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.corpus.matching import matching_corpus
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.transformation import TaskChange
+
+
+class MatchingTasks(TaskChange):
+    """Every task solved by the corpus's scenes only."""
+
+    def tasks(self) -> TaskSet:
+        return matching_corpus(self.world.tasks)
+
+
+class NLVRReward(EnvWrapper[MatchingTasks]):
+    """Counts a STOP as a success only in a scene that the corpus itself has for the statement, labelled with the target
+    value: the same items at the same places in the same boxes, whatever their order. No program is run.
+
+    Reward, outcome, `goal_reached()` and stop forcing all follow. For the Scratch configurations; the scenes are the
+    start scenes of FlipIt's tasks of the same corpus and split. Raises CorpusError for FlipIt.
+
+    It must stand beneath all wrappers but BoxPermutation.
+    """
+
+    does = MatchingTasks
+
+
+nlvr_reward_v0 = factory(NLVRReward)

@@ -1,0 +1,19 @@
+"""What the formats have in common that show the scene in another way than the environment does."""
+
+from __future__ import annotations
+
+from lilgym_mp.wrappers.moment import IMAGE, World
+from lilgym_mp.wrappers.transformation import Format
+
+
+class SceneFormat(Format):
+    """Replaces the image, or stands beside it."""
+
+    reads_scene = True
+
+    def __init__(self, world: World, *, keep_image: bool) -> None:
+        """Raises WrongEnvironment where observations do not show the scene."""
+        super().__init__(world)
+        world.require_scene()
+        if not keep_image:
+            self.replaces = (IMAGE,)

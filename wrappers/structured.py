@@ -1,0 +1,60 @@
+"""The scene as arrays of items."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.observation import EMPTY, Int16Array
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Shape, Size
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import ITEMS, Moment, World
+from lilgym_mp.wrappers.scene_format import SceneFormat
+from lilgym_mp.wrappers.transformation import Batch
+
+PRESENT = "present"  # the observation's part
+BEYOND = 10  # pixels; the release's snapping may put an item somewhat outside its box
+
+
+class Items(SceneFormat):
+    """The items and which slots hold one."""
+
+    def __init__(self, world: World, *, keep_image: bool) -> None:
+        super().__init__(world, keep_image=keep_image)
+        self._shape = (BOX_COUNT, world.item_capacity)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        low = self._fields([-BEYOND, -BEYOND, EMPTY, EMPTY, EMPTY])
+        high = self._fields([BOX_SIDE + BEYOND, BOX_SIDE + BEYOND, max(Shape), max(Colour), max(Size)])
+        return {ITEMS: spaces.Box(low, high, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
+
+    def _fields(self, values: list[int]) -> Int16Array:
+        """(3, capacity, 5) the same five values in every slot."""
+        return np.broadcast_to(np.array(values, np.int16), (*self._shape, len(values)))
+
+    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+        items = moment.items
+        return {ITEMS: items, PRESENT: (items[..., -1] != EMPTY).astype(np.int8)}
+
+
+class StructuredObservation(EnvWrapper[Items]):
+    """Replaces "image" by the items themselves.
+
+    "items": int16 (3, C, 5), for each box, left to right, its items' x, y (pixels from the box's top-left corner),
+    shape, colour and size, in the order they came, -1 in empty slots; C, the most items that a box can come to
+    have, depends on the corpus and the horizon. "present": int8 (3, C), 1 where there is an item.
+    `keep_image` leaves "image" beside them.
+    """
+
+    does = Items
+
+    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
+        super().__init__(env, keep_image=keep_image)
+
+
+structured_observation_v0 = factory(StructuredObservation)

@@ -1,0 +1,209 @@
+"""Observations in plain language, for agents that read and write, and what such an agent's reply says."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import string
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.actions import BOX_NAMES, ActionError, AddItem, RemoveItem, describe, named
+from lilgym_mp.appearances import Appearance, BoolArray
+from lilgym_mp.observation import statement_space
+from lilgym_mp.scene import BOX_COUNT, Item, Scene
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import Moment, World, scene_of
+from lilgym_mp.wrappers.tokens import STATEMENT
+from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+TARGET = "target"  # the observation's part
+LISTED = 64  # up to this many legal actions are listed one by one, with their numbers
+MANY = 50_000  # of more actions than this, which of them are legal is not told
+
+# Bounds on the lengths of texts, in characters.
+FIXED_LENGTH = 800
+ITEM_LENGTH = 60
+LISTED_LENGTH = LISTED * 60
+LEGAL_LENGTH = 12  # of one action's share in the lines by cells
+
+_ANSWER = re.compile(r"\bSTOP\b|\b(?:ADD|REMOVE)\s*\([^()]*\)|(?<![\w.,(-])\d+(?![\w.,)]*\w)", re.IGNORECASE)
+
+
+class Reply(NamedTuple):
+    """What an agent's reply comes to."""
+
+    action: int
+    understood: bool  # False: it names no action, so `action` is the default
+
+
+class Telling(Transformation):
+    """The observation as one text."""
+
+    changes_observations = True
+    reads_scene = True
+
+    def __init__(self, world: World, *, default: int | str) -> None:
+        super().__init__(world)
+        for part in (STATEMENT, TARGET):
+            world.part(part)
+        world.require_scene()
+        self._statements = statement_space(world.tasks)
+        self._appearance = world.dynamics.appearance
+        reply = parse_reply(str(default), self._appearance, world.stop)
+        if not reply.understood:
+            raise ValueError(f"default must be the number or the name of an action, not {default!r}")
+        self.default = reply.action
+
+    def observation_space(self) -> spaces.Text:
+        count = self._appearance.action_count
+        items = BOX_COUNT * self.world.item_capacity * ITEM_LENGTH
+        actions = LISTED_LENGTH + (count * LEGAL_LENGTH if count <= MANY else 0)
+        length = FIXED_LENGTH + self._statements.max_length + items + actions
+        return spaces.Text(
+            length, min_length=0, charset="".join(sorted(self._statements.character_set.union(string.printable)))
+        )
+
+    def observations(self, observations: Batch, moment: Moment) -> Batch:
+        return tuple(
+            "\n".join(
+                (
+                    f"Statement: {task.statement}",
+                    f"Make the statement {str(task.target).lower()}, then STOP. Actions left: {steps_left}.",
+                    *scene_lines(scene_of(items)),
+                    *legal_lines(self._appearance, legal),
+                    "Answer with one action.",
+                )
+            )
+            for task, steps_left, items, legal in zip(
+                (self.world.tasks[number] for number in moment.task_numbers.tolist()),
+                (self.world.dynamics.horizon - moment.steps).tolist(),
+                moment.items,
+                moment.legal(),
+                strict=True,
+            )
+        )
+
+    def parse(self, reply: str) -> Reply:
+        """The action that an agent's reply names last; the default when it names none."""
+        return parse_reply(reply, self._appearance, self.default)
+
+
+def parse_reply(reply: str, appearance: Appearance, default: int) -> Reply:
+    """The action that `reply` names last, by name or number; `default` when there is none such."""
+    found = _ANSWER.findall(reply)
+    if found:
+        answer: str = found[-1]
+        try:
+            number = int(answer) if answer.isdigit() else appearance.encode(named(answer))
+        except ActionError:
+            number = appearance.action_count
+        if number < appearance.action_count:
+            return Reply(number, understood=True)
+    return Reply(default, understood=False)
+
+
+def scene_lines(scene: Scene) -> Iterator[str]:
+    """The scene, item by item."""
+    yield "Scene: three boxes of 100 x 100 pixels; (x, y) is an item's top-left corner in its box, y grows downwards."
+    for name, box in zip(BOX_NAMES, scene.boxes, strict=True):
+        yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
+        yield from (f"  {_item_words(item)}" for item in box.items)
+
+
+def _item_words(item: Item) -> str:
+    looks = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
+    return f"{looks} of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
+
+
+def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
+    """The legal actions with their numbers; where they are more than LISTED, by the cells in which they are legal."""
+    numbers: list[int] = np.flatnonzero(legal).tolist()
+    if len(numbers) <= LISTED:
+        yield "Legal actions, each with its number:"
+        yield from (f"  {number} {describe(appearance.decode(number))}" for number in numbers)
+    elif len(legal) > MANY:
+        last = describe(appearance.decode(len(legal) - 1))
+        yield f"{len(numbers)} of {len(legal)} actions are legal, from STOP to {last}."
+    else:
+        yield "Legal actions, STOP and in cells (column, row):"
+        yield "  0 STOP"
+        yield from _lines_by_cells(appearance, numbers)
+
+
+def _lines_by_cells(appearance: Appearance, numbers: Iterable[int]) -> Iterator[str]:
+    """One line for all the looks that can be added in the same cells, one for where items can be removed."""
+    added: defaultdict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
+    removed: list[tuple[int, int]] = []
+    for number in numbers:
+        match appearance.decode(number):
+            case AddItem(column, row, shape, colour, size):
+                added[shape.name, colour.name, size.name].append((row, column))
+            case RemoveItem(column, row):
+                removed.append((row, column))
+            case _:
+                pass
+    looks_by_cells: defaultdict[tuple[tuple[int, int], ...], list[tuple[str, str, str]]] = defaultdict(list)
+    for look, cells in added.items():
+        looks_by_cells[tuple(sorted(cells))].append(look)
+    for cells, looks in looks_by_cells.items():
+        for names in _products(looks):
+            yield f"  ADD(column, row, {', '.join(names)}): {_cell_words(cells)}"
+    if removed:
+        yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
+
+
+def _products(looks: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """The same looks as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
+    merged = list(looks)
+    for slot in (1, 2, 0):
+        groups: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)
+        for look in merged:
+            groups[look[:slot] + look[slot + 1 :]].append(look[slot])
+        merged = [(*others[:slot], "|".join(names), *others[slot:]) for others, names in groups.items()]
+    return merged
+
+
+def _cell_words(cells: Sequence[tuple[int, int]]) -> str:
+    """Such as "row 0-3: column 0-4, 7-11; row 4: column 2", from (row, column) pairs in ascending order."""
+    columns_by_row: defaultdict[int, list[int]] = defaultdict(list)
+    for row, column in cells:
+        columns_by_row[row].append(column)
+    rows_by_columns: defaultdict[str, list[int]] = defaultdict(list)
+    for row, columns in columns_by_row.items():
+        rows_by_columns[_ranges(columns)].append(row)
+    return "; ".join(f"row {_ranges(rows)}: column {columns}" for columns, rows in rows_by_columns.items())
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Such as "0-4, 7", from ascending numbers."""
+    breaks = [0, *(i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1), len(numbers)]
+    runs = [(numbers[first], numbers[end - 1]) for first, end in itertools.pairwise(breaks)]
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+
+
+class TextObservation(EnvWrapper[Telling]):
+    """Turns the observation into one text: the statement, the target, the actions left, every item, and the legal
+    actions with their names and numbers (by cells, where there are more than 64).
+
+    `parse_action(reply)` turns an agent's reply back into an action number. `default`, a name or number, is the
+    action of a reply that names none.
+    """
+
+    does = Telling
+
+    def __init__(self, env: gym.Env[Any, Any], *, default: int | str = "STOP") -> None:
+        super().__init__(env, default=default)
+
+    def parse_action(self, reply: str) -> Reply:
+        """The action that `reply` names last, by name or number, and whether it names one."""
+        return self.transformation.parse(reply)
+
+
+text_observation_v0 = factory(TextObservation)

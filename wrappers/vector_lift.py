@@ -1,0 +1,224 @@
+"""A transformation on a vector environment: whole arrays, whatever its number of environments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+
+from lilgym_mp.observation import Int16Array
+from lilgym_mp.rules import State
+from lilgym_mp.wrappers.gymnasium_lift import only_one
+from lilgym_mp.wrappers.moment import BoolArray, Int64Array, StatesMoment, World, WrongEnvironment, scene_of
+from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation
+
+LAST, WHERE_LAST = "final_obs", "_final_obs"  # Gymnasium's names in infos of mode SAME_STEP
+LAST_INFO = "final_info"
+
+
+class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
+    """What every factory makes of a batched or worker environment; masks pass through it."""
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        name: str,
+        does: Callable[..., Transformation],
+        settings: Mapping[str, Any],
+    ) -> None:
+        """`does` makes the transformation of the wrapper called `name` from a world and the settings."""
+        super().__init__(env)
+        self._name = name
+        world = _world_of(env, name)
+        self.transformation = does(world, **settings)
+        if isinstance(self.transformation, TaskChange):
+            raise WrongEnvironment(f"{name} changes the tasks, which a vector environment of this kind cannot do yet")
+        if self.transformation.changes_observations:
+            self.single_observation_space = self.transformation.observation_space()
+            self.observation_space = _batched(self.single_observation_space, env)
+        if self.transformation.changes_actions:
+            self.single_action_space = self.transformation.action_space()
+            self.action_space = batch_space(self.single_action_space, env.num_envs)
+        self._moment = VectorMoment(env)
+        self._restarting = np.zeros(env.num_envs, np.bool_)  # where the next action is ignored, since it only resets
+        self._autoreset: AutoresetMode = self.metadata["autoreset_mode"]
+        self._before: _Before | None = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
+        self._restarting[(options or {}).get("reset_mask", slice(None))] = False
+        self._remember()
+        return self._shown(observations), self._told(infos)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        entries: Mapping[str, BoolArray] = {}
+        if self.transformation.changes_actions:
+            actions, entries = self.transformation.actions(actions, self._moment)
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        ended = np.logical_or(terminated, truncated)
+        if entries:
+            infos = self._reported(infos, entries, ended)
+        if LAST in infos and self.transformation.changes_observations:
+            infos = {**infos, LAST: self._last_shown(infos)}
+        if self._autoreset is AutoresetMode.NEXT_STEP:
+            self._restarting = ended
+        self._remember()
+        return self._shown(observations), rewards, terminated, truncated, self._told(infos)
+
+    def action_masks(self) -> BoolArray:
+        """(N, actions) bool, a new array: the legal actions, as this wrapper and those beneath leave them."""
+        return self.transformation.legal(self._moment)
+
+    def goal_reached(self) -> BoolArray:
+        """(N,) bool: whether STOP would be rewarded as a success now."""
+        return self._moment.goal_reached()
+
+    def _shown(self, observations: Batch) -> Batch:
+        if not self.transformation.changes_observations:
+            return observations
+        return self.transformation.observations(observations, self._moment)
+
+    def _told(self, infos: dict[str, Any]) -> dict[str, Any]:
+        """The infos with what the transformation tells of every environment."""
+        if not self.transformation.tells:
+            return infos
+        told = self.transformation.told(infos, self._moment)
+        return {**infos, **told, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in told}}
+
+    def _reported(self, infos: dict[str, Any], entries: Mapping[str, BoolArray], ended: BoolArray) -> dict[str, Any]:
+        """The infos with what became of the actions; of an episode that ended, where Gymnasium has its last info."""
+        acted = ~self._restarting
+        if self._autoreset is not AutoresetMode.SAME_STEP:
+            return infos | _where(entries, acted)
+        infos = infos | _where(entries, acted & ~ended)
+        if ended.any():
+            infos[LAST_INFO] = infos[LAST_INFO] | _where(entries, ended)
+        return infos
+
+    def _remember(self) -> None:
+        """What the last observations of episodes that end in the next step must be made from."""
+        if self._autoreset is AutoresetMode.SAME_STEP and self.transformation.changes_observations:
+            moment = self._moment
+            items = moment.items if self.transformation.reads_scene else None
+            self._before = _Before(moment.task_numbers, moment.steps, items)
+
+    def _last_shown(self, infos: Mapping[str, Any]) -> np.ndarray[Any, Any]:
+        """(N,) objects: the last observations as this wrapper shows them, None where no episode ended."""
+        numbers = np.flatnonzero(infos[WHERE_LAST]).tolist()
+        world, before = self.transformation.world, self._before
+        assert before is not None
+        actions = self.unwrapped.actions  # pyright: ignore[reportAttributeAccessIssue]
+        states = [_last_state(world, before, number, int(actions[number])) for number in numbers]
+        observations = _stacked([infos[LAST][number] for number in numbers])
+        shown = self.transformation.observations(observations, StatesMoment(world, lambda: states))
+        last = np.full(self.num_envs, None, object)
+        for place, number in enumerate(numbers):
+            last[number] = only_one(self.single_observation_space, _taken(shown, place))
+        return last
+
+    def __repr__(self) -> str:
+        return f"<{self._name}, {self.env}>"
+
+
+class VectorMoment:
+    """The `Moment` of a batched or worker environment; it looks when asked."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        self._base: Any = env.unwrapped
+        self._action_masks: Callable[[], BoolArray] = _reach(env, "action_masks")
+        self._goal_reached: Callable[[], BoolArray] = _reach(env, "goal_reached")
+
+    @property
+    def task_numbers(self) -> Int64Array:
+        return self._base.task_numbers
+
+    @property
+    def steps(self) -> Int64Array:
+        return self._base.steps
+
+    @property
+    def items(self) -> Int16Array:
+        return self._base.scene_array()
+
+    def legal(self) -> BoolArray:
+        return self._action_masks()
+
+    def goal_reached(self) -> BoolArray:
+        return self._goal_reached()
+
+
+class _Before(NamedTuple):
+    """N environments before a step."""
+
+    task_numbers: Int64Array  # (N,)
+    steps: Int64Array  # (N,)
+    items: Int16Array | None  # (N, 3, capacity, 5), where the transformation reads the scene
+
+
+def _last_state(world: World, before: _Before, number: int, action: int) -> State:
+    """The state in which an episode ended, taken anew: the environment is in the next episode already."""
+    task = world.tasks[int(before.task_numbers[number])]
+    scene = task.start if before.items is None else scene_of(before.items[number])
+    state = State(task, scene, int(before.steps[number]))
+    return world.dynamics.step(state, world.dynamics.appearance.decode(action)).state
+
+
+def _where(entries: Mapping[str, BoolArray], where: BoolArray) -> dict[str, BoolArray]:
+    """Entries (N,) as Gymnasium's infos have them: beside each a mask `_name` of where it holds."""
+    values = {name: value & where for name, value in entries.items()}
+    return values | {f"_{name}": where.copy() for name in entries}
+
+
+def _stacked(values: Sequence[Any]) -> Batch:
+    """Values of one space as a batch."""
+    first = values[0]
+    if isinstance(first, dict):
+        return {name: _stacked([value[name] for value in values]) for name in first}
+    return tuple(values) if isinstance(first, str) else np.stack(values)
+
+
+def _taken(batch: Batch, place: int) -> Batch:
+    """The batch of one that stands at `place`."""
+    if isinstance(batch, dict):
+        return {name: _taken(part, place) for name, part in batch.items()}
+    return batch[place : place + 1]
+
+
+def _batched(single: spaces.Space[Any], env: VectorEnv[Any, Any, Any]) -> spaces.Space[Any]:
+    """The space of N observations. Unchanged parts stay those of `env`: a batched Text takes much room."""
+    count, old, old_single = env.num_envs, env.observation_space, env.single_observation_space
+    if not isinstance(single, spaces.Dict) or not isinstance(old, spaces.Dict):
+        return _batched_part(single, count)
+    assert isinstance(old_single, spaces.Dict)
+    kept = {name: old[name] for name, part in single.spaces.items() if old_single.spaces.get(name) is part}
+    return spaces.Dict(
+        {name: kept[name] if name in kept else _batched_part(part, count) for name, part in single.spaces.items()}
+    )
+
+
+def _batched_part(single: spaces.Space[Any], count: int) -> spaces.Space[Any]:
+    return spaces.Tuple([single] * count) if isinstance(single, spaces.Text) else batch_space(single, count)
+
+
+def _reach(env: Any, name: str) -> Any:
+    """The attribute of the outermost environment in the stack that has it itself."""
+    while isinstance(env, VectorWrapper) and not hasattr(type(env), name):
+        env = env.env
+    return getattr(env, name)
+
+
+def _world_of(env: VectorEnv[Any, Any, Any], name: str) -> World:
+    """What the wrapper called `name` sees of `env`. Raises WrongEnvironment when it is none of this package's."""
+    base: Any = env.unwrapped
+    if not hasattr(base, "scene_array"):
+        raise WrongEnvironment(
+            f"{name} wraps this package's own vector environments, such as gymnasium.make_vec(id, num_envs=64) gives,"
+            f" not {env!r}; for others wrap each environment: gymnasium.make_vec(id, wrappers=[{name}], ...)"
+        )
+    return World(name, base.tasks, base.dynamics, env.single_observation_space, env.single_action_space)
