@@ -6,7 +6,7 @@ Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +38,7 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
+PATCH_CACHE = 16_384  # surroundings of items that are kept
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
 
 
@@ -175,30 +176,52 @@ class _Blit(NamedTuple):
     pixels: UInt8Array  # (rows, columns, 3)
 
 
-def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> _Blit | None:
-    """The box's picture, with `items`, on the patch of `item`, which need not be one of them.
+class _Patch(NamedTuple):
+    """An item's surroundings: the smallest patch of whole blocks that holds it, in native pixels of its box."""
 
-    None when some item there reaches out of the box or is drawn over by another: then order matters.
-    """
-    x, y, shape, colour, size = item
-    side = SIZE_PIXELS[size]
+    left: int
+    top: int
+    right: int
+    bottom: int
+    alone: _Blit
+    bare: _Blit  # without the item
+
+
+@lru_cache(maxsize=PATCH_CACHE)
+def _patch(item: Item, shrink: int) -> _Patch | None:
+    """None where the patch reaches out of the box."""
+    x, y, side = item.x, item.y, item.side
     left, top = x - x % 2, y - y % 2
     right, bottom = x + side + (x + side) % 2, y + side + (y + side) % 2
     if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
         return None
     place = slice(top // shrink, bottom // shrink), slice(left // shrink, right // shrink)
+    sprite = _stamp(item.kind, item.colour, x % 2, y % 2, shrink).sprite
+    blank = _blank(shrink)[: sprite.shape[0], : sprite.shape[1]]
+    return _Patch(left, top, right, bottom, _Blit(place, sprite), _Blit(place, blank))
+
+
+def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> _Blit | None:
+    """The box's picture, with `items`, on the patch of `item`, which need not be one of them.
+
+    None when some item there reaches out of the box or is drawn over by another: then order matters.
+    """
+    patch = _patch(item, shrink)
+    if patch is None:
+        return None
+    left, top, right, bottom, alone, bare = patch
     there: list[Item] = []
     for other in items:
-        other_x, other_y = other[0], other[1]
+        other_x, other_y, _, _, size = other
         if other_x < right and other_y < bottom:
-            other_side = SIZE_PIXELS[other[4]]
-            if left < other_x + other_side and top < other_y + other_side:
+            side = SIZE_PIXELS[size]
+            if left < other_x + side and top < other_y + side:
                 there.append(other)
     if not there:
-        return _Blit(place, _blank(shrink)[: (bottom - top) // shrink, : (right - left) // shrink])
+        return bare
     if len(there) == 1 and there[0] is item:
-        return _Blit(place, _stamp(shape * 3 + size, colour, x % 2, y % 2, shrink).sprite)
-    return _composed(place, there, shrink)
+        return alone
+    return _composed(alone.place, there, shrink)
 
 
 def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) -> _Blit | None:

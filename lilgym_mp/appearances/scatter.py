@@ -212,7 +212,7 @@ class Scatter:
             _, closest = placement_tables().closest(kind, x, y, items)
         if closest is not None and not self.is_native:
             x, y = snapped(kind, x, y, closest, items, box_index, rules)
-        return Edit(scene.with_box(box_index, box.with_item(Item(x, y, shape, colour, size))))
+        return Edit(scene.with_box(box_index, Box((*items, Item(x, y, shape, colour, size)))))
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
         place = self._columns[action.column]
