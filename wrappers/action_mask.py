@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.wrappers.factory import factory
@@ -32,6 +33,9 @@ class ActionMask(EnvWrapper[MaskTold]):
     """
 
     does = MaskTold
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 action_mask_v0 = factory(ActionMask)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import gymnasium as gym
+
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.permutation import with_permuted_boxes
 from lilgym_mp.wrappers.factory import factory
@@ -28,6 +32,9 @@ class BoxPermutation(EnvWrapper[PermutedTasks]):
     """
 
     does = PermutedTasks
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 box_permutation_v0 = factory(BoxPermutation)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
@@ -32,6 +33,9 @@ class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
 
     does = Channels
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 channels_first_v0 = factory(ChannelsFirst)

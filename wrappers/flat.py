@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -63,6 +64,9 @@ class FlatObservation(EnvWrapper[Flattening]):
     """
 
     does = Flattening
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 flat_observation_v0 = factory(FlatObservation)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
@@ -77,6 +78,9 @@ class MultiDiscreteActions(EnvWrapper[ArrayForm]):
     """
 
     does = ArrayForm
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)

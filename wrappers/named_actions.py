@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
@@ -79,6 +80,9 @@ class NamedActions(EnvWrapper[Names]):
     """
 
     does = Names
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 named_actions_v0 = factory(NamedActions)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
@@ -40,6 +41,9 @@ class NativeImage(EnvWrapper[NativeDrawing]):
     """
 
     does = NativeDrawing
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 native_image_v0 = factory(NativeImage)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import gymnasium as gym
+
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.matching import matching_corpus
 from lilgym_mp.wrappers.factory import factory
@@ -27,6 +31,9 @@ class NLVRReward(EnvWrapper[MatchingTasks]):
     """
 
     does = MatchingTasks
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 nlvr_reward_v0 = factory(NLVRReward)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 from gymnasium import spaces
 
 from lilgym_mp.wrappers.factory import factory
@@ -33,6 +34,9 @@ class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left": the actions left before the horizon, 0 .. horizon. The MDP's state includes it."""
 
     does = Countdown
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
 
 
 steps_left_v0 = factory(StepsLeft)
