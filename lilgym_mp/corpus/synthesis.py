@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.exporting import LabelledScene, entry_json
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
 from lilgym_mp.corpus.scenes import SAMPLERS
@@ -21,11 +22,6 @@ WALKS = 400  # random scenes from which a scene of the other truth value is look
 WALK_LENGTH = 8  # changes of one item
 
 
-class Start(NamedTuple):
-    scene: Scene
-    label: bool  # the statement's truth value
-
-
 class Entry(NamedTuple):
     """A statement with its synthesized start scenes."""
 
@@ -34,20 +30,17 @@ class Entry(NamedTuple):
     split: str
     statement: str
     program: str
-    starts: tuple[Start, ...]
+    starts: tuple[LabelledScene, ...]
 
     def to_json(self) -> dict[str, object]:
         """The entry as `write_corpus` takes it."""
-        starts = [
-            {"id": f"{self.id}:{number}", "label": start.label, "scene": start.scene.to_json()}
-            for number, start in enumerate(self.starts, start=1)
-        ]
-        return {**self._asdict(), "starts": starts}
+        starts = ((f"{self.id}:{number}", start) for number, start in enumerate(self.starts, start=1))
+        return entry_json(self.id, self.appearance, self.split, self.statement, self.program, starts)
 
 
 def start_scenes(
     program: str, appearance: str, rng: random.Random, count: int, walks: int = WALKS
-) -> tuple[Start, ...]:
+) -> tuple[LabelledScene, ...]:
     """At most `count` different scenes with items, by turns true and false of the program.
 
     As far as such pairs are found, a true scene and the false one after it differ by one item. Where `walks` random
@@ -64,12 +57,12 @@ def start_scenes(
         others = (scene for scene in met[value] if scene not in chosen)
         if len(chosen) < count and (scene := next(others, None)) is not None:
             chosen[scene] = value
-    return tuple(Start(scene, label) for scene, label in chosen.items())[:count]
+    return tuple(LabelledScene(scene, label) for scene, label in chosen.items())[:count]
 
 
 def _near_misses(
     program: str, appearance: str, rng: random.Random, met: dict[bool, list[Scene]], walks: int
-) -> Iterator[tuple[Start, Start]]:
+) -> Iterator[tuple[LabelledScene, LabelledScene]]:
     """Pairs of scenes that differ by one item and by the program's value; `met` takes what else the walks meet."""
     sampler = SAMPLERS[appearance]
     for _ in range(walks):
@@ -83,7 +76,7 @@ def _near_misses(
                 met[value_before].append(before)
             if None not in (value, value_before) and value != value_before:
                 true, false = (scene, before) if value else (before, scene)
-                yield Start(true, label=True), Start(false, label=False)
+                yield LabelledScene(true, label=True), LabelledScene(false, label=False)
                 break
 
 

@@ -1,9 +1,7 @@
-"""A small corpus of our own, in both file formats, for tests to spoil."""
+"""A small corpus of our own, in both file formats, and a web server to get it from."""
 
 from __future__ import annotations
 
-import copy
-import json
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
@@ -11,49 +9,13 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.official import Facts, content_digest
-from lilgym_mp.corpus.released import ReleasedFile
+from tests.small_corpus import count_as_release, small_entries, write_released
 from tests.web import Web, web_server
-
-BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
-BLACK_BLOCK = {**BLUE_BLOCK, "color": "Black"}
-CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 30}
-
-ENTRIES: list[dict[str, Any]] = [
-    {
-        "id": "blue",
-        "appearance": "tower",
-        "split": "train",
-        "statement": "Blue is here.",
-        "program": "exist(filter_color(all_items, Color.BLUE))",
-        "starts": [
-            {"id": "blue-yes", "label": True, "scene": [[BLUE_BLOCK], [], []]},
-            {"id": "blue-no", "label": False, "scene": [[BLACK_BLOCK], [], []]},
-        ],
-    },
-    {
-        "id": "pair",
-        "appearance": "tower",
-        "split": "train",
-        "statement": "Two blocks, it's all.",
-        "program": "count(all_items) == 2",
-        "starts": [{"id": "pair-no", "label": False, "scene": [[BLUE_BLOCK], [], []]}],
-    },
-    {
-        "id": "round",
-        "appearance": "scatter",
-        "split": "dev",
-        "statement": "Something round.",
-        "program": "exist(filter_shape(all_items, Shape.CIRCLE))",
-        "starts": [{"id": "round-yes", "label": True, "scene": [[], [CIRCLE], []]}],
-    },
-]
 
 
 @pytest.fixture
 def entries() -> list[dict[str, Any]]:
-    return copy.deepcopy(ENTRIES)
+    return small_entries()
 
 
 @pytest.fixture
@@ -70,24 +32,13 @@ def written(tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture
 def released(tmp_path: Path) -> Path:
     """A directory of released files, with a test split, of our own statements."""
-    directory = tmp_path / "released"
-    directory.mkdir()
-    blue, pair, _ = ENTRIES
-    scratch = {"7": {"sentence": blue["statement"], "lf": blue["program"]}}
-    (directory / "tower_scratch_test.json").write_text(json.dumps(scratch))
-    flipit = {
-        start["id"]: {
-            "sentence": entry["statement"],
-            "lf": entry["program"],
-            "label": str(start["label"]).lower(),
-            "structured_rep": start["scene"],
-            "identifier": entry["id"],
-        }
-        for entry in (blue, pair)
-        for start in entry["starts"]
-    }
-    (directory / "tower_flipit_test.json").write_text(json.dumps(flipit))
-    return directory
+    return write_released(tmp_path / "released")
+
+
+@pytest.fixture
+def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
+    """Two files that count as the release's: one known by content, one by numbers."""
+    return count_as_release(released, monkeypatch)
 
 
 @pytest.fixture
@@ -96,13 +47,3 @@ def web(monkeypatch: pytest.MonkeyPatch) -> Generator[Web, None, None]:
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with web_server() as web:
         yield web
-
-
-@pytest.fixture
-def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Two files that count as all of the release's test split of Tower: one known by content, one by numbers."""
-    names = ("tower_scratch_test.json", "tower_flipit_test.json")
-    records = ReleasedFile(released / names[0], "scratch").records(FaultLog(stop_at_first=True))
-    facts = {names[0]: Facts(1, 1, content_digest(records)), names[1]: Facts(3, 3)}
-    monkeypatch.setattr("lilgym_mp.corpus.official.FACTS", facts)
-    return {name: (released / name).read_bytes() for name in names}
