@@ -96,13 +96,13 @@ class Game:
         proposal, proposer_word, proposer_illegal = self._read(state, Role.PROPOSER, proposer)
         answer, verifier_word, verifier_illegal = self._read(state, Role.VERIFIER, verifier)
         ruling = self.protocol.decide(self.conditions, state, proposal, answer)
+        played = ruling.played
+        terminated = played is not None and played.verdict.terminated
+        truncated = played is not None and played.verdict.truncated
         words = (
             state.words[0] if proposer_word is None else proposer_word,
             state.words[1] if verifier_word is None else verifier_word,
         )
-        played = ruling.played
-        terminated = played is not None and played.verdict.terminated
-        truncated = played is not None and played.verdict.truncated
         after = GameState(
             state.mdp if played is None else played.state,
             NOBODY_MOVES if terminated or truncated else ruling.movers,
@@ -110,17 +110,13 @@ class Game:
             ruling.proposal,
             ruling.rejections,
             words,
-            self._remembered(state, proposal, answer, words),
+            self._remembered(state, proposal, answer, words) if self.history_length else (),
         )
-        return GameStep(
-            after,
-            self._rewards(state, ruling, proposer_word, verifier_word),
-            terminated,
-            truncated,
-            played,
-            ruling.judgement,
-            (proposer_illegal, verifier_illegal),
-        )
+        rewards = self.rewards(played, ruling.judgement, state.intent)
+        if proposer_word or verifier_word:
+            rewards = self._charged(rewards, (proposer_word, verifier_word))
+        illegal = (proposer_illegal, verifier_illegal)
+        return GameStep(after, rewards, terminated, truncated, played, ruling.judgement, illegal)
 
     def _read(self, state: GameState, role: Role, action: SupportsIndex | None) -> tuple[int | None, int | None, bool]:
         """An action's choice, None when illegal; its word, None when it is not the agent's turn; if it is illegal."""
@@ -138,19 +134,14 @@ class Game:
     def _remembered(
         self, state: GameState, proposal: int | None, answer: int | None, words: tuple[int, int]
     ) -> tuple[PastTurn, ...]:
-        if not self.history_length:
-            return ()
         past = PastTurn(NO_CHOICE if proposal is None else proposal, NO_CHOICE if answer is None else answer, words)
         return (*state.history, past)[-self.history_length :]
 
-    def _rewards(
-        self, state: GameState, ruling: Ruling, proposer_word: int | None, verifier_word: int | None
-    ) -> tuple[float, float]:
-        proposer, verifier = self.rewards(ruling.played, ruling.judgement, state.intent)
-        if proposer_word:
-            proposer -= self.message_cost
-        if verifier_word:
-            verifier -= self.message_cost
+    def _charged(self, rewards: tuple[float, float], words: tuple[int | None, int | None]) -> tuple[float, float]:
+        """The rewards less the cost of what was said."""
+        proposer, verifier = (
+            reward - self.message_cost if word else reward for reward, word in zip(rewards, words, strict=True)
+        )
         return proposer, verifier
 
     def checked(self, role: Role, action: SupportsIndex) -> int:

@@ -131,7 +131,11 @@ class Session:
         }
 
     def observe(self, role: Role) -> AgentObservation:
-        return {"observation": self.see(role), "action_mask": self.game.legal_mask(self.state, role)}
+        state = self.state
+        return {
+            "observation": {key: encode(state) for key, encode in self._encoders[role]},
+            "action_mask": self.game.legal_mask(state, role),
+        }
 
     def see(self, role: Role) -> dict[str, Any]:
         """The parts of an observation."""

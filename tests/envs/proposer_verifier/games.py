@@ -1,0 +1,62 @@
+"""A small game for the tests: one statement, one true scene and one false one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.appearances import Tower
+from lilgym_mp.corpus import Provenance, TaskSet
+from lilgym_mp.envs.proposer_verifier import Game, Intent, Settings
+from lilgym_mp.envs.proposer_verifier.states import GameState, GameStep, Role
+from lilgym_mp.envs.proposer_verifier.views import World
+from lilgym_mp.scene import Colour, Scene
+from lilgym_mp.task import Task
+
+TOWER = Tower()
+SOME_BLUE = Task(
+    "some-blue",
+    "Some block is blue.",
+    "exist(filter_color(all_items, Color.BLUE))",
+    True,
+    TOWER.check_scene(Scene.empty()),
+)
+TASKS = TaskSet([SOME_BLUE], Provenance("test", "test", "test", "tower", "scratch", "train", ""))
+
+STOPS = TOWER.encode(STOP)
+ADD_BLUE = TOWER.encode(AddBlock(0, Colour.BLUE))
+ADD_BLACK = TOWER.encode(AddBlock(1, Colour.BLACK))
+REMOVE_FROM_EMPTY = TOWER.encode(RemoveBlock(2))
+REJECT, ACCEPT, VERIFIER_STOPS = 0, 1, 2
+CONTINUE, STOP_NOW = 0, 1
+WAIT = TOWER.action_count  # the proposer's, in games of turns without words
+
+
+def world(**settings: Any) -> World:
+    return replace(Settings.of(**settings).world(), tasks=TASKS)
+
+
+def game(**settings: Any) -> Game:
+    return world(**settings).game
+
+
+def played(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:
+    """The last step of a game that goes by `actions`; pairs where both move at once."""
+    return plays(game, *actions, intent=intent)[-1]
+
+
+def plays(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[GameStep]:
+    """Every step of it."""
+    state: GameState = game.start(SOME_BLUE, intent)
+    steps: list[GameStep] = []
+    for action in actions:
+        if isinstance(action, tuple):
+            step = game.play(state, *action)
+        elif state.movers == (Role.PROPOSER,):
+            step = game.play(state, action)
+        else:
+            step = game.play(state, None, action)
+        steps.append(step)
+        state = step.state
+    return steps

@@ -1,0 +1,312 @@
+"""What each protocol makes of what the agents choose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
+from lilgym_mp.envs.proposer_verifier.states import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
+from lilgym_mp.rules import Outcome
+from tests.envs.proposer_verifier.games import (
+    ACCEPT,
+    ADD_BLACK,
+    ADD_BLUE,
+    CONTINUE,
+    REJECT,
+    REMOVE_FROM_EMPTY,
+    SOME_BLUE,
+    STOP_NOW,
+    STOPS,
+    VERIFIER_STOPS,
+    WAIT,
+    game,
+    played,
+    plays,
+)
+
+
+def outcome(step: Any) -> Outcome | None:
+    return None if step.played is None else step.played.outcome
+
+
+def items(step: Any) -> int:
+    return sum(1 for _ in step.state.mdp.scene.items())
+
+
+def test_veto__a_proposal_does_nothing_until_it_is_answered():
+    step = played(game(), ADD_BLUE)
+    assert step.played is None
+    assert step.rewards == (0.0, 0.0)
+    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (VERIFIER_MOVES, ADD_BLUE, 0)
+
+
+def test_veto__an_accepted_edit_is_a_step_of_the_mdp():
+    step = played(game(), ADD_BLUE, ACCEPT)
+    assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 1)
+    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (PROPOSER_MOVES, None, 1)
+
+
+def test_veto__a_rejection_leaves_the_scene_and_costs_a_step():
+    step = played(game(), ADD_BLUE, REJECT)
+    assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
+    assert step.state.mdp.steps == 1
+
+
+def test_veto__an_accepted_stop_ends_the_episode_as_the_mdp_does():
+    right = played(game(), ADD_BLUE, ACCEPT, STOPS, ACCEPT)
+    wrong = played(game(), ADD_BLACK, ACCEPT, STOPS, ACCEPT)
+    assert (outcome(right), right.rewards, right.terminated) == (Outcome.SUCCESS, (1.0, 1.0), True)
+    assert (outcome(wrong), wrong.rewards, wrong.terminated) == (Outcome.WRONG_STOP, (-1.0, -1.0), True)
+    assert right.state.movers == NOBODY_MOVES
+
+
+def test_veto__a_rejected_stop_does_not_end_the_episode():
+    step = played(game(), STOPS, REJECT)
+    assert (outcome(step), step.terminated, step.state.movers) == (Outcome.CONTINUES, False, PROPOSER_MOVES)
+
+
+def test_veto__an_accepted_invalid_action_ends_the_episode_a_rejected_one_does_not():
+    assert outcome(played(game(), REMOVE_FROM_EMPTY, ACCEPT)) is Outcome.INVALID_ACTION
+    assert outcome(played(game(), REMOVE_FROM_EMPTY, REJECT)) is Outcome.CONTINUES
+
+
+@pytest.mark.parametrize("answer", [ACCEPT, REJECT])
+def test_veto__the_horizon_counts_rounds(answer: int):
+    step = played(game(horizon=2), ADD_BLUE, REJECT, ADD_BLUE, answer)
+    assert (outcome(step), step.terminated, step.rewards) == (Outcome.HORIZON, True, (-1.0, -1.0))
+
+
+def test_veto__under_the_release_rules_the_horizon_truncates():
+    step = played(game(horizon=1, rules="release"), ADD_BLUE, REJECT)
+    assert (step.terminated, step.truncated, step.rewards) == (False, True, (-0.1, -0.1))
+
+
+@pytest.mark.parametrize("ending", ["proposer", "either"])
+def test_ending__by_the_proposer_its_stop_counts_unasked(ending: str):
+    assert outcome(played(game(ending=ending), STOPS)) is Outcome.WRONG_STOP
+
+
+@pytest.mark.parametrize("ending", ["verifier", "either"])
+def test_ending__by_the_verifier_its_stop_is_judged_on_the_scene_before_the_proposal(ending: str):
+    step = played(game(ending=ending), ADD_BLUE, VERIFIER_STOPS)
+    assert (outcome(step), items(step)) == (Outcome.WRONG_STOP, 0)
+    assert step.judgement is not None
+    assert (step.judgement.accepted, step.judgement.holds) == (True, False)
+
+
+@pytest.mark.parametrize("protocol", ["veto", "critique"])
+def test_ending__only_where_the_verifier_may_stop_has_it_that_choice(protocol: str):
+    assert game(protocol=protocol, message_size=0).action_counts[Role.VERIFIER] == 3
+    assert game(protocol=protocol, message_size=0, ending="verifier").action_counts[Role.VERIFIER] == 4
+
+
+@pytest.mark.parametrize("protocol", ["veto", "joint"])
+def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
+    this = game(protocol=protocol, ending="verifier")
+    state = this.start(SOME_BLUE)
+    assert not this.legal_mask(state, Role.PROPOSER)[STOPS]
+    step = this.play(state, STOPS, CONTINUE if protocol == "joint" else None)
+    assert (step.illegal[Role.PROPOSER], outcome(step), items(step)) == (True, Outcome.CONTINUES, 0)
+
+
+def test_joint__the_edit_is_made_while_the_verifier_continues():
+    step = played(game(protocol="joint"), (ADD_BLUE, CONTINUE))
+    assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, BOTH_MOVE)
+
+
+def test_joint__a_stop_is_judged_on_the_scene_before_the_edit():
+    assert outcome(played(game(protocol="joint"), (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+    step = played(game(protocol="joint"), (ADD_BLUE, CONTINUE), (ADD_BLACK, STOP_NOW))
+    assert (outcome(step), items(step)) == (Outcome.SUCCESS, 1)
+
+
+def test_joint__by_agreement_only_both_stops_end_the_episode():
+    this = game(protocol="joint", ending="agreement")
+    assert outcome(played(this, (STOPS, CONTINUE))) is Outcome.CONTINUES
+    step = played(this, (ADD_BLUE, STOP_NOW))
+    assert (outcome(step), items(step)) == (Outcome.CONTINUES, 1)
+    assert outcome(played(this, (STOPS, STOP_NOW))) is Outcome.WRONG_STOP
+
+
+def test_joint__by_either_each_stop_ends_the_episode():
+    this = game(protocol="joint", ending="either")
+    assert outcome(played(this, (STOPS, CONTINUE))) is Outcome.WRONG_STOP
+    assert outcome(played(this, (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+
+
+def test_audit__the_proposer_plays_on_until_it_stops():
+    steps = plays(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
+    assert [step.state.movers for step in steps] == [PROPOSER_MOVES, PROPOSER_MOVES, VERIFIER_MOVES]
+    assert [outcome(step) for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
+
+
+@pytest.mark.parametrize("verdict", [0, 1])
+def test_audit__the_verdict_ends_the_episode_whatever_it_is(verdict: int):
+    step = played(game(protocol="audit"), ADD_BLUE, STOPS, verdict)
+    assert (outcome(step), step.judgement.probability, step.judgement.holds) == (Outcome.SUCCESS, float(verdict), True)
+
+
+def test_audit__without_a_stop_there_is_no_verdict():
+    step = played(game(protocol="audit", horizon=1), ADD_BLUE)
+    assert (outcome(step), step.judgement, step.state.movers) == (Outcome.HORIZON, None, NOBODY_MOVES)
+
+
+@pytest.mark.parametrize(("bins", "expected"), [(2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
+def test_audit__bins_state_their_middles(bins: int, expected: list[float]):
+    this = game(protocol="audit", verdict_bins=bins)
+    stated = [played(this, STOPS, verdict).judgement.probability for verdict in range(bins)]
+    assert stated == pytest.approx(expected)
+
+
+def test_critique__a_rejection_is_free_and_asks_for_another_proposal():
+    step = played(game(protocol="critique"), ADD_BLUE, REJECT)
+    assert (step.played, step.rewards) == (None, (0.0, 0.0))
+    assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == (PROPOSER_MOVES, 1, 0)
+
+
+def test_critique__after_the_last_exchange_the_next_proposal_counts_unasked():
+    this = game(protocol="critique", exchanges=1)
+    step = played(this, ADD_BLACK, REJECT, ADD_BLUE)
+    assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, PROPOSER_MOVES)
+    assert step.state.rejections == 0
+
+
+def test_critique__the_proposer_hears_what_the_verifier_said():
+    this = game(protocol="critique")
+    step = played(this, ADD_BLUE, this.action(Role.VERIFIER, REJECT, word=3))
+    assert step.state.words == (0, 3)
+
+
+def test_message__costs_its_sender():
+    this = game(message_size=2, message_cost=0.25)
+    steps = plays(
+        this, this.action(Role.PROPOSER, ADD_BLUE, word=2), this.action(Role.VERIFIER, ACCEPT), ADD_BLACK * 3
+    )
+    assert steps[0].rewards == (-0.25, 0.0)
+    assert steps[1].rewards == (-0.1, -0.1)
+    assert steps[1].state.words == (2, 0)
+
+
+ILLEGAL = [
+    ("veto", (WAIT,), "the round is spent"),
+    ("veto", (ADD_BLUE, 2), "the proposal is rejected"),
+    ("audit", (STOPS, 2), "nothing is believed"),
+    ("joint", ((STOPS, CONTINUE),), "no edit is made"),
+]
+
+
+@pytest.mark.parametrize(("protocol", "actions", "meaning"), ILLEGAL, ids=[meaning for *_, meaning in ILLEGAL])
+def test_illegal_choice__counts_as_having_chosen_nothing(protocol: str, actions: Any, meaning: str):
+    step = played(game(protocol=protocol), *actions)
+    assert any(step.illegal)
+    assert items(step) == 0
+    assert step.judgement is None or step.judgement.probability == 0.0
+    assert step.state.mdp.steps == 1
+
+
+REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, float]]] = [
+    # rewards, settings, actions in an audit, intent, expected
+    ("common", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
+    ("common", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, -1.0)),
+    ("correctness", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
+    ("correctness", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
+    ("correctness", {"false_accept_cost": 3.0}, (STOPS, 1), Intent.HELPFUL, (-1.0, -3.0)),
+    ("correctness", {"false_reject_cost": 0.5}, (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -0.5)),
+    ("helpful", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
+    ("helpful", {}, (STOPS, 1), Intent.HELPFUL, (0.0, -1.0)),
+    ("sneaky", {}, (STOPS, 1), Intent.SNEAKY, (1.0, -1.0)),
+    ("sneaky", {}, (ADD_BLUE, STOPS, 1), Intent.SNEAKY, (0.0, 1.0)),
+    ("sneaky", {}, (STOPS, 0), Intent.SNEAKY, (0.0, 1.0)),
+    ("hidden", {}, (STOPS, 1), Intent.SNEAKY, (1.0, -1.0)),
+    ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (0.0, -1.0)),
+    ("brier", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (0.0, -0.5625)),
+    ("brier", {"verdict_bins": 2}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, -0.0625)),
+    ("log", {"verdict_bins": 2}, (STOPS, 0), Intent.HELPFUL, (0.0, float(np.log(0.75)))),
+]
+
+
+@pytest.mark.parametrize(("rewards", "settings", "actions", "intent", "expected"), REWARDED)
+def test_rewards__of_an_audit(
+    rewards: str, settings: dict[str, Any], actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]
+):
+    step = played(game(protocol="audit", rewards=rewards, **settings), *actions, intent=intent)
+    assert step.rewards == pytest.approx(expected)
+
+
+def test_rewards__a_right_rejection_that_ends_nothing_is_worth_nothing():
+    assert played(game(rewards="correctness"), STOPS, REJECT).rewards == (-0.1, 0.0)
+
+
+def test_rewards__are_weighted_sums():
+    rewards = {"proposer_0": {"sneaky": 2.0, "mdp": 0.5}, "verifier_0": "correctness"}
+    assert played(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
+
+
+def test_play__refuses_to_act_out_of_turn():
+    this = game()
+    state = this.start(SOME_BLUE)
+    with pytest.raises(TurnError, match="verifier_0 acted out of turn: it is the turn of proposer_0"):
+        this.play(state, ADD_BLUE, ACCEPT)
+    with pytest.raises(TurnError, match="it is the turn of proposer_0: it must act"):
+        this.play(state)
+
+
+def test_play__refuses_to_act_after_the_end():
+    this = game(ending="proposer")
+    over = played(this, STOPS).state
+    with pytest.raises(TurnError, match="the game is over"):
+        this.play(over, ADD_BLUE)
+
+
+@pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, None, [1]])
+def test_play__refuses_what_is_no_action(action: Any):
+    this = game()
+    with pytest.raises((ActionError, TurnError), match="proposer_0"):
+        this.play(this.start(SOME_BLUE), action)
+
+
+def test_describe__names_actions():
+    this = game(ending="verifier", message_size=2)
+    describe = this.describe
+    assert describe(Role.PROPOSER, this.action(Role.PROPOSER, ADD_BLUE)) == "ADD(LEFT, BLUE)"
+    assert describe(Role.PROPOSER, this.action(Role.PROPOSER, WAIT)) == "wait"
+    assert describe(Role.VERIFIER, this.action(Role.VERIFIER, REJECT, word=1)) == "reject, word 1"
+    assert describe(Role.VERIFIER, this.action(Role.VERIFIER, VERIFIER_STOPS)) == "stop"
+
+
+GAMES = {
+    (protocol, ending, words): game(protocol=protocol, ending=ending, message_size=words, views={"history": 2})
+    for protocol in PROTOCOLS
+    for ending in PROTOCOLS[protocol].endings
+    for words in (0, 2)
+}
+
+
+@given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
+def test_play__is_pure_and_ends_in_time_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
+    this = GAMES[key]
+    state = this.start(SOME_BLUE)
+    for chance in chances:
+        if not state.movers:
+            break
+        actions = [chance % this.action_counts[role] if role in state.movers else None for role in Role]
+        step = this.play(state, *actions)
+        assert this.play(state, *actions) == step
+        for role in state.movers:
+            mask = this.legal_mask(state, role)
+            assert mask.dtype == np.int8
+            assert mask.any()
+            if mask[actions[role]]:
+                assert not step.illegal[role]
+                assert role is Role.VERIFIER or outcome(step) is not Outcome.INVALID_ACTION
+            elif step.illegal[role]:
+                assert not mask[actions[role]]
+        assert bool(step.state.movers) != (step.terminated or step.truncated)
+        assert step.state.mdp.steps <= this.conditions.dynamics.horizon
+        state = step.state

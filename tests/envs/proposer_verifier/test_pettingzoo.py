@@ -1,0 +1,311 @@
+"""PettingZoo's own tests of every protocol, and what they leave out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import data_equivalence
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, render_test, seed_test
+from pettingzoo.test.state_test import state_test
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    ENVIRONMENT_ID,
+    PROTOCOLS,
+    TurnError,
+    env,
+    parallel_env,
+    raw_env,
+)
+from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW, STOPS, WAIT
+
+PROPOSER, VERIFIER = AGENTS
+CYCLES = 60
+FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
+
+# PettingZoo says this of every environment with a mask in its observations that is not in a list of names of its own,
+OF_MASKS = {
+    "Observation is not a NumPy array",
+    "Observation space for each agent probably should be gymnasium.spaces.box or gymnasium.spaces.discrete",
+}
+# and this of every one whose agents have different actions, and so masks of different lengths.
+OF_UNLIKE_AGENTS = {"Agents have different observation space sizes"}
+
+
+@contextmanager
+def warned() -> Iterator[set[str]]:
+    """The warnings of what happens inside."""
+    messages: set[str] = set()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield messages
+    messages.update(str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("make", [env, raw_env])
+def test_api__is_pettingzoos_without_warnings_of_ours(make: Callable[..., Any], protocol: str):
+    with warned() as messages:
+        api_test(make(protocol=protocol), CYCLES)
+    assert messages <= OF_MASKS | OF_UNLIKE_AGENTS
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_api__of_homogeneous_agents_has_fewer_warnings(protocol: str):
+    with warned() as messages:
+        api_test(env(protocol=protocol, homogeneous=True), CYCLES)
+        parallel_api_test(parallel_env(protocol=protocol, homogeneous=True), CYCLES)
+    assert messages <= OF_MASKS
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_parallel_api__is_pettingzoos_without_any_warning(protocol: str):
+    with warned() as messages:
+        parallel_api_test(parallel_env(protocol=protocol), CYCLES)
+    assert not messages
+
+
+@pytest.mark.parametrize("views", ["image", "structured", "text"])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_api__holds_in_every_view(views: str, appearance: str):
+    settings = {"views": views, "appearance": appearance, "start": "flipit", "rewards": "hidden", "message_size": 2}
+    with warned() as messages:
+        api_test(env(**settings), CYCLES)
+        parallel_api_test(parallel_env(**settings), CYCLES)
+    assert messages <= OF_MASKS | OF_UNLIKE_AGENTS
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_seeds__as_pettingzoo_tests_them(protocol: str):
+    seed_test(lambda: env(protocol=protocol), CYCLES)
+    parallel_seed_test(lambda: parallel_env(protocol=protocol), CYCLES)
+
+
+def rollout(game: Any, seed: int, turns: int) -> list[Any]:
+    """Everything that a parallel game shows over several episodes, its legal actions drawn by `seed`."""
+    rng = np.random.default_rng(seed)
+    seen: list[Any] = []
+    observations, infos = game.reset(seed=seed)
+    for _ in range(turns):
+        seen.append((observations, infos))
+        if not game.agents:
+            observations, infos = game.reset()
+            continue
+        legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
+        actions = {agent: rng.choice(numbers) for agent, numbers in legal.items()}
+        observations, *rest, infos = game.step(actions)
+        seen.append((actions, *rest))
+    return seen
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_whole_rollouts__are_the_same_for_the_same_seed(protocol: str):
+    def make() -> Any:
+        return parallel_env(protocol=protocol, rewards="hidden", reveal_truth=True, views={"history": 3})
+
+    first, second, other = (rollout(make(), seed, 150) for seed in (5, 5, 6))
+    assert data_equivalence(first, second)
+    assert not data_equivalence(first, other)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_both_forms__play_the_same_game(protocol: str):
+    turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
+    rng = np.random.default_rng(1)
+    for episode in range(12):
+        turns.reset(seed=episode)
+        observations, _ = parallel.reset(seed=episode)
+        while parallel.agents:
+            legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
+            actions = {agent: int(rng.choice(numbers)) for agent, numbers in legal.items()}
+            movers = len(turns.session.state.movers)
+            observations, rewards, terminations, truncations, infos = parallel.step(actions)
+            for _ in range(movers):
+                turns.step(actions[turns.agent_selection])
+            assert data_equivalence({agent: turns.observe(agent) for agent in AGENTS}, observations)
+            assert (turns.rewards, turns.terminations) == (rewards, terminations)
+            assert (turns.truncations, turns.infos) == (truncations, infos)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_state__is_a_picture(protocol: str):
+    state_test(env(protocol=protocol), parallel_env(protocol=protocol))
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_render__as_pettingzoo_tests_it(protocol: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("lilgym_mp.envs.proposer_verifier.session.RENDER_FPS", 10_000)
+    render_test(lambda **how: env(protocol=protocol, **how))
+
+
+def test_render__tells_what_was_said():
+    game = parallel_env(protocol="joint", render_mode="ansi")
+    game.reset(seed=0)
+    game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
+    shown = game.render()
+    assert isinstance(shown, str)
+    assert "proposer_0: ADD(LEFT, BLUE);  verifier_0: continue" in shown
+    assert "continues, rewards -0.1 and -0.1" in shown
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_random_play_that_ignores_masks__never_raises(protocol: str, appearance: str):
+    game = parallel_env(protocol=protocol, appearance=appearance, views="structured", message_size=1)
+    rng = np.random.default_rng(0)
+    endings = 0
+    for episode in range(30):
+        game.reset(seed=episode)
+        while game.agents:
+            game.step({agent: rng.integers(game.action_space(agent).n) for agent in AGENTS})
+        endings += 1
+    assert endings == 30
+
+
+def test_illegal_choice__is_told_in_the_info_of_who_made_it():
+    game = parallel_env()
+    game.reset(seed=0)
+    *_, infos = game.step({PROPOSER: WAIT, VERIFIER: 0})
+    assert infos == {PROPOSER: {"illegal_choice": True}, VERIFIER: {"illegal_choice": True}}
+    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    assert infos == {PROPOSER: {}, VERIFIER: {}}
+
+
+def test_parallel__lets_only_the_waiting_wait():
+    game = parallel_env()
+    observations, _ = game.reset(seed=0)
+    assert np.flatnonzero(observations[VERIFIER]["action_mask"]).tolist() == [2]
+    assert not observations[PROPOSER]["action_mask"][WAIT]
+    observations, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    assert np.flatnonzero(observations[VERIFIER]["action_mask"]).tolist() == [0, 1]
+    assert np.flatnonzero(observations[PROPOSER]["action_mask"]).tolist() == [WAIT]
+
+
+def test_joint_turns__keep_the_proposers_action_from_the_verifier():
+    game = raw_env(protocol="joint", views={"history": 2})
+    game.reset(seed=0)
+    before = game.observe(VERIFIER)
+    game.step(ADD_BLUE)
+    assert game.agent_selection == VERIFIER
+    assert data_equivalence(game.observe(VERIFIER), before)
+    game.step(CONTINUE)
+    assert game.agent_selection == PROPOSER
+    assert not data_equivalence(game.observe(VERIFIER), before)
+
+
+def test_infos__tell_the_task_the_end_and_no_truth_unasked():
+    game = parallel_env(protocol="joint")
+    _, infos = game.reset(seed=0)
+    task = game.unwrapped.task
+    assert infos == {PROPOSER: {"task": task.id}, VERIFIER: {"task": task.id}}
+    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
+    assert infos == {PROPOSER: {}, VERIFIER: {}}
+    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: STOP_NOW})
+    assert infos[VERIFIER].keys() == {"outcome", "is_success"}
+
+
+def test_infos__tell_the_truth_when_asked():
+    game = parallel_env(protocol="joint", reveal_truth=True)
+    _, infos = game.reset(seed=0)
+    task, scene = game.unwrapped.task, game.unwrapped.scene
+    assert infos[VERIFIER]["truth"] == task.truth(scene)
+    assert infos[VERIFIER]["goal_reached"] == task.solved_by(scene)
+    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
+    assert infos[VERIFIER]["judgement"] == {"probability": 0.0, "holds": task.solved_by(scene)}
+
+
+def test_truth__is_in_no_observation():
+    game = parallel_env(reveal_truth=True, views={"history": 2}, rewards="hidden", message_size=2)
+    parts = game.observation_space(VERIFIER)["observation"]
+    assert set(parts) == {"image", "statement", "target", "proposal", "history", "message"}
+    assert set(game.observation_space(PROPOSER)["observation"]) == {*parts, "intent"}
+
+
+def test_observations__of_different_steps_share_no_array():
+    game = parallel_env()
+    first, _ = game.reset(seed=0)
+    second, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    for agent in AGENTS:
+        for key, array in first[agent]["observation"].items():
+            if isinstance(array, np.ndarray):
+                assert not np.shares_memory(array, second[agent]["observation"][key])
+    assert first[PROPOSER]["observation"]["image"] is first[VERIFIER]["observation"]["image"]
+
+
+def test_options__choose_task_and_intent():
+    game = parallel_env(rewards="hidden")
+    chosen = game.tasks.ids[3]
+    observations, infos = game.reset(options={"task": chosen, "intent": "sneaky"})
+    assert infos[PROPOSER]["task"] == chosen
+    assert observations[PROPOSER]["observation"]["intent"] == 1
+    with pytest.raises(ValueError, match="no task 'nothing'"):
+        game.reset(options={"task": "nothing"})
+    with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
+        game.reset(options={"intent": "kind"})
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_step__before_reset_is_refused(form: str):
+    game = FORMS[form]()
+    expected = (AssertionError, "reset.. needs to be called") if form == "env" else (ResetNeeded, "call reset")
+    with pytest.raises(expected[0], match=expected[1]):
+        game.step({PROPOSER: ADD_BLUE, VERIFIER: 2} if form == "parallel_env" else ADD_BLUE)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_step__after_the_end_is_refused(form: str):
+    game = FORMS[form](ending="proposer")
+    game.reset(seed=0)
+    if form == "parallel_env":
+        game.step({PROPOSER: STOPS, VERIFIER: 2})
+        again: Any = {PROPOSER: STOPS, VERIFIER: 2}
+    else:
+        for action in (STOPS, None, None):
+            game.step(action)
+        again = STOPS
+    assert game.agents == []
+    with pytest.raises(ResetNeeded, match="call reset"):
+        game.step(again)
+
+
+@pytest.mark.parametrize(
+    "actions", [{}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}]
+)
+def test_parallel_step__wants_both_agents_actions(actions: dict[str, int]):
+    game = parallel_env()
+    game.reset(seed=0)
+    with pytest.raises(TurnError, match="actions must be of proposer_0 and verifier_0, not of"):
+        game.step(actions)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_step__refuses_actions_that_do_not_exist(form: str):
+    game = FORMS[form]()
+    game.reset(seed=0)
+    with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
+        game.step({PROPOSER: 14, VERIFIER: 2} if form == "parallel_env" else 14)
+
+
+def test_a_finished_agent__takes_no_action():
+    game = env(ending="proposer")
+    game.reset(seed=0)
+    game.step(STOPS)
+    with pytest.raises(ValueError, match="when an agent is dead, the only valid action is None"):
+        game.step(ADD_BLUE)
+
+
+@pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="this pettingzoo has no registry")
+@pytest.mark.parametrize(("kind", "base"), [("aec", pettingzoo.AECEnv), ("parallel", pettingzoo.ParallelEnv)])
+def test_registry__makes_both_forms(kind: Any, base: type):
+    game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
+    assert isinstance(game, base)
+    assert game.unwrapped.session.game.protocol.name == "audit"
