@@ -89,12 +89,12 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError(f"unknown reset options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
         which = self._chosen(options.get("reset_mask"))
         tasks = self._task_numbers(options.get("task"))
-        if len(which) == self.num_envs:
-            self._evaluated = 0
-        elif None in self._seeds:
+        everywhere = len(which) == self.num_envs
+        if not everywhere and None in self._seeds:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
-        seeds = self._fresh_seeds(seed)
-        self._reset(Reset(which, [seeds[number] for number in which], [tasks[number] for number in which]))
+        seeds = self._fresh_seeds(seed, which)
+        self._evaluated = 0 if everywhere else self._evaluated
+        self._reset(Reset(which, [seeds[n] for n in which], [tasks[n] for n in which], everywhere))
         return self._observe(), self._infos()
 
     def _chosen(self, mask: object) -> Int64Array:
@@ -113,18 +113,19 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(task)}")
         return [None if name is None else self.tasks.number(name) for name in task]
 
-    def _fresh_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        """Seeds for generators that are to be made anew; remembers them."""
+    def _fresh_seeds(self, seed: int | Sequence[int | None] | None, which: Int64Array) -> list[int | None]:
+        """For each environment the seed of a generator to be made anew, or None; remembers those of `which`."""
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + number for number in range(self.num_envs)]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, one for each environment, not {len(seeds)}")
-        for number, known in enumerate(self._seeds):
-            if seeds[number] is None and known is None:
-                seeds[number] = int(np.random.SeedSequence().generate_state(2, np.uint64)[0])
-            self._seeds[number] = known if seeds[number] is None else seeds[number]
+        for number in which.tolist():
+            if seeds[number] is None and self._seeds[number] is None:
+                seeds[number] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            if seeds[number] is not None:
+                self._seeds[number] = seeds[number]
         return seeds
 
     @property

@@ -100,6 +100,7 @@ class Reset(NamedTuple):
     which: Int64Array  # (k,) environments, ascending
     seeds: Sequence[int | None]  # (k,) None: the generator goes on
     tasks: Sequence[int | None]  # (k,) numbers of tasks; None: whichever comes next
+    everywhere: bool  # in the whole batch: evaluation begins anew
 
 
 class VerdictTable(NamedTuple):
@@ -149,13 +150,13 @@ class Engine:
 
     def reset(self, order: Reset) -> None:
         """Begins episodes in some environments; the others stay as they are."""
-        which, seeds, tasks = order
+        which, seeds, tasks, everywhere = order
         block = self.block
         block.started[:] = False
         for number, seed in zip(which.tolist(), seeds, strict=True):
             if seed is not None or self._generators[number] is None:
                 self._generators[number] = seeding.np_random(seed)[0]
-        if len(which) == len(block.action):
+        if everywhere:
             self._episodes[:] = 0
         chosen = [self._next_task(n) if task is None else task for n, task in zip(which.tolist(), tasks, strict=True)]
         self._begin(which, chosen)

@@ -1,0 +1,74 @@
+"""Memory that a process and its children see, without a name: nothing is left behind, however they end."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from multiprocessing.reduction import DupFd
+from typing import Any
+
+
+class SharedMemoryError(MemoryError):
+    """Not enough room for what processes are to share; names the size."""
+
+
+class SharedMemory:
+    """`size` bytes, zero; handed to a child as an argument of its process, whatever the start method.
+
+    Linux keeps them in anonymous memory, not in /dev/shm, which containers often make small; elsewhere they lie in
+    a temporary file without a name.
+    """
+
+    def __init__(self, size: int) -> None:
+        """Raises SharedMemoryError when there is no room."""
+        self._fd = _anonymous_file(size)
+        self._size = size
+        self.memory = memoryview(mmap.mmap(self._fd, size))
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, int]]:
+        return _attached, (DupFd(self._fd), self._size)
+
+    def release(self) -> None:
+        """Forgets the file; the memory goes when the last array over it does."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def __del__(self) -> None:
+        self.release()
+
+
+def _anonymous_file(size: int) -> int:
+    """The descriptor of a file of `size` bytes in no directory."""
+    available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if size > available:
+        raise SharedMemoryError(f"{_megabytes(size)} to share, and this machine has {_megabytes(available)} of memory")
+    try:
+        if hasattr(os, "memfd_create"):
+            fd = os.memfd_create("lilgym_mp", os.MFD_CLOEXEC)
+        else:
+            with tempfile.TemporaryFile() as file:
+                fd = os.dup(file.fileno())
+    except OSError as fault:
+        raise SharedMemoryError(f"no file for {_megabytes(size)} to share: {fault.strerror}") from None
+    try:
+        os.ftruncate(fd, size)
+        if not hasattr(os, "memfd_create"):
+            os.posix_fallocate(fd, 0, size)  # a full disk is told here, not by a signal later
+    except OSError as fault:
+        os.close(fd)
+        raise SharedMemoryError(f"no room for {_megabytes(size)} to share: {fault.strerror}") from None
+    return fd
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:,.1f} MB"
+
+
+def _attached(duplicate: Any, size: int) -> SharedMemory:
+    shared = SharedMemory.__new__(SharedMemory)
+    shared._fd = duplicate.detach()
+    shared._size = size
+    shared.memory = memoryview(mmap.mmap(shared._fd, size))
+    return shared
