@@ -160,6 +160,11 @@ def test_search__a_found_place_is_snapped_too():
     assert put(circle(20, 60), [square(34, 51, SMALL)], PAPER) == circle(21, 61)
 
 
+def test_search__snaps_to_what_is_nearest_to_the_found_place():
+    below, blocker = circle(21, 52, LARGE), circle(28, 12, LARGE)
+    assert put(square(40, 40, SMALL), [below, blocker], PAPER) == square(39, 42, SMALL)  # found at (40, 42)
+
+
 def test_search__looks_at_all_items_of_the_box():
     others = [square(0, 0, SMALL), square(0, 10, SMALL), square(10, 0, SMALL)]
     assert put(square(0, 0, SMALL), others, PAPER) == square(10, 10, SMALL)
