@@ -185,9 +185,7 @@ def test_critique__the_proposer_hears_what_the_verifier_said():
 
 def test_message__costs_its_sender():
     this = game(message_size=2, message_cost=0.25)
-    steps = plays(
-        this, this.action(Role.PROPOSER, ADD_BLUE, word=2), this.action(Role.VERIFIER, ACCEPT), ADD_BLACK * 3
-    )
+    steps = plays(this, this.action(Role.PROPOSER, ADD_BLUE, word=2), this.action(Role.VERIFIER, ACCEPT), ADD_BLACK * 3)
     assert steps[0].rewards == (-0.25, 0.0)
     assert steps[1].rewards == (-0.1, -0.1)
     assert steps[1].state.words == (2, 0)

@@ -1,0 +1,265 @@
+"""Scripted partners, one side as a Gymnasium environment, and the measures of a verifier."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    ALWAYS_ACCEPT,
+    ALWAYS_REJECT,
+    HELPFUL_PROPOSER,
+    PROTOCOLS,
+    SCRIPTED,
+    SNEAKY_PROPOSER,
+    ClaimingProposer,
+    FrozenPolicy,
+    OracleVerifier,
+    PartnerError,
+    RandomPartner,
+    Seat,
+    SingleAgentView,
+    env,
+    exploitability,
+    measure,
+    parallel_env,
+    play_games,
+    raw_env,
+    summarise,
+)
+from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord, Verdict
+from lilgym_mp.rules import Outcome
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
+
+PROPOSER, VERIFIER = AGENTS
+CLAIMING = ClaimingProposer()  # helpful or sneaky by the episode's intent
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_oracle__never_errs(protocol: str):
+    measured = measure(env(protocol=protocol, rewards="hidden"), CLAIMING, OracleVerifier())
+    assert (measured.completeness, measured.soundness, measured.brier_score) == (1.0, 1.0, 0.0)
+
+
+def test_noisy_oracle__errs_at_its_rate():
+    measured = measure(env(protocol="audit", rewards="hidden"), CLAIMING, OracleVerifier(error_rate=0.25), seed=1)
+    assert measured.brier_score == pytest.approx(0.25, abs=0.15)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_always_accept__is_complete_and_not_sound(protocol: str):
+    game = env(protocol=protocol, start="flipit", rewards="sneaky")
+    measured = measure(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT)
+    assert measured.soundness == 0.0
+    assert measured.completeness in (1.0, None)
+
+
+def test_always_reject__is_sound_and_not_complete():
+    measured = measure(env(protocol="audit", rewards="hidden"), CLAIMING, ALWAYS_REJECT)
+    assert (measured.completeness, measured.soundness) == (0.0, 1.0)
+
+
+def test_claiming_proposers__claim_what_they_want_to():
+    def share_true(proposer: Any) -> float:
+        return measure(env(protocol="audit", start="flipit"), proposer, ALWAYS_ACCEPT).success_rate
+
+    assert share_true(HELPFUL_PROPOSER) > 0.6
+    assert share_true(SNEAKY_PROPOSER) < 0.1
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_random_partners__play_to_the_end(protocol: str):
+    records = play_games(env(protocol=protocol), RandomPartner(), RandomPartner())
+    assert {record.outcome for record in records} <= {Outcome.SUCCESS, Outcome.WRONG_STOP, Outcome.HORIZON}
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("agent", AGENTS)
+def test_single_agent_view__passes_gymnasiums_check(protocol: str, agent: str):
+    view = SingleAgentView(raw_env(protocol=protocol, rewards="hidden"), agent, "random")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(view, skip_render_check=True)
+
+
+@pytest.mark.parametrize("make", [env, raw_env, parallel_env])
+def test_single_agent_view__takes_every_form(make: Any):
+    view = SingleAgentView(make(protocol="audit"), VERIFIER, "helpful")
+    _, info = view.reset(seed=0)
+    assert info["task"]
+    assert view.action_masks().tolist() == [True, True, False]
+    *_, terminated, _, info = view.step(ACCEPT)
+    assert terminated
+    assert "outcome" in info
+
+
+def test_single_agent_view__gives_all_that_was_earned_since_the_last_action():
+    view = SingleAgentView(env(), PROPOSER, ALWAYS_REJECT)
+    view.reset(seed=0)
+    _, reward, *_ = view.step(ADD_BLUE)
+    assert reward == -0.1
+    view = SingleAgentView(env(), VERIFIER, RandomPartner())
+    view.reset(seed=0)
+    assert view.unwrapped.session.state.proposal is not None
+
+
+def test_single_agent_view__draws_games_anew_that_end_without_it():
+    view = SingleAgentView(env(protocol="audit", horizon=2), VERIFIER, RandomPartner())
+    skipped = [view.reset(seed=seed)[1]["skipped_games"] for seed in range(20)]
+    assert max(skipped) > 0
+
+
+def test_single_agent_view__gives_up_when_it_never_has_a_turn():
+    view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda seat: ADD_BLUE if seat.action_mask[ADD_BLUE] else 10)
+    with pytest.raises(RuntimeError, match="verifier_0 had no turn in 1000 games"):
+        view.reset(seed=0)
+
+
+def test_single_agent_view__is_the_same_for_the_same_seed():
+    def episode(seed: int) -> list[Any]:
+        view = SingleAgentView(env(rewards="hidden"), VERIFIER, "by_intent")
+        observation, _ = view.reset(seed=seed)
+        seen: list[Any] = [observation["image"].sum()]
+        ended = False
+        while not ended:
+            observation, reward, terminated, truncated, info = view.step(ACCEPT)
+            ended = terminated or truncated
+            seen.append((observation["image"].sum(), reward, info))
+        return seen
+
+    assert episode(4) == episode(4)
+    assert any(episode(4) != episode(seed) for seed in (5, 6, 7))
+
+
+def test_single_agent_view__refuses_what_it_cannot_play():
+    with pytest.raises(TypeError, match="SingleAgentView needs a proposer-verifier environment, not"):
+        SingleAgentView(gym.make("CartPole-v1"), VERIFIER, "random")
+    with pytest.raises(ValueError, match="unknown agent 'judge'; choose from proposer_0, verifier_0"):
+        SingleAgentView(env(), "judge", "random")
+    with pytest.raises(ValueError, match="unknown partner 'friend'; choose from always_accept, always_reject"):
+        SingleAgentView(env(), VERIFIER, "friend")
+    with pytest.raises(TypeError, match="a partner must be a function of its seat, not 3"):
+        SingleAgentView(env(), VERIFIER, 3)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (WAIT, r"chose 13 \(wait\), which is not legal for proposer_0 now"),
+        (99, "action 99 of proposer_0 is out of range"),
+        ("add", "an action of proposer_0 must be a whole number 0 .. 13, not 'add'"),
+        (None, "an action of proposer_0 must be a whole number 0 .. 13, not None"),
+    ],
+)
+def test_partner__that_acts_illegally_is_named(action: Any, message: str):
+    def bad_partner(seat: Seat) -> Any:
+        return action
+
+    with pytest.raises(PartnerError, match=message) as caught:
+        SingleAgentView(env(), VERIFIER, bad_partner).reset(seed=0)
+    assert "bad_partner" in str(caught.value)
+
+
+def test_single_agent_view__after_the_end_needs_a_reset():
+    view = SingleAgentView(env(ending="proposer"), PROPOSER, "random")
+    with pytest.raises(ResetNeeded):
+        view.step(STOPS)
+    view.reset(seed=0)
+    view.step(STOPS)
+    with pytest.raises(ResetNeeded, match="the game is over; call reset"):
+        view.step(STOPS)
+
+
+def test_seat__can_be_read_as_the_observation():
+    seen: list[Any] = []
+
+    def partner(seat: Seat) -> int:
+        seen.append((seat["action_mask"], seat["observation"]["target"], seat.observation["target"]))
+        return int(np.flatnonzero(seat["action_mask"])[0])
+
+    SingleAgentView(env(ending="verifier"), VERIFIER, partner).reset(seed=0)
+    mask, target, same = seen[0]
+    assert mask.dtype == np.int8
+    assert target == same
+
+
+class FirstAction:
+    """A model with Stable-Baselines3's `predict`."""
+
+    def predict(self, observation: dict[str, Any], deterministic: bool, action_masks: Any = None) -> tuple[Any, None]:
+        return np.int64(0), None
+
+
+def test_frozen_policy__plays_a_models_actions_or_a_legal_one():
+    view = SingleAgentView(env(), PROPOSER, FrozenPolicy(FirstAction()))
+    view.reset(seed=0)
+    assert view.step(ADD_BLUE)[1] == -0.1
+    view = SingleAgentView(env(ending="verifier"), VERIFIER, FrozenPolicy(FirstAction(), masked=False))
+    view.reset(seed=0)
+    assert view.unwrapped.session.state.proposal != STOPS
+
+
+def test_error_rate__must_be_a_share():
+    with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
+        OracleVerifier(error_rate=2)
+
+
+def test_play_games__plays_each_task_once_and_the_same_for_the_same_seed():
+    game = env(protocol="audit", rewards="hidden")
+    first = play_games(game, CLAIMING, OracleVerifier(0.3), seed=7)
+    assert [record.task for record in first] == list(game.unwrapped.tasks.ids)
+    assert play_games(game, CLAIMING, OracleVerifier(0.3), seed=7) == first
+    assert play_games(game, CLAIMING, OracleVerifier(0.3), seed=8) != first
+    few = list(game.unwrapped.tasks.ids[:2])
+    assert [record.task for record in play_games(game, CLAIMING, ALWAYS_ACCEPT, tasks=few)] == few
+
+
+def record(*verdicts: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
+    return GameRecord("task", outcome, rounds, (1.0, -1.0), tuple(Verdict(*verdict) for verdict in verdicts))
+
+
+def test_measures__of_literal_games():
+    measured = summarise(
+        [
+            record((0.95, True), (0.85, True), (0.15, True), rounds=4),
+            record((0.15, False), (0.95, False), outcome=Outcome.WRONG_STOP),
+        ]
+    )
+    assert (measured.games, measured.claims, measured.mean_rounds) == (2, 5, 3.0)
+    assert (measured.success_rate, measured.mean_return_proposer, measured.mean_return_verifier) == (0.5, 1.0, -1.0)
+    assert measured.completeness == pytest.approx(2 / 3)
+    assert measured.soundness == pytest.approx(1 / 2)
+    assert measured.false_reject_rate == pytest.approx(1 / 3)
+    assert measured.false_accept_rate == pytest.approx(1 / 2)
+    assert measured.brier_score == pytest.approx((0.05**2 + 0.15**2 + 0.85**2 + 0.15**2 + 0.95**2) / 5)
+    assert measured.calibration == (
+        CalibrationBin(2, pytest.approx(0.15), 0.5),
+        CalibrationBin(1, pytest.approx(0.85), 1.0),
+        CalibrationBin(2, pytest.approx(0.95), 0.5),
+    )
+    assert measured.calibration_error == pytest.approx((2 * 0.35 + 0.15 + 2 * 0.45) / 5)
+
+
+def test_measures__of_no_claims_are_none():
+    measured = summarise([record()])
+    assert (measured.completeness, measured.soundness, measured.brier_score) == (None, None, None)
+    with pytest.raises(ValueError, match="no measures of no games"):
+        summarise([])
+
+
+def test_exploitability__is_what_a_proposer_makes_of_the_verifiers_errors():
+    game = env(protocol="audit", start="flipit", rewards="sneaky")
+    assert exploitability(game, SNEAKY_PROPOSER, OracleVerifier()) == 0.0
+    assert exploitability(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT) > 0.8
+    assert exploitability(game, SNEAKY_PROPOSER, ALWAYS_REJECT) == 0.0
+
+
+def test_scripted__partners_are_of_both_sides():
+    assert {"random", "oracle", "always_accept", "sneaky", "helpful"} <= SCRIPTED.keys()

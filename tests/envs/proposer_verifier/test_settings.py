@@ -1,0 +1,73 @@
+"""What settings are refused, and how."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import BatchedGames, env, parallel_env, raw_env
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"protocol": "vote"}, "unknown protocol 'vote'; choose from audit, critique, joint, veto"),
+    ({"colour": 1}, "unknown setting 'colour'; choose from appearance, corpus, ending"),
+    ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter, tower"),
+    ({"start": "middle"}, "unknown start 'middle'; choose from flipit, scratch"),
+    ({"split": "validation"}, "unknown split 'validation'"),
+    ({"rules": "house"}, "unknown rules 'house'; choose from paper, release"),
+    ({"horizon": 0}, "horizon must be a positive whole number of actions or None, not 0"),
+    ({"image_size": "tiny"}, "unknown image_size 'tiny'; choose from half, native"),
+    ({"ending": "nobody"}, "unknown ending of protocol 'veto' 'nobody'; choose from agreement, either, proposer"),
+    ({"protocol": "joint", "ending": "proposer"}, "unknown ending of protocol 'joint' 'proposer'; choose from agree"),
+    ({"protocol": "audit", "ending": "verifier"}, "unknown ending of protocol 'audit' 'verifier'; choose from prop"),
+    ({"rewards": "kind"}, "unknown rewards 'kind'; choose from brier, common, correctness, helpful, hidden"),
+    ({"rewards": {"proposer_0": "mdp"}}, "rewards must name proposer_0 and verifier_0, not proposer_0"),
+    ({"rewards": {"proposer_0": "mdp", "verifier_0": "truth"}}, "unknown reward 'truth'; choose from brier, correct"),
+    ({"rewards": {"proposer_0": {"mdp": "much"}, "verifier_0": "mdp"}}, "the weight of reward 'mdp' must be a finite"),
+    ({"rewards": "log", "protocol": "audit"}, "reward 'log' scores a probability: it needs .* verdict_bins"),
+    ({"rewards": "brier"}, "reward 'brier' scores a probability"),
+    ({"verdict_bins": 3}, "verdict_bins is for protocol=.audit.; 'veto' has no verdict"),
+    ({"verdict_bins": 1, "protocol": "audit"}, "verdict_bins must be a whole number, 2 or more, not 1"),
+    ({"exchanges": -1}, "exchanges must be a whole number, 0 or more, not -1"),
+    ({"message_size": 1.5}, "message_size must be a whole number, 0 or more, not 1.5"),
+    ({"message_size": {"verifier_0": 2}}, "name both proposer_0 and verifier_0, not only verifier_0"),
+    ({"message_cost": float("nan")}, "message_cost must be a finite number, not nan"),
+    ({"false_accept_cost": "1"}, "false_accept_cost must be a finite number, not '1'"),
+    ({"sneaky_share": 1.5}, "sneaky_share must be between 0 and 1, not 1.5"),
+    ({"views": "picture"}, "unknown view 'picture'; choose from image, structured, text"),
+    ({"views": {"scene": "sound"}}, "unknown scene view 'sound'; choose from image, none, structured, text"),
+    ({"views": {"statement": "sound"}}, "unknown statement view 'sound'; choose from none, text, tokens"),
+    ({"views": {"smell": True}}, "unknown field of a view 'smell'; choose from history, proposal, scene"),
+    ({"views": {"target": 1}}, "target of a view must be True or False, not 1"),
+    ({"views": {"history": -1}}, "history of a view must be a number of turns, 0 or more, not -1"),
+    ({"views": {"verifier_0": "image"}}, "name both proposer_0 and verifier_0, not only verifier_0"),
+    ({"reveal_truth": "yes"}, "reveal_truth must be True or False, not 'yes'"),
+    ({"homogeneous": 1}, "homogeneous must be True or False, not 1"),
+    (
+        {"homogeneous": True, "views": {"proposer_0": {"history": 2}, "verifier_0": {"history": 3}}},
+        "homogeneous agents must see 'history' alike",
+    ),
+]
+
+
+@pytest.mark.parametrize(("settings", "message"), REFUSED, ids=[message[:40] for _, message in REFUSED])
+def test_settings__are_refused_with_the_value_and_the_choices(settings: dict[str, Any], message: str):
+    with pytest.raises(ValueError, match=message):
+        parallel_env(**settings)
+
+
+@pytest.mark.parametrize("make", [env, raw_env, parallel_env, lambda **how: BatchedGames(2, **how)])
+def test_every_form__refuses_alike(make: Any):
+    with pytest.raises(ValueError, match="unknown protocol 'vote'"):
+        make(protocol="vote")
+
+
+def test_render_mode__is_refused_with_the_choices():
+    with pytest.raises(ValueError, match="unknown render_mode 'film'; choose from ansi, human, rgb_array"):
+        env(render_mode="film")
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5, True])
+def test_number_of_games__must_be_positive(count: Any):
+    with pytest.raises(ValueError, match="num_games must be a positive whole number, not"):
+        BatchedGames(count)

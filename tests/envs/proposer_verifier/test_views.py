@@ -1,0 +1,126 @@
+"""What each agent sees."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+
+from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
+from lilgym_mp.envs.proposer_verifier.session import Session
+from lilgym_mp.render import draw
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, world
+
+PROPOSER, VERIFIER = AGENTS
+
+
+def session(**settings: Any) -> Session:
+    """A game of the one task, just begun."""
+    started = Session(world(**settings))
+    started.reset(0, None)
+    return started
+
+
+def test_image__is_the_drawn_scene():
+    game = session()
+    game.play(ADD_BLUE, None)
+    game.play(None, ACCEPT)
+    assert np.array_equal(game.see(Role.VERIFIER)["image"], draw(game.state.mdp.scene, "half"))
+
+
+def test_native_image__is_twice_as_large():
+    assert session(image_size="native").see(Role.PROPOSER)["image"].shape == (100, 380, 3)
+
+
+def test_structured_scene__holds_each_item():
+    game = session(views="structured")
+    game.play(ADD_BLUE, None)
+    game.play(None, ACCEPT)
+    items = game.see(Role.VERIFIER)["items"]
+    assert items.shape == (3, 4, 5)
+    assert items[0, 0].tolist() == [40, 80, 1, 2, 1]
+    assert (items.reshape(-1, 5)[1:] == -1).all()
+
+
+def test_text__can_be_read_back():
+    game = session(views="text")
+    game.play(ADD_BLUE, None)
+    game.play(None, ACCEPT)
+    seen = game.see(Role.VERIFIER)
+    assert read_text(seen["text"]) == "left: medium blue square at (40, 80)\nmiddle: empty\nright: empty"
+    assert read_text(seen["statement"]) == "Some block is blue."
+
+
+def test_tokens__are_the_words_of_the_statement():
+    game = session()
+    tokens = game.see(Role.PROPOSER)["statement"]
+    assert game.world.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
+    assert tokens.shape == (8,)
+
+
+def test_proposal__is_seen_in_the_released_array_form_until_it_is_answered():
+    game = session()
+    assert game.see(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+    game.play(ADD_BLUE, None)
+    assert game.see(Role.VERIFIER)["proposal"].tolist() == [1, 0, 2]
+    game.play(None, REJECT)
+    assert game.see(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+
+
+def test_history__holds_the_last_turns_newest_last():
+    game = session(views={"history": 3}, message_size=2)
+    game.play(game.game.action(Role.PROPOSER, ADD_BLUE, word=2), None)
+    game.play(None, game.game.action(Role.VERIFIER, REJECT, word=1))
+    nothing, proposed, rejected = game.see(Role.PROPOSER)["history"].tolist()
+    assert nothing == [-1] * 6
+    assert proposed == [1, 0, 2, -1, 2, 0]
+    assert rejected == [-1, -1, -1, REJECT, 2, 1]
+
+
+def test_message__is_the_others_last_word():
+    game = session(message_size={PROPOSER: 2, VERIFIER: 0})
+    game.play(game.game.action(Role.PROPOSER, ADD_BLUE, word=2), None)
+    assert game.see(Role.VERIFIER)["message"] == 2
+    assert "message" not in game.see(Role.PROPOSER)
+
+
+def test_view__can_leave_out_everything_but_one_part():
+    nothing = View(scene="none", statement="none", target=False, proposal=False)
+    views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False)}
+    assert set(session(views=views).see(Role.VERIFIER)) == {"target"}
+    assert session(views=nothing).see(Role.PROPOSER) == {}
+
+
+def test_joint__shows_no_proposal():
+    assert "proposal" not in session(protocol="joint").see(Role.VERIFIER)
+
+
+def test_homogeneous__agents_have_equal_spaces_and_know_who_they_are():
+    views = {PROPOSER: "image", VERIFIER: View(scene="none", target=False)}
+    game = parallel_env(homogeneous=True, views=views, rewards="hidden")
+    assert game.observation_space(PROPOSER) == game.observation_space(VERIFIER)
+    assert game.action_space(PROPOSER) == game.action_space(VERIFIER)
+    observations, _ = game.reset(seed=0)
+    assert [int(observations[agent]["observation"]["agent"]) for agent in AGENTS] == [0, 1]
+    assert not observations[VERIFIER]["observation"]["image"].any()
+    assert game.observation_space(VERIFIER).contains(observations[VERIFIER])
+
+
+@pytest.mark.parametrize("split", ["train", "dev"])
+def test_spaces__are_the_same_for_every_split(split: str):
+    assert parallel_env(split=split).observation_space(PROPOSER) == parallel_env().observation_space(PROPOSER)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
+def test_a_copy_in_mid_game__plays_on_alike(copied: Any):
+    game = parallel_env(protocol="joint", views={"history": 2})
+    game.reset(seed=3)
+    game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
+    twin = copied(game)
+    for actions in ({PROPOSER: ADD_BLACK, VERIFIER: 0}, {PROPOSER: ADD_BLACK, VERIFIER: 1}):
+        assert data_equivalence(game.step(actions), twin.step(actions))
+    assert data_equivalence(game.reset(), twin.reset())
