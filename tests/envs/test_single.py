@@ -111,6 +111,18 @@ def test_play__every_observation_is_in_the_space_and_every_value_of_its_plain_ty
     assert all(type(observation["target"]) is int for observation in observations)
 
 
+@EVERY
+def test_make__gymnasiums_passive_checker_has_nothing_to_say(name: str):
+    env = gym.make(name)
+    env.action_space.seed(0)
+    for seed in range(5):
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            ended = terminated or truncated
+
+
 # Settings
 
 
@@ -505,6 +517,8 @@ def test_render__text_tells_statement_target_and_last_outcome(own_corpus: Path):
     ]
     env.step(12)
     assert env.render().splitlines()[-1] == "REMOVE(RIGHT): invalid_action (empty_tower), reward -1.0"
+    env.reset()
+    assert env.render().splitlines()[-1] == "Make it True.  Action 0 of 12."
 
 
 def test_render__picture_shows_scene_and_caption(own_corpus: Path):
