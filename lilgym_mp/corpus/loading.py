@@ -13,6 +13,7 @@ from pathlib import Path
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
+from lilgym_mp.corpus.generator.generated import Recipe, generated_tasks
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.places import corpus_path
 from lilgym_mp.corpus.records import SPLITS, STARTS
@@ -25,14 +26,17 @@ CACHED_SETS = 16
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
     """The checked tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
 
-    `corpus` is "builtin", "lilgym" (the official one), the path of a corpus file, or of a directory of released
-    JSON files. A set is read once per process, until its file changes.
+    `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL" or "generated:LEVEL:SEED", the path of a
+    corpus file, or of a directory of released JSON files. A set is read once per process, until its file changes.
     Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks; ValueError for an unknown
     appearance, start or split.
     """
     choose("appearance", appearance, APPEARANCES)
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
+    recipe = Recipe.named(corpus)
+    if recipe is not None:
+        return generated_tasks(str(corpus), recipe, appearance, start, split)
     with corpus_path(corpus) as path:
         file = released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)

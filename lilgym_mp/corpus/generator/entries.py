@@ -1,0 +1,92 @@
+"""Statements with program and start scenes, each proven sound before it is used.
+
+An entry is sound when its program compiles; is neither always true nor always false on a stock of scenes; becomes
+true by legal edits of the empty scene within the horizon, and changes its truth so from each start scene; and when
+the statement, read back by a grammar of its own, means what the program says on scenes of the stock, whichever way
+it can be read.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from lilgym_mp.corpus.generator.interpretation import OTHER_READINGS, PRECISE, Reading, holds
+from lilgym_mp.corpus.generator.levels import random_meaning
+from lilgym_mp.corpus.generator.meanings import Clause
+from lilgym_mp.corpus.generator.reading import meanings
+from lilgym_mp.corpus.generator.scenes import is_legible
+from lilgym_mp.corpus.generator.sources import program_source
+from lilgym_mp.corpus.generator.starts import Start, Stock, Truths, start_scenes
+from lilgym_mp.corpus.generator.wording import random_style, statement
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Scene
+
+RAREST = 0.004  # share of the stock's scenes that must have each truth value
+PROBES = 24  # scenes on which a statement is read back
+
+
+class Draft(NamedTuple):
+    """A statement and its program, not yet proven."""
+
+    statement: str
+    program: str
+    level: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A sound statement."""
+
+    statement: str
+    program: str
+    level: int
+    edits_from_empty: int  # an upper bound of the fewest
+    starts: tuple[Start, ...]
+
+
+def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
+    """Endless random statements of a level."""
+    while True:
+        meaning = random_meaning(appearance, level, rng)
+        yield worded(meaning, appearance, level, rng)
+
+
+def worded(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:
+    """One of the ways to say a meaning."""
+    return Draft(statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
+
+
+def proven(draft: Draft, stock: Stock, rng: random.Random, *, distant: int = 0) -> Entry | None:
+    """The draft with start scenes, or None when it is not sound."""
+    readings = meanings(draft.statement)
+    truth = compile_program(draft.program).evaluate
+    probes = rng.sample(stock.scenes, PROBES)
+    if not readings or any(holds(reading, scene) != truth(scene) for reading in readings for scene in probes):
+        return None
+    truths = Truths(stock, truth)
+    edits = truths.edits_from_empty()
+    if edits is None or not RAREST <= truths.share <= 1 - RAREST:
+        return None
+    starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene), distant=distant)
+    if any(holds(reading, start.scene) != start.label for reading in readings for start in starts):
+        return None
+    return Entry(draft.statement, draft.program, draft.level, edits, tuple(starts)) if starts else None
+
+
+def is_trivial(draft: Draft) -> bool:
+    """Whether the statement is true of the empty scene, so that from there an immediate STOP succeeds."""
+    return compile_program(draft.program).evaluate(Scene.empty())
+
+
+def is_clear(readings: list[Clause], scene: Scene) -> bool:
+    """Whether every reading, taken strictly or loosely, gives the scene one label, which all its items show plainly."""
+    ways: tuple[Reading, ...] = (PRECISE, *OTHER_READINGS)
+    return len({holds(clause, scene, way) for clause in readings for way in ways}) == 1
+
+
+def is_plain(scene: Scene) -> bool:
+    """Whether no item of the scene is hard to judge by eye: what is asked where a statement cannot be read back."""
+    return all(is_legible(box) for box in scene.boxes)
