@@ -178,6 +178,24 @@ def test_step__the_mask_neither_changes_nor_depends_on_what_was_done(given_case:
     assert dynamics.legal_mask(state).tolist() == dynamics.legal_mask(fresh).tolist()
 
 
+@pytest.mark.parametrize(
+    ("rules", "steps", "expected"),
+    [
+        ("paper", EARLY, ("continues", -0.1, False, False)),
+        ("paper", LAST, ("horizon", -1.0, True, False)),
+        ("release", EARLY, ("continues", -0.1, False, False)),
+        ("release", LAST, ("horizon", -0.1, False, True)),
+    ],
+)
+def test_wait__counts_as_a_valid_edit_that_leaves_the_scene(
+    rules: str, steps: int, expected: tuple[str, float, bool, bool]
+):
+    dynamics = make_dynamics(make_appearance("tower"), rules, HORIZON)
+    done = dynamics.wait(State(task(BLUE), BLUE, steps))
+    assert (str(done.outcome), done.reward, done.terminated, done.truncated) == expected
+    assert (done.state.scene, done.state.steps) == (BLUE, steps + 1)
+
+
 def test_goal_reached__is_whether_stop_would_succeed():
     dynamics = make_dynamics(make_appearance("tower"))
     assert dynamics.goal_reached(dynamics.start(task(BLUE)))

@@ -25,6 +25,10 @@ class Window:
         self._surface: Any = None
         self._clock: Any = None
 
+    def __reduce__(self) -> tuple[type[Window], tuple[int]]:
+        """A copy opens a window of its own."""
+        return Window, (self._fps,)
+
     def show(self, frame: UInt8Array) -> None:
         pygame = self._pygame
         if self._surface is None:

@@ -33,6 +33,9 @@ CONFIGURATIONS = {
     "lilgym_mp/ScatterFlipIt-v0": ("scatter", "flipit", 2661),
 }
 EVERY = pytest.mark.parametrize("name", CONFIGURATIONS)
+DUPLICATES = pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
+)
 TOWER, TOWER_FLIPIT, SCATTER, SCATTER_FLIPIT = CONFIGURATIONS
 
 STOP = 0
@@ -79,10 +82,9 @@ def test_make__spaces_are_the_documented_ones(name: str):
     assert env.observation_space["target"] == gym.spaces.Discrete(2)
 
 
+@pytest.mark.usefixtures("no_screen")
 @EVERY
-def test_gymnasium_check__passes_without_a_warning(name: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("lilgym_mp.envs.single.RENDER_FPS", 1000)
+def test_gymnasium_check__passes_without_a_warning(name: str):
     check_env(make(name))
 
 
@@ -451,9 +453,7 @@ def test_step__numpys_whole_numbers_do(action: Any):
 
 
 @EVERY
-@pytest.mark.parametrize(
-    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
-)
+@DUPLICATES
 def test_copy__goes_on_from_the_middle_of_an_episode_by_itself(name: str, duplicate: Callable[[Any], Any]):
     env = make(name)
     env.reset(seed=4)
@@ -533,10 +533,28 @@ def test_render__picture_shows_scene_and_caption(own_corpus: Path):
     assert not np.array_equal(first[200:], second[200:])
 
 
-def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.fixture
+def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that nobody sees, in quick succession."""
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr("lilgym_mp.envs.single.RENDER_FPS", 1000)
+
+
+@pytest.mark.usefixtures("no_screen")
+@DUPLICATES
+def test_copy__an_environment_with_a_window_gets_one_of_its_own(duplicate: Callable[[Any], Any]):
+    env = make(TOWER, render_mode="human")
+    env.reset(seed=0)
+    other = duplicate(env)
+    env.close()
+    other.step(1)
+    assert other.state.steps == 1
+    other.close()
+
+
+@pytest.mark.usefixtures("no_screen")
+def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypatch: pytest.MonkeyPatch):
     shown: list[Any] = []
     monkeypatch.setattr("pygame.display.flip", lambda: shown.append(None))
     with make(TOWER, corpus=own_corpus, render_mode="human") as env:
