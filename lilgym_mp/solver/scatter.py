@@ -19,6 +19,7 @@ from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
 from lilgym_mp.solver.sketches import Sketcher, SketchLayers
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
+from lilgym_mp.task import Task
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
@@ -45,6 +46,8 @@ class ScatterSearch:
     def solve(self, state: State, most_edits: int, budget: Budget) -> Solution:
         if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
+        if type(state.task).solved_by is not Task.solved_by:
+            return not_found(1, budget, "success is not the truth of its program, by which Scatter tasks are solved")
         search = _TaskSearch(self._placements, state, most_edits, budget)
         try:
             actions = search.solution()
@@ -53,7 +56,7 @@ class ScatterSearch:
         if actions is not None:
             return solved((*actions, STOP), search.least_edits, budget)
         if search.least_edits > most_edits:
-            reason = f"no scene within {most_edits} edits makes it {state.task.target}"
+            reason = f"no scene within {most_edits} edits has that value"
             return unsolvable(reason, search.least_edits, budget)
         return not_found(search.least_edits, budget)
 

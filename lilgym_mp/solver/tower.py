@@ -81,7 +81,7 @@ class TowerSearch:
                     return solved((*actions, STOP), edits, budget)
         except BudgetSpentError:
             return not_found(edits, budget)
-        return unsolvable(f"no scene within {most_edits} edits makes it {state.task.target}", most_edits + 1, budget)
+        return unsolvable(f"no scene within {most_edits} edits has that value", most_edits + 1, budget)
 
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""

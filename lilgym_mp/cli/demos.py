@@ -1,0 +1,100 @@
+"""`lilgym-mp demos`: the expert's solutions as demonstrations, in an npz file or a Minari dataset."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp import __version__
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.cli.solve import add_solving, dynamics_of, solve_split
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import writable_file, write_whole
+from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "demos",
+        help="demonstrations of the expert, as npz or Minari dataset",
+        description="Writes a shortest solution of each task, with statement, program and target. Equal settings and"
+        " seed give equal files.",
+    )
+    add_configuration(parser)
+    add_split(parser, "train")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="an npz file; docs/solver.md lists its arrays")
+    parser.add_argument("--minari", metavar="NAME", help='a Minari dataset, such as "lilgym/tower-expert-v0"')
+    parser.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the draws (default: 0)")
+    parser.add_argument("--images", action="store_true", help="put the images into the npz file as well (large)")
+    add_solving(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    _check(args)
+    settings = Settings(**said_settings(args))
+    dynamics = dynamics_of(settings)
+    reports = solve_split(settings, args.split, args)
+    episodes = demonstrations(reports, dynamics, args.episodes, args.seed)
+    unsolved = sum(not report.solution.solved for report in reports)
+    print(f"{len(episodes):,} demonstrations of {len(reports):,} tasks, {unsolved:,} of them without a solution")
+    if args.out is not None:
+        found = arrays(episodes, dynamics, images=args.images)
+        write_whole(args.out, partial(_write_npz, found, _about(settings, args)))
+        print(f"npz: {args.out}")
+    if args.minari is not None:
+        _write_minari(episodes, settings, args)
+        print(f"Minari: {args.minari}")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raises CommandError or OutputError for what would fail after all the work."""
+    if args.out is None and args.minari is None:
+        raise CommandError("say where to write: --out FILE, --minari NAME, or both")
+    if args.episodes is not None and args.episodes < 1:
+        raise CommandError(f"--episodes must be at least 1, not {args.episodes}")
+    if args.seed < 0:
+        raise CommandError(f"--seed must be at least 0, not {args.seed}")
+    if args.minari is not None and find_spec("minari") is None:
+        raise CommandError('--minari needs Minari, which is not here: pip install "lilgym-mp[minari]"; --out does not')
+    if args.out is not None:
+        if args.out.suffix != ".npz":
+            raise CommandError(f"--out must name a file that ends in .npz, not {str(args.out)!r}")
+        writable_file(args.out)
+
+
+def _write_npz(found: dict[str, Any], about: dict[str, Any], path: Path) -> None:
+    write_npz(path, found, about)
+
+
+def _about(settings: Settings, args: argparse.Namespace) -> dict[str, Any]:
+    """What the demonstrations are of and how to make them again."""
+    provenance = load_tasks(settings.corpus, settings.appearance, settings.start, args.split).provenance
+    return {
+        "lilgym_mp": __version__,
+        "settings": settings.to_json(),
+        "split": args.split,
+        "corpus_sha256": provenance.sha256,
+        "budget": args.budget,
+        "episodes": args.episodes,
+        "seed": args.seed,
+    }
+
+
+def _write_minari(episodes: Sequence[Demonstration], settings: Settings, args: argparse.Namespace) -> None:
+    from lilgym_mp.solver.minari_dataset import write_minari
+
+    env = settings.make(args.split)
+    assert env.spec is not None
+    about = ", ".join(f"{name} {value}" for name, value in _about(settings, args).items() if value is not None)
+    write_minari(args.minari, episodes, dynamics_of(settings), env.spec, f"Shortest solutions. {about}")
+    env.close()

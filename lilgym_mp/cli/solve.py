@@ -1,0 +1,143 @@
+"""`lilgym-mp solve`: the expert on every task of a split, and how short its solutions are."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import add_settings, said
+from lilgym_mp.cli.progress import Progress
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import writable_file, write_json
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.rules import Dynamics, make_dynamics
+from lilgym_mp.solver import Status
+from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table
+
+MOST_LISTED = 20  # unsolved tasks shown; the results file has all
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "solve",
+        help="the expert: shortest solutions of every task",
+        description="Solves every task of the splits, and says which solutions are proven to be shortest.",
+    )
+    parser.add_argument(
+        "configurations",
+        nargs="*",
+        metavar="CONFIGURATION",
+        help=f"any of {', '.join(CONFIGURATIONS)} (default: all)",
+    )
+    parser.add_argument(
+        "--split", nargs="+", choices=list(SPLITS), default=["dev"], help="one or more splits (default: dev)"
+    )
+    parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="every task's solution as JSON")
+    parser.add_argument("--replay", action="store_true", help="play each solution in the environment as well")
+    add_solving(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def add_solving(parser: argparse.ArgumentParser) -> None:
+    """Options for how much work the expert may do."""
+    options = parser.add_argument_group("expert")
+    options.add_argument("--budget", type=int, metavar="N", help="scenes looked at per task, at most")
+    options.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.limit is not None and args.limit < 1:
+        raise CommandError(f"--limit must be at least 1, not {args.limit}")
+    if args.out is not None:
+        writable_file(args.out)
+    shared = said(args, [field.name for field in fields(Settings) if field.name != "configuration"])
+    chosen = [Settings(name, **shared) for name in args.configurations or CONFIGURATIONS]
+    summaries: dict[str, Summary] = {}
+    records: list[dict[str, Any]] = []
+    unsolved: list[str] = []
+    for settings in chosen:
+        for split in args.split:
+            reports = solve_split(settings, split, args)
+            name = f"{settings.configuration} {split}"
+            summaries[name] = summarise(reports)
+            unsolved.extend(_unsolved_lines(name, reports))
+            if args.replay:
+                _replay(settings, split, reports)
+            dynamics = dynamics_of(settings)
+            where = {"settings": settings.to_json(), "split": split}
+            records.extend({**where, **report_json(report, dynamics)} for report in reports)
+    first = chosen[0]
+    print(f"corpus {first.corpus}, rules {first.rules}, horizon {dynamics_of(first).horizon}, grid {_grid(first)}\n")
+    print(summary_table(summaries))
+    _print_unsolved(unsolved)
+    if args.out is not None:
+        write_json(args.out, {"summaries": {name: s._asdict() for name, s in summaries.items()}, "tasks": records})
+        print(f"\nsolutions: {args.out}")
+    return 0
+
+
+def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
+    """Reports on the split's tasks, with progress. Raises ValueError for unusable settings."""
+    tasks: Sequence[Any] = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+    tasks = tasks[: args.limit] if getattr(args, "limit", None) else tasks
+    with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
+        return solve_tasks(
+            tasks,
+            dynamics_of(settings),
+            budget=args.budget,
+            jobs=args.jobs,
+            on_report=lambda report: progress.advance(),
+        )
+
+
+def dynamics_of(settings: Settings) -> Dynamics:
+    """The MDP that the settings name."""
+    return make_dynamics(make_appearance(settings.appearance, settings.grid), settings.rules, settings.horizon)
+
+
+def _grid(settings: Settings) -> str:
+    return settings.grid if isinstance(settings.grid, str) else "x".join(map(str, settings.grid))
+
+
+def _unsolved_lines(name: str, reports: Sequence[TaskReport]) -> list[str]:
+    return [
+        f"{name} {task.id}: {task.statement!r} to be {task.target}: {solution.status}, {solution.reason}"
+        for task, solution, _ in reports
+        if solution.status is not Status.SOLVED
+    ]
+
+
+def _print_unsolved(lines: Sequence[str]) -> None:
+    if lines:
+        print(f"\nwithout a solution: {len(lines)}")
+        print("\n".join(lines[:MOST_LISTED]))
+        if len(lines) > MOST_LISTED:
+            print(f"... and {len(lines) - MOST_LISTED} more; --out FILE lists all")
+
+
+def _replay(settings: Settings, split: str, reports: Sequence[TaskReport]) -> None:
+    """Plays each solution in the environment and says how many succeed."""
+    env = settings.make_bare(split)
+    encode = env.dynamics.appearance.encode
+    played = [report for report in reports if report.solution.solved]
+    successes = 0
+    for task, solution, _ in played:
+        env.reset(options={"task": task.id})
+        info: dict[str, Any] = {}
+        for action in solution.actions:
+            _, _, _, _, info = env.step(encode(action))
+        successes += bool(info.get("is_success"))
+    env.close()
+    print(f"{settings.configuration} {split}: {successes:,} of {len(played):,} solutions succeed in the environment")

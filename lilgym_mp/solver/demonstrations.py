@@ -1,0 +1,104 @@
+"""Solutions played out: what a learner imitates, as arrays in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lilgym_mp.actions import Action
+from lilgym_mp.observation import item_array, item_capacity
+from lilgym_mp.render import Canvas, UInt8Array
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.solver.reports import TaskReport
+from lilgym_mp.task import Task
+
+HALF_SIZE = "half"
+
+
+class Demonstration(NamedTuple):
+    """One episode of the expert that ended in success."""
+
+    task: Task
+    actions: tuple[Action, ...]
+    states: tuple[State, ...]  # before each action; STOP, the last, changes nothing
+    rewards: tuple[float, ...]
+    terminated: bool
+    truncated: bool
+    proven_optimal: bool
+
+
+def demonstration(report: TaskReport, dynamics: Dynamics) -> Demonstration:
+    """The report's solution, which must be one, played out."""
+    task, solution, _ = report
+    states: list[State] = []
+    rewards: list[float] = []
+    state = dynamics.start(task)
+    terminated = truncated = False
+    for action in solution.actions:
+        states.append(state)
+        state, (_, _, reward, terminated, truncated, _), _ = dynamics.step(state, action)
+        rewards.append(reward)
+    proven = solution.proven_optimal
+    return Demonstration(task, solution.actions, tuple(states), tuple(rewards), terminated, truncated, proven)
+
+
+def demonstrations(
+    reports: Sequence[TaskReport], dynamics: Dynamics, episodes: int | None = None, seed: int = 0
+) -> list[Demonstration]:
+    """A demonstration of each solved task in order; or of `episodes` tasks drawn uniformly, the solved among them.
+
+    Raises ValueError for fewer than one episode.
+    """
+    if episodes is not None and episodes < 1:
+        raise ValueError(f"episodes must be at least 1 or None, not {episodes}")
+    played = [demonstration(report, dynamics) if report.solution.solved else None for report in reports]
+    if episodes is not None:
+        drawn = np.random.default_rng(seed).integers(len(played), size=episodes)
+        played = [played[number] for number in drawn.tolist()]
+    return [episode for episode in played if episode is not None]
+
+
+def arrays(episodes: Sequence[Demonstration], dynamics: Dynamics, *, images: bool = False) -> dict[str, Any]:
+    """N episodes of M actions together as arrays; the actions of episode i are at `starts[i]` .. `starts[i + 1]`.
+
+    Raises ValueError when there are no episodes.
+    """
+    if not episodes:
+        raise ValueError("there are no demonstrations: no task of these was solved")
+    appearance = dynamics.appearance
+    tasks = [episode.task for episode in episodes]
+    states = [state for episode in episodes for state in episode.states]
+    actions = [action for episode in episodes for action in episode.actions]
+    capacity = item_capacity(tasks, dynamics)
+    found: dict[str, Any] = {
+        "task": np.array([task.id for task in tasks]),
+        "statement": np.array([task.statement for task in tasks]),
+        "program": np.array([task.program for task in tasks]),
+        "target": np.array([task.target for task in tasks]),
+        "proven_optimal": np.array([episode.proven_optimal for episode in episodes]),
+        "starts": np.cumsum([0, *(len(episode.actions) for episode in episodes)]),  # (N + 1,)
+        "action": np.array([appearance.encode(action) for action in actions], np.int32),  # (M,)
+        "action_array": np.array([appearance.to_array(action) for action in actions], np.int16),  # (M, 3 or 6)
+        "reward": np.array([reward for episode in episodes for reward in episode.rewards], np.float32),  # (M,)
+        "items": np.stack([item_array(state.scene, capacity) for state in states]),  # (M, 3, capacity, 5)
+    }
+    if images:
+        found["image"] = np.stack([*images_of(states)])  # (M, 50, 190, 3)
+    return found
+
+
+def images_of(states: Iterable[State]) -> Iterable[UInt8Array]:
+    """(50, 190, 3) the half-size image of each state."""
+    canvas = Canvas(HALF_SIZE)
+    return (canvas.show(state.scene).copy() for state in states)
+
+
+def write_npz(path: Path, found: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Writes the arrays compressed, with `about` as JSON beside them; equal arrays give equal bytes."""
+    text = json.dumps(about, ensure_ascii=False, sort_keys=True)
+    with path.open("wb") as file:
+        np.savez_compressed(file, about=np.array(text), **found)

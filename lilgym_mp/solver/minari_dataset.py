@@ -1,0 +1,71 @@
+"""Demonstrations as a Minari dataset, which offline learners read. Minari is imported when one is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
+
+from lilgym_mp.observation import observation_space
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.solver.demonstrations import HALF_SIZE, Demonstration, images_of
+
+ALGORITHM = "lilgym_mp expert"
+
+
+def write_minari(
+    dataset_id: str, episodes: Sequence[Demonstration], dynamics: Dynamics, env_spec: EnvSpec, description: str
+) -> None:
+    """Writes the dataset `dataset_id` where Minari keeps its own; the infos name each episode's task and program.
+
+    Images are kept as they are, never as JPEG. Raises ModuleNotFoundError without Minari, ValueError for a name
+    that is taken or is none, or without episodes. When writing fails nothing is left.
+    """
+    minari = import_module("minari")
+    if not episodes:
+        raise ValueError("there are no demonstrations: no task of these was solved")
+    if dataset_id in minari.list_local_datasets():
+        raise ValueError(f"there is a Minari dataset {dataset_id!r} already; choose another name, or delete it")
+    finished = False
+    try:
+        minari.create_dataset_from_buffers(
+            dataset_id,
+            _buffers(episodes, dynamics),  # it goes through them once
+            env=env_spec,
+            eval_env=env_spec,
+            observation_space=observation_space(HALF_SIZE, [episode.task for episode in episodes]),
+            action_space=spaces.Discrete(dynamics.appearance.action_count),
+            algorithm_name=ALGORITHM,
+            description=description,
+            jpeg_encoding=False,
+        )
+        finished = True
+    finally:
+        if not finished and dataset_id in minari.list_local_datasets():
+            minari.delete_dataset(dataset_id)
+
+
+def _buffers(episodes: Sequence[Demonstration], dynamics: Dynamics) -> Iterator[Any]:
+    buffer: Any = import_module("minari.data_collector").EpisodeBuffer
+    encode = dynamics.appearance.encode
+    for episode in episodes:
+        task = episode.task
+        count = len(episode.actions)
+        last = (False,) * (count - 1)
+        yield buffer(
+            options={"task": task.id},
+            observations={
+                "image": np.stack([*images_of((*episode.states, episode.states[-1]))]),  # STOP changes nothing
+                "statement": [task.statement] * (count + 1),
+                "target": np.full(count + 1, task.target, np.int64),
+            },
+            actions=np.array([encode(action) for action in episode.actions], np.int64),
+            rewards=np.array(episode.rewards, np.float64),
+            terminations=[*last, episode.terminated],
+            truncations=[*last, episode.truncated],
+            infos={"program": [task.program] * (count + 1), "task": [task.id] * (count + 1)},
+        )
