@@ -89,7 +89,7 @@ def _statements_table(statistics: CorpusStatistics) -> str:
         "number",
         "forms",
         "words",
-        "mean length",
+        "mean words",
         "longest",
         "in train",
         "form in train",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -116,6 +118,12 @@ def test_rule__does_not_hold(phenomenon: Phenomenon, program: str):
 
 def test_rules__every_phenomenon_has_one():
     assert set(RULES) == set(Phenomenon) == set(SHOWN)
+
+
+def test_rules__the_documentation_has_their_words():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "official_data.md").read_text(encoding="utf-8")
+    missing = [phenomenon for phenomenon, rule in RULES.items() if f"| {phenomenon} | {rule.words} |" not in text]
+    assert not missing, "write the rules' words into docs/official_data.md"
 
 
 @pytest.mark.parametrize("word", ["unique", "exist", "min", "all_same", "contained"])
