@@ -1,1 +1,19 @@
-"""Runs over every task of a split, metrics, analysis and reports."""
+"""Runs over every task of a split, what came of them, and how to show it. No torch here."""
+
+from lilgym_mp.evaluation.metrics import Summary, summarise
+from lilgym_mp.evaluation.policies import Observations, Policy, random_legal, random_unmasked
+from lilgym_mp.evaluation.runs import Episode, evaluate
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+
+__all__ = [
+    "CONFIGURATIONS",
+    "Episode",
+    "Observations",
+    "Policy",
+    "Settings",
+    "Summary",
+    "evaluate",
+    "random_legal",
+    "random_unmasked",
+    "summarise",
+]

@@ -1,0 +1,140 @@
+"""Actions as people type them: "add left blue", "remove 3 4", "stop"."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum
+from typing import Any, TypeVar
+
+from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
+from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.scene import Colour, Shape, Size
+
+Value = TypeVar("Value")
+Words = Sequence[str]
+
+
+class CommandFault(ValueError):
+    """Something typed that is no command; says what would be."""
+
+
+def _names(members: type[IntEnum]) -> dict[str, Any]:
+    return {member.name.lower(): member for member in members}
+
+
+BOXES = {name.lower(): number for number, name in enumerate(BOX_NAMES)}
+COLOURS, SHAPES, SIZES = _names(Colour), _names(Shape), _names(Size)
+VERBS = {"add": "add", "remove": "remove", "stop": "stop"}
+
+
+def command_help(appearance: Appearance) -> list[str]:
+    """Lines that say how to act."""
+    if isinstance(appearance, Scatter):
+        columns, rows = appearance.grid
+        return [
+            f"add COLUMN ROW SIZE COLOUR SHAPE   such as: add 3 4 small blue circle  (0..{columns - 1}, 0..{rows - 1})",
+            "remove COLUMN ROW                  take away what fills that cell most",
+        ]
+    return [
+        "add BOX COLOUR   such as: add left blue",
+        "remove BOX       take away the top block, such as: remove middle",
+    ]
+
+
+def parsed(words: Words, appearance: Appearance) -> Action:
+    """The action that the words name; names may be cut short. Raises CommandFault."""
+    verb, *rest = words
+    match chosen("command", verb, VERBS):
+        case "stop":
+            _expect(rest, 0, "stop")
+            return STOP
+        case "add":
+            return _add_item(rest, appearance) if isinstance(appearance, Scatter) else _add_block(rest)
+        case _:
+            return _remove_item(rest, appearance) if isinstance(appearance, Scatter) else _remove_block(rest)
+
+
+def _add_block(words: Words) -> Action:
+    _expect(words, 2, "add BOX COLOUR, such as: add left blue")
+    return AddBlock(chosen("box", words[0], BOXES), chosen("colour", words[1], COLOURS))
+
+
+def _remove_block(words: Words) -> Action:
+    _expect(words, 1, "remove BOX, such as: remove left")
+    return RemoveBlock(chosen("box", words[0], BOXES))
+
+
+def _add_item(words: Words, appearance: Scatter) -> Action:
+    _expect(words, 5, "add COLUMN ROW SIZE COLOUR SHAPE, such as: add 3 4 small blue circle")
+    column, row = _cell(words, appearance)
+    found: dict[type[IntEnum], IntEnum] = {}
+    for word in words[2:]:
+        value = chosen("size, colour or shape", word, {**SIZES, **COLOURS, **SHAPES})
+        if type(value) in found:
+            raise CommandFault(f"{word!r} is a second {type(value).__name__.lower()}; give one size, colour and shape")
+        found[type(value)] = value
+    return AddItem(column, row, Shape(found[Shape]), Colour(found[Colour]), Size(found[Size]))
+
+
+def _remove_item(words: Words, appearance: Scatter) -> Action:
+    _expect(words, 2, "remove COLUMN ROW, such as: remove 3 4")
+    return RemoveItem(*_cell(words, appearance))
+
+
+def _cell(words: Words, appearance: Scatter) -> tuple[int, int]:
+    columns, rows = appearance.grid
+    return _place("column", words[0], columns), _place("row", words[1], rows)
+
+
+def _place(what: str, word: str, count: int) -> int:
+    if not word.isdecimal() or int(word) >= count:
+        raise CommandFault(f"{what} {word!r} must be one of 0 .. {count - 1}")
+    return int(word)
+
+
+def _expect(words: Words, count: int, form: str) -> None:
+    if len(words) != count:
+        raise CommandFault(f"{form.split()[0]} takes {count} words, not {len(words)}; say: {form}")
+
+
+def chosen(what: str, word: str, choices: Mapping[str, Value]) -> Value:
+    """The choice called `word` or the only one that begins so. Raises CommandFault naming the choices."""
+    fitting = [word] if word in choices else [name for name in choices if name.startswith(word)]
+    if len(fitting) == 1:
+        return choices[fitting[0]]
+    fault = f"{word!r} could be {' or '.join(fitting)}" if fitting else f"unknown {what} {word!r}"
+    raise CommandFault(f"{fault}; choose from {', '.join(choices)}")
+
+
+def command_of(action: Action) -> str:
+    """What to type for an action."""
+    match action:
+        case Stop():
+            return "stop"
+        case AddBlock(box, colour):
+            return f"add {BOX_NAMES[box]} {colour.name}".lower()
+        case RemoveBlock(box):
+            return f"remove {BOX_NAMES[box]}".lower()
+        case AddItem(column, row, shape, colour, size):
+            return f"add {column} {row} {size.name} {colour.name} {shape.name}".lower()
+        case RemoveItem(column, row):
+            return f"remove {column} {row}"
+
+
+def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
+    """The legal actions, by number, in lines for a person: those of a grid by cell, what is alike together."""
+    actions = [appearance.decode(number) for number in legal]
+    if not isinstance(appearance, Scatter):
+        yield from map(command_of, actions)
+        return
+    yield "stop"
+    removable = [f"{action.column} {action.row}" for action in actions if isinstance(action, RemoveItem)]
+    yield f"remove {', '.join(removable)}" if removable else "nothing to remove"
+    for size in Size:
+        for shape in Shape:
+            cells = {
+                (action.column, action.row)
+                for action in actions
+                if isinstance(action, AddItem) and action.size == size and action.shape == shape
+            }
+            yield f"add {size.name.lower()} {shape.name.lower()}: {len(cells)} cells"

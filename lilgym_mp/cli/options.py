@@ -1,0 +1,61 @@
+"""Options that several commands share. All default to None, "not said"."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.rules import RULE_SETS
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Options for the fields of `Settings` but the configuration."""
+    options = parser.add_argument_group("environment")
+    options.add_argument("--corpus", help='"builtin" (default), "lilgym" (the official one), or a path')
+    options.add_argument("--rules", choices=sorted(RULE_SETS), help="rule set (default: paper)")
+    options.add_argument("--horizon", type=int, metavar="N", help="actions an episode (default: the rule set's)")
+    columns, rows = RELEASED_GRID
+    options.add_argument(
+        "--grid",
+        type=parsed_grid,
+        metavar="COLUMNSxROWS",
+        help=f'Scatter\'s cells (default: {columns}x{rows}), or "{NATIVE}" for pixels',
+    )
+
+
+def add_configuration(parser: argparse.ArgumentParser, flag: str = "configuration", **settings: Any) -> None:
+    """The name of a configuration, as an argument or as the option `flag`; `Settings` refuses unknown ones."""
+    parser.add_argument(flag, metavar="CONFIGURATION", **settings)
+
+
+def add_split(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument("--split", choices=list(SPLITS), default=default, help=f"of the corpus (default: {default})")
+
+
+def parsed_grid(text: str) -> tuple[int, int] | str:
+    """A grid as written on the command line, such as 38x10. Raises ArgumentTypeError saying what would do."""
+    if text == NATIVE:
+        return NATIVE
+    try:
+        columns, rows = (int(count) for count in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or such as 38x10") from None
+    try:
+        return checked_grid((columns, rows))
+    except GridError as fault:
+        raise argparse.ArgumentTypeError(str(fault)) from None
+
+
+def said_settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `Settings` that were given on the command line."""
+    return said(args, [field.name for field in fields(Settings)])
+
+
+def said(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    """Those of the named options that were given."""
+    return {name: value for name in names if (value := getattr(args, name)) is not None}

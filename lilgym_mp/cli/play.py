@@ -1,0 +1,69 @@
+"""`lilgym-mp play`: a person plays in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.evaluation.files import writable_file
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+
+if TYPE_CHECKING:
+    from lilgym_mp.cli.session import Session
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "play",
+        help="play in the terminal",
+        description="Change the picture until the statement has the wanted truth value, then stop. Type help.",
+    )
+    add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}", nargs="?", default="TowerScratch")
+    add_split(parser, "train")
+    parser.add_argument("--task", metavar="ID", help="begin with this task (default: one drawn at random)")
+    parser.add_argument("--seed", type=int, metavar="N", help="of the tasks drawn (default: another each time)")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="write what was played as an animation")
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.cli.session import Session
+
+    if args.gif is not None:
+        writable_file(args.gif)
+    env = Settings(**said_settings(args)).make_bare(args.split)
+    session = Session(env, print, coloured=_shows_colours())
+    session.begin(seed=args.seed, task_id=args.task)
+    try:
+        _converse(session)
+    except KeyboardInterrupt:
+        print()
+    finally:
+        if args.gif is not None:
+            session.save_film(args.gif)
+            print(f"film: {args.gif}")
+    print(session.score())
+    return 0
+
+
+def _shows_colours() -> bool:
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+
+
+def _converse(session: Session) -> None:
+    """Reads commands until the person or the input ends."""
+    interactive = sys.stdin.isatty()
+    while not session.is_over:
+        print("> ", end="", flush=True)
+        line = sys.stdin.readline()
+        if not line:
+            print()
+            return
+        if not interactive:
+            print(line.rstrip("\n"))
+        session.answer(line)

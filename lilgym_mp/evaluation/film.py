@@ -1,0 +1,122 @@
+"""Episodes as animated GIFs: one, or several side by side with their statements and how they ended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from lilgym_mp.actions import describe
+from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.evaluation.files import write_whole
+from lilgym_mp.evaluation.runs import Episode
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.render import draw
+from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
+
+UInt8Array = NDArray[np.uint8]
+
+FRAME_SECONDS = 0.7
+LAST_FRAME_SECONDS = 3.0
+
+FONT_PIXELS = 14
+LINE_HEIGHT = 18
+STATEMENT_LINES = 2
+MARGIN = 8
+BORDER = 4
+TILE_WIDTH = IMAGE_WIDTH + 2 * MARGIN
+TILE_HEIGHT = IMAGE_HEIGHT + (STATEMENT_LINES + 2) * LINE_HEIGHT + 2 * MARGIN
+PAPER_RGB, INK_RGB = (255, 255, 255), (30, 30, 30)
+PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (190, 190, 190), (0, 140, 60), (200, 40, 30)
+
+
+class Moment(NamedTuple):
+    """One frame of an episode."""
+
+    picture: UInt8Array  # (100, 380, 3)
+    task: str  # what is to be done
+    caption: str  # what was just done, or how it ended
+    rgb: tuple[int, int, int]  # of caption and border
+
+
+def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
+    """The start and each action of an episode, played again."""
+    env.reset(options={"task": episode.task_id})
+    appearance = env.dynamics.appearance
+    task = f"{episode.statement}  Make it {str(episode.target).lower()}."
+    yield Moment(draw(env.scene), task, "start", PENDING_RGB)
+    for number, action in enumerate(episode.actions, start=1):
+        _, _, terminated, truncated, info = env.step(action)
+        caption, rgb = f"{number}. {describe(appearance.decode(action))}", PENDING_RGB
+        if terminated or truncated:
+            rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
+            caption += f": {info['outcome'].replace('_', ' ')}, reward {episode.reward:+.1f}"
+        yield Moment(draw(env.scene), task, caption, rgb)
+
+
+def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:
+    """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
+    env = settings.make_bare(split)
+    films = [list(replay(env, episode)) for episode in episodes]
+    length = max(map(len, films))
+    save_gif(path, (_grid([film[min(at, len(film) - 1)] for film in films], columns) for at in range(length)))
+
+
+def _grid(moments: Sequence[Moment], columns: int) -> UInt8Array:
+    rows = -(-len(moments) // columns)
+    image = Image.new("RGB", (columns * TILE_WIDTH, rows * TILE_HEIGHT), PAPER_RGB)
+    for number, moment in enumerate(moments):
+        row, column = divmod(number, columns)
+        image.paste(_tile(moment), (column * TILE_WIDTH, row * TILE_HEIGHT))
+    return np.asarray(image)
+
+
+def _tile(moment: Moment) -> Image.Image:
+    tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
+    pen = ImageDraw.Draw(tile)
+    font = ImageFont.load_default(FONT_PIXELS)
+    for number, line in enumerate(wrapped(moment.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
+        pen.text((MARGIN, MARGIN + number * LINE_HEIGHT), line, fill=INK_RGB, font=font)
+    top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
+    frame = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
+    pen.rectangle(frame, fill=moment.rgb)
+    tile.paste(Image.fromarray(moment.picture), (MARGIN, top))
+    ink = INK_RGB if moment.rgb == PENDING_RGB else moment.rgb
+    pen.text((MARGIN, top + IMAGE_HEIGHT + BORDER + 2), moment.caption, fill=ink, font=font)
+    return tile
+
+
+def wrapped(
+    text: str, width: int, pen: ImageDraw.ImageDraw, font: ImageFont.FreeTypeFont | ImageFont.ImageFont
+) -> list[str]:
+    """The text in lines no wider than `width` pixels, broken between words; a single word may be wider."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and pen.textlength(longer, font=font) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
+def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
+    """Writes an endless GIF whole; `frames` are (height, width, 3) and one size, the last stays longer."""
+    images = [Image.fromarray(frame).quantize(64, dither=Image.Dither.NONE) for frame in frames]
+    seconds = [FRAME_SECONDS] * (len(images) - 1) + [LAST_FRAME_SECONDS]
+    first, *rest = images
+    write_whole(
+        path,
+        lambda unfinished: first.save(
+            unfinished,
+            format="GIF",
+            save_all=True,
+            append_images=rest,
+            duration=[round(1000 * shown) for shown in seconds],
+            loop=0,
+        ),
+    )

@@ -1,0 +1,73 @@
+"""Which environment is meant: a configuration and all that it can vary but the split."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, cast
+
+import gymnasium as gym
+
+from lilgym_mp.appearances import RELEASED_GRID
+from lilgym_mp.choices import choose
+from lilgym_mp.envs.registration import APPEARANCE_NAMES, START_NAMES, START_TITLES, environment_id
+from lilgym_mp.envs.single import LilGymEnv
+
+CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and start
+    f"{appearance.capitalize()}{START_TITLES[start]}": (appearance, start)
+    for appearance in APPEARANCE_NAMES
+    for start in START_NAMES
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The arguments of `gymnasium.make` that an agent is trained and evaluated with; as JSON, a run's identity."""
+
+    configuration: str
+    corpus: str = "builtin"
+    rules: str = "paper"
+    horizon: int | None = None
+    grid: tuple[int, int] | str = RELEASED_GRID
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the choices for an unknown configuration; `make` looks at the rest."""
+        choose("configuration", self.configuration, CONFIGURATIONS)
+
+    @property
+    def appearance(self) -> str:
+        return CONFIGURATIONS[self.configuration][0]
+
+    @property
+    def start(self) -> str:
+        return CONFIGURATIONS[self.configuration][1]
+
+    def make(self, split: str, *, corpus: str | None = None, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        """A new environment, of another corpus when one is named.
+
+        Raises ValueError naming the value and the choices, CorpusError for unusable data.
+        """
+        return gym.make(
+            environment_id(self.appearance, self.start),
+            corpus=corpus or self.corpus,
+            split=split,
+            rules=self.rules,
+            horizon=self.horizon,
+            grid=self.grid,
+            render_mode=render_mode,
+            disable_env_checker=True,
+        )
+
+    def make_bare(self, split: str, render_mode: str | None = None) -> LilGymEnv:
+        """`make` without Gymnasium's own wrappers."""
+        return cast("LilGymEnv", self.make(split, render_mode=render_mode).unwrapped)
+
+    def to_json(self) -> dict[str, Any]:
+        grid = self.grid if isinstance(self.grid, str) else list(self.grid)
+        return {**asdict(self), "grid": grid}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Settings:
+        """What `to_json` gave. Raises ValueError, TypeError for unknown or missing keys."""
+        grid = data["grid"]
+        return cls(**{**data, "grid": grid if isinstance(grid, str) else tuple(grid)})

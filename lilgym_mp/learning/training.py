@@ -1,0 +1,332 @@
+"""A training run from its beginning, or from where it stopped, to a number of steps."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from sb3_contrib import MaskablePPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import set_random_seed
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import writable_directory
+from lilgym_mp.evaluation.metrics import ENDS
+from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_env, make_training_envs
+from lilgym_mp.learning.network import ActorCritic
+from lilgym_mp.learning.policy import Agent, MaskedActorCritic
+from lilgym_mp.learning.recipe import Recipe
+from lilgym_mp.learning.recolouring import write_recoloured
+from lilgym_mp.learning.run_directory import Checkpoint, Identity, RunDirectory, RunError, refuse_other
+from lilgym_mp.wrappers.tokens import default_length
+
+SAVE_EVERY = 20_000  # steps
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Progress(NamedTuple):
+    """What happened between two updates."""
+
+    steps: int  # of the whole run
+    episodes: int  # of the whole run
+    seconds: float  # of training, of the whole run
+    steps_per_second: float
+    accuracy: float | None  # of the episodes that ended in between; None if there were none
+    mean_reward: float | None
+    mean_length: float | None
+    outcomes: dict[str, float]  # shares of those episodes
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run and all that it needs."""
+
+    directory: RunDirectory
+    identity: Identity
+    vocabulary: Vocabulary
+    tasks: TaskSet
+    checkpoint: Checkpoint | None  # None at the beginning
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+        return 0 if self.checkpoint is None else self.checkpoint.steps
+
+    def make_network(self) -> ActorCritic:
+        settings = self.identity.settings
+        return ActorCritic(make_appearance(settings.appearance, settings.grid), len(self.vocabulary))
+
+    def agent(self, *, greedy: bool = True) -> Agent:
+        """The network as it is now; before the first step, as the seed makes it."""
+        set_random_seed(self.identity.recipe.seed)
+        network = self.make_network()
+        if self.checkpoint is not None:
+            _restore(network, self.checkpoint, self.directory)
+        return Agent(network.eval(), self.vocabulary, self.identity.length, greedy)
+
+
+def begin_run(path: Path, settings: Settings, recipe: Recipe) -> Run:
+    """A new run in an empty or new directory, nothing trained yet.
+
+    Raises OutputError where nothing can be written, RunError when a run is there already, and what
+    `Settings.make` raises.
+    """
+    directory = RunDirectory(path)
+    if directory.exists:
+        raise RunError(f"{path} holds a training run already; resume it with --resume, or choose another directory")
+    origin = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    ActorCritic.check(make_appearance(settings.appearance, settings.grid))
+    settings.make_bare(TRAINING_SPLIT)
+    writable_directory(path)
+    if recipe.recolour:
+        write_recoloured(directory.tasks_file, origin)
+    tasks = _training_tasks(directory, settings, recipe)
+    statements = {task.statement for task in tasks}
+    vocabulary = Vocabulary.from_statements(statements)
+    identity = Identity(settings, recipe, default_length(statements), origin.provenance.sha256)
+    directory.begin(identity, vocabulary)
+    return Run(directory, identity, vocabulary, tasks, None)
+
+
+def open_run(path: Path, asked: Mapping[str, Any], *, untrained: bool = False) -> Run:
+    """The run in a directory, with its latest checkpoint; `untrained`: one without will do.
+
+    `asked`: settings of the environment and the recipe, by name, that the run must have. Raises RunError where it has
+    others, naming both, when there is no run or no sound checkpoint, and when the training tasks have changed since.
+    """
+    directory = RunDirectory(path)
+    identity = directory.identity()
+    refuse_other({**asdict(identity.settings), **asdict(identity.recipe)}, asked, path)
+    origin = load_tasks(
+        identity.settings.corpus, identity.settings.appearance, identity.settings.start, TRAINING_SPLIT
+    ).provenance
+    if origin.sha256 != identity.tasks_sha256:
+        raise RunError(
+            f"{origin.path} is not the file that the run in {path} was trained on:"
+            f" its SHA-256 is {origin.sha256[:12]}..., it was {identity.tasks_sha256[:12]}..."
+        )
+    tasks = _training_tasks(directory, identity.settings, identity.recipe)
+    checkpoint = None if untrained and not directory.checkpoint_file.exists() else directory.load()
+    return Run(directory, identity, directory.vocabulary(), tasks, checkpoint)
+
+
+def _training_tasks(directory: RunDirectory, settings: Settings, recipe: Recipe) -> TaskSet:
+    corpus = str(directory.tasks_file) if recipe.recolour else settings.corpus
+    return load_tasks(corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+
+
+def train(
+    run: Run,
+    steps: int,
+    *,
+    backend: str,
+    save_every: int = SAVE_EVERY,
+    on_update: Callable[[Progress], object] = lambda progress: None,
+) -> Run:
+    """The run after `steps` steps in all, rounded up to whole rollouts; saved every `save_every` steps and at the end.
+
+    Ctrl-C and SIGTERM end it early, saved, at the next step; a second one at once. `on_update` hears of each update.
+    Raises RunError when the run has that many steps already.
+    """
+    if steps <= run.steps:
+        raise RunError(f"the run in {run.directory.path} has {run.steps:,} steps already; ask for more with --steps")
+    recipe = run.identity.recipe
+    make_env = partial(
+        make_training_env,
+        run.identity.settings,
+        recipe,
+        run.vocabulary,
+        run.identity.length,
+        run.tasks.provenance.corpus,
+    )
+    envs = make_training_envs(make_env, recipe.envs, backend)
+    try:
+        learner = _learner(run, envs)
+        with stop_on_signals() as stop:
+            watcher = _Watcher(run, stop, save_every, on_update)
+            learner.learn(steps - run.steps, callback=watcher, reset_num_timesteps=False)
+            checkpoint = watcher.save()
+    finally:
+        envs.close()
+    return Run(run.directory, run.identity, run.vocabulary, run.tasks, checkpoint)
+
+
+def _learner(run: Run, envs: Any) -> MaskablePPO:
+    recipe = run.identity.recipe
+    learner = MaskablePPO(
+        MaskedActorCritic,
+        envs,
+        learning_rate=_falling(recipe.learning_rate) if recipe.anneal else recipe.learning_rate,
+        n_steps=recipe.rollout // recipe.envs,
+        batch_size=recipe.batch_size,
+        n_epochs=recipe.epochs,
+        gamma=recipe.gamma,
+        gae_lambda=recipe.gae_lambda,
+        clip_range=recipe.clip,
+        ent_coef=recipe.entropy,
+        vf_coef=recipe.value,
+        max_grad_norm=recipe.gradient_norm,
+        policy_kwargs={"make_network": run.make_network},
+        seed=_seed_at(recipe.seed, run.steps),
+        device="cpu",
+    )
+    learner.set_logger(configure(str(run.directory.tensorboard), ["tensorboard"]))
+    if run.checkpoint is not None:
+        _restore(_policy(learner).network, run.checkpoint, run.directory)
+        learner.policy.optimizer.load_state_dict(run.checkpoint.optimiser)
+        learner.num_timesteps = run.checkpoint.steps
+        learner._n_updates = run.checkpoint.updates
+    return learner
+
+
+def _policy(learner: MaskablePPO) -> MaskedActorCritic:
+    assert isinstance(learner.policy, MaskedActorCritic)
+    return learner.policy
+
+
+def _falling(start: float) -> Callable[[float], float]:
+    """A schedule by the share of training that is left."""
+    return lambda left: start * left
+
+
+def _seed_at(seed: int, steps: int) -> int:
+    """The run's seed at its beginning; another one after each number of steps, lest a resumed run repeat itself."""
+    return seed if steps == 0 else int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
+
+
+def _restore(network: ActorCritic, checkpoint: Checkpoint, directory: RunDirectory) -> None:
+    try:
+        network.load_state_dict(checkpoint.network)
+    except RuntimeError as fault:
+        reason = str(fault).splitlines()[0]
+        raise RunError(
+            f"{directory.checkpoint_file}: of another network than {directory.identity_file}: {reason}"
+        ) from None
+
+
+@dataclass
+class StopRequest:
+    """Whether somebody asked for an early end."""
+
+    requested: bool = False
+
+
+@contextmanager
+def stop_on_signals() -> Generator[StopRequest, None, None]:
+    """Within the block the first Ctrl-C or SIGTERM is a request; the second interrupts."""
+    stop = StopRequest()
+
+    def request(number: int, frame: object) -> None:
+        if stop.requested:
+            raise KeyboardInterrupt
+        stop.requested = True
+
+    before = {number: signal.signal(number, request) for number in STOP_SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@dataclass
+class _Tally:
+    """The episodes that ended since the last update."""
+
+    ends: Counter[str] = field(default_factory=Counter)
+    reward: float = 0.0
+    steps: int = 0  # actions in episodes that ended
+
+
+class _Watcher(BaseCallback):
+    """Counts episodes, tells of progress, saves, and ends training when that is asked for."""
+
+    model: MaskablePPO
+
+    def __init__(self, run: Run, stop: StopRequest, save_every: int, on_update: Callable[[Progress], object]) -> None:
+        super().__init__()
+        self._run = run
+        self._stop = stop
+        self._save_every = save_every
+        self._on_update = on_update
+        done = run.checkpoint
+        self._episodes = 0 if done is None else done.episodes
+        self._seconds_before = 0.0 if done is None else done.seconds
+        self._saved_at = self._last_steps = run.steps
+        self._began = self._last_time = time.monotonic()
+        self._tally = _Tally()
+        self._rewards = np.zeros(run.identity.recipe.envs)  # of the episodes under way
+        self._lengths = np.zeros(run.identity.recipe.envs, np.int64)
+
+    def _on_step(self) -> bool:
+        self._rewards += self.locals["rewards"]
+        self._lengths += 1
+        for place in np.flatnonzero(self.locals["dones"]):
+            self._tally.ends[self.locals["infos"][place]["outcome"]] += 1
+            self._tally.reward += self._rewards[place]
+            self._tally.steps += int(self._lengths[place])
+            self._rewards[place] = self._lengths[place] = 0
+        return not self._stop.requested
+
+    def _on_rollout_end(self) -> None:
+        progress = self._progress()
+        for name in ("accuracy", "mean_reward", "mean_length"):
+            self.logger.record(f"episodes/{name}", getattr(progress, name))
+        for end, share in progress.outcomes.items():
+            self.logger.record(f"episodes/{end}", share)
+        with self._run.directory.progress_file.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(progress._asdict()) + "\n")
+        self._on_update(progress)
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self._saved_at >= self._save_every:
+            self.save()
+
+    def save(self) -> Checkpoint:
+        """Writes the checkpoint of this moment."""
+        checkpoint = Checkpoint(
+            _policy(self.model).network.state_dict(),
+            self.model.policy.optimizer.state_dict(),
+            self.model.num_timesteps,
+            self.model._n_updates,
+            self._episodes,
+            self._seconds,
+        )
+        self._run.directory.save(checkpoint)
+        self._saved_at = self.num_timesteps
+        return checkpoint
+
+    @property
+    def _seconds(self) -> float:
+        return self._seconds_before + time.monotonic() - self._began
+
+    def _progress(self) -> Progress:
+        """Of the time since the last call."""
+        tally, self._tally = self._tally, _Tally()
+        now = time.monotonic()
+        speed = (self.num_timesteps - self._last_steps) / (now - self._last_time)
+        self._last_steps, self._last_time = self.num_timesteps, now
+        count = tally.ends.total()
+        self._episodes += count
+        return Progress(
+            steps=self.num_timesteps,
+            episodes=self._episodes,
+            seconds=round(self._seconds, 3),
+            steps_per_second=round(speed, 1),
+            accuracy=tally.ends["success"] / count if count else None,
+            mean_reward=tally.reward / count if count else None,
+            mean_length=tally.steps / count if count else None,
+            outcomes={end: tally.ends[end] / count for end in ENDS} if count else {},
+        )
