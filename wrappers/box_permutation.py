@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium as gym
 
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.permutation import with_permuted_boxes
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
@@ -16,8 +15,7 @@ from lilgym_mp.wrappers.transformation import TaskChange
 class PermutedTasks(TaskChange):
     """Every task in every order of its boxes."""
 
-    def tasks(self) -> TaskSet:
-        return with_permuted_boxes(self.world.tasks)
+    change = staticmethod(with_permuted_boxes)
 
 
 class BoxPermutation(EnvWrapper[PermutedTasks]):

@@ -29,7 +29,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         self.transformation = cast("Does", type(self).does(world, **settings))
         if isinstance(self.transformation, TaskChange):
             _refuse_above_others(self)
-            self.unwrapped.tasks = self.transformation.tasks()  # pyright: ignore[reportAttributeAccessIssue]
+            self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = self.transformation.observation_space()
         self.action_space = self.transformation.action_space()
         self._moment = EnvMoment(world, env)

@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium as gym
 
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.matching import matching_corpus
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
@@ -16,8 +15,7 @@ from lilgym_mp.wrappers.transformation import TaskChange
 class MatchingTasks(TaskChange):
     """Every task solved by the corpus's scenes only."""
 
-    def tasks(self) -> TaskSet:
-        return matching_corpus(self.world.tasks)
+    change = staticmethod(matching_corpus)
 
 
 class NLVRReward(EnvWrapper[MatchingTasks]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from gymnasium import spaces
@@ -53,9 +53,7 @@ class Transformation:
 class TaskChange(Transformation):
     """Gives the environment other tasks to play; done once, when it is wrapped."""
 
-    def tasks(self) -> TaskSet:
-        """The tasks to play instead of the world's."""
-        raise NotImplementedError
+    change: Callable[[TaskSet], TaskSet]  # from the environment's tasks; an operation of the corpus
 
 
 class Format(Transformation):

@@ -32,11 +32,12 @@ class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
     ) -> None:
         """`does` makes the transformation of the wrapper called `name` from a world and the settings."""
         super().__init__(env)
-        self._name = name
+        self.name = name
         world = _world_of(env, name)
         self.transformation = does(world, **settings)
         if isinstance(self.transformation, TaskChange):
-            raise WrongEnvironment(f"{name} changes the tasks, which a vector environment of this kind cannot do yet")
+            _refuse_above_others(name, env)
+            self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
         if self.transformation.changes_observations:
             self.single_observation_space = self.transformation.observation_space()
             self.observation_space = _batched(self.single_observation_space, env)
@@ -123,7 +124,15 @@ class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
         return last
 
     def __repr__(self) -> str:
-        return f"<{self._name}, {self.env}>"
+        return f"<{self.name}, {self.env}>"
+
+
+def _refuse_above_others(name: str, env: Any) -> None:
+    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks."""
+    while isinstance(env, VectorWrapper):
+        if isinstance(env, VectorEnvWrapper) and not isinstance(env.transformation, TaskChange):
+            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {env.name}, not above it")
+        env = env.env
 
 
 class VectorMoment:

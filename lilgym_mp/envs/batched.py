@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -26,6 +26,7 @@ RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
 RESET_OPTIONS = ("reset_mask", "task")
 _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
 
+TaskOperation = Callable[[TaskSet], TaskSet]
 Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
 Infos = dict[str, Any]
 
@@ -46,20 +47,16 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
         self.copy = copy
         self.dynamics = settings.dynamics()
-        self.tasks = settings.tasks()
         self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
-        self.single_observation_space = observation_space(settings.image_size, self.tasks)
+        self.single_observation_space = observation_space(settings.image_size, settings.tasks())
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
         self._autoreset = settings.autoreset
         self._evaluation = settings.evaluation
         self._block = block
         self._verdicts = VerdictTable.of(self.dynamics)
-        self._targets = np.array([task.target for task in self.tasks], np.int64)
-        self._statements = np.array([task.statement for task in self.tasks], object)
-        self._task_ids = np.array(self.tasks.ids, object)
-        self._seeds: list[int | None] = [None] * self.num_envs
         self._evaluated = 0
+        self._play(settings.tasks())
 
     @abstractmethod
     def _reset(self, order: Reset) -> None: ...
@@ -73,6 +70,26 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
 
     @abstractmethod
     def _states(self) -> list[State]: ...
+
+    @abstractmethod
+    def _change_tasks(self, change: TaskOperation) -> None:
+        """Has the environments draw from `change` of their tasks; `self.tasks` are those already."""
+
+    def change_tasks(self, change: TaskOperation) -> None:
+        """Plays `change(tasks)`, made of the present tasks, from the next reset on, which must be of all.
+
+        `change` must be importable by name, since workers apply it too. Statements and numbers of items must be such
+        as there were, since the spaces stay.
+        """
+        self._play(change(self.tasks))
+        self._change_tasks(change)
+
+    def _play(self, tasks: TaskSet) -> None:
+        self.tasks = tasks
+        self._targets = np.array([task.target for task in tasks], np.int64)
+        self._statements = np.array([task.statement for task in tasks], object)
+        self._task_ids = np.array(tasks.ids, object)
+        self._seeds: list[int | None] = [None] * self.num_envs
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -341,6 +358,9 @@ class BatchedEnv(SharedInterface):
 
     def _states(self) -> list[State]:
         return self._engine.states()
+
+    def _change_tasks(self, change: TaskOperation) -> None:
+        self._engine.play(self.tasks)
 
 
 def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:

@@ -129,14 +129,9 @@ class Engine:
 
     def __init__(self, settings: Settings, block: Block, first: int = 0) -> None:
         self.dynamics = settings.dynamics()
-        self.tasks = settings.tasks()
         self.block = block
-        self.core = make_core(self.dynamics, self.tasks, block, settings.image_size)
-        self._writers = {
-            "mask": self.core.write_masks,
-            "goal": self.core.write_goals,
-            "items": self.core.write_items,
-        }
+        self._image_size = settings.image_size
+        self.play(settings.tasks())
         self._autoreset = settings.autoreset
         self._first = first
         self._stride = settings.num_envs
@@ -147,6 +142,16 @@ class Engine:
         self._generators: list[np.random.Generator | None] = [None] * count
         self._episodes = np.zeros(count, np.int64)  # begun in evaluation
         self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
+
+    def play(self, tasks: TaskSet) -> None:
+        """Draws from `tasks` henceforth; a reset of all environments must follow."""
+        self.tasks = tasks
+        self.core = make_core(self.dynamics, tasks, self.block, self._image_size)
+        self._writers = {
+            "mask": self.core.write_masks,
+            "goal": self.core.write_goals,
+            "items": self.core.write_items,
+        }
 
     def reset(self, order: Reset) -> None:
         """Begins episodes in some environments; the others stay as they are."""

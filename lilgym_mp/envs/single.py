@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, SupportsFloat, SupportsIndex, cast
 
 import gymnasium as gym
@@ -13,7 +13,7 @@ from gymnasium import spaces
 from lilgym_mp.actions import ActionError
 from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.window import Window
 from lilgym_mp.observation import Observation, observation_space
@@ -154,6 +154,13 @@ class LilGymEnv(gym.Env[Observation, int]):
     def decode_action(self, index: int) -> list[int]:
         """The released array form of an action, -1 in unused slots. Raises ActionError."""
         return self.dynamics.appearance.to_array(self.dynamics.appearance.decode(self._checked(index)))
+
+    def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
+        """Plays `change(tasks)`, made of the present tasks, from the next reset on.
+
+        Statements and numbers of items must be such as there were, since the spaces stay.
+        """
+        self.tasks = change(self.tasks)
 
     def evaluation_tasks(self) -> tuple[str, ...]:
         """Every task id of the split, in file order."""

@@ -25,7 +25,7 @@ import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.batched import SharedInterface
+from lilgym_mp.envs.batched import SharedInterface, TaskOperation
 from lilgym_mp.envs.block import ALIGNMENT, Block, block_size
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
@@ -51,7 +51,8 @@ class Order(IntEnum):
     GOAL = 3
     ITEMS = 4
     STATES = 5
-    CLOSE = 6
+    TASKS = 6
+    CLOSE = 7
 
 
 _WRITES = {"mask": Order.MASK, "goal": Order.GOAL, "items": Order.ITEMS}
@@ -209,6 +210,9 @@ def _carry_out(engine: Engine, order: Order, messages: Connection) -> None:
         engine.reset(messages.recv())
     elif order is Order.STATES:
         messages.send(engine.states())
+    elif order is Order.TASKS:
+        change: TaskOperation = messages.recv()
+        engine.play(change(engine.tasks))
     else:
         engine.write(_WRITTEN[order])
 
@@ -311,7 +315,10 @@ class WorkerVectorEnv(SharedInterface):
         self._everywhere(Order.STATES, collect)
         return states
 
-    def _everywhere(self, order: Order, own_part: Callable[[], None], payloads: Sequence[Reset] = ()) -> None:
+    def _change_tasks(self, change: TaskOperation) -> None:
+        self._everywhere(Order.TASKS, lambda: self._engine.play(self.tasks), [change] * len(self._workers))
+
+    def _everywhere(self, order: Order, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
         """Has an order carried out in every process. Whatever goes wrong, no worker is left behind."""
         if self.closed:
             raise gym.error.ClosedEnvironmentError("this environment is closed; make a new one")
@@ -324,7 +331,7 @@ class WorkerVectorEnv(SharedInterface):
             self.close()
             raise
 
-    def _give(self, order: Order, payloads: Sequence[Reset]) -> None:
+    def _give(self, order: Order, payloads: Sequence[object]) -> None:
         self._count += 1
         try:
             for worker, payload in zip(self._workers, payloads, strict=False):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, SupportsIndex
 
 from gymnasium import spaces
@@ -65,6 +66,10 @@ class GameAccess:
     @property
     def tasks(self) -> TaskSet:
         return self.session.world.tasks
+
+    def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
+        """Plays `change(tasks)`, made of the present tasks, from the next reset on; their statements are the same."""
+        self.session.world = replace(self.session.world, tasks=change(self.tasks))
 
     @property
     def dynamics(self) -> Dynamics:
