@@ -1,0 +1,148 @@
+"""Steps per second of the proposer-verifier game's forms, per protocol.
+
+Every form plays the same recorded games: legal actions, no early stop, so that a game lasts its twelve rounds, and
+resets are timed too. A *parallel* step is one call of `step` with both agents' actions, which makes both agents'
+observations and masks. An *AEC* step is one call of `step` and one of `last`, which makes the observation and mask of
+the next agent. A *batched* step is one game's share of a call: N games a call make N. The picture is drawn and copied
+once a step, whoever sees it. The fastest of some repetitions is shown, as the machine is rarely quiet.
+Run: python benchmarks/proposer_verifier.py
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, Role, env, parallel_env, raw_env
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
+from lilgym_mp.envs.proposer_verifier.states import STOP_ACTION
+
+PROPOSER, VERIFIER = AGENTS
+
+Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the parallel form's actions
+
+
+def record(settings: dict[str, Any], games: int, seed: int) -> list[Recorded]:
+    """Games of random legal actions in which nobody claims, stops or accepts a claim."""
+    game_env = parallel_env(**settings)
+    session, rng = game_env.session, np.random.default_rng(seed)
+    recorded: list[Recorded] = []
+    for number in range(games):
+        _, infos = game_env.reset(seed=seed + number)
+        actions: list[dict[str, int]] = []
+        while game_env.agents:
+            actions.append({agent: choice(session, Role(role), rng) for role, agent in enumerate(AGENTS)})
+            game_env.step(actions[-1])
+        recorded.append((infos[PROPOSER]["task"], actions))
+    return recorded
+
+
+def choice(session: Any, role: Role, rng: np.random.Generator) -> int:
+    mask = session.game.legal_mask(session.state, role)
+    if role is Role.PROPOSER:
+        mask[session.game.action(role, STOP_ACTION)] = 0
+    elif session.game.protocol.simultaneous:
+        mask[session.game.action(role, ACCEPT)] = 0
+    return int(rng.choice(np.flatnonzero(mask)))
+
+
+def play_parallel(settings: dict[str, Any], recorded: list[Recorded]) -> Callable[[], int]:
+    game_env = parallel_env(**settings)
+
+    def run() -> int:
+        for task, actions in recorded:
+            game_env.reset(options={"task": task})
+            for pair in actions:
+                game_env.step(pair)
+        return sum(len(actions) for _, actions in recorded)
+
+    return run
+
+
+def play_turns(make: Callable[..., Any], settings: dict[str, Any], recorded: list[Recorded]) -> Callable[[], int]:
+    game_env = make(**settings)
+    simultaneous = game_env.unwrapped.session.game.protocol.simultaneous
+    games = [(task, turns(settings, task, actions, simultaneous=simultaneous)) for task, actions in recorded]
+
+    def run() -> int:
+        for task, actions in games:
+            game_env.reset(options={"task": task})
+            game_env.last()
+            for action in actions:
+                game_env.step(action)
+                game_env.last()
+        return sum(len(actions) for _, actions in games)
+
+    return run
+
+
+def turns(settings: dict[str, Any], task: str, actions: list[dict[str, int]], *, simultaneous: bool) -> list[int]:
+    """The actions of a parallel game one by one."""
+    if simultaneous:
+        return [pair[agent] for pair in actions for agent in AGENTS]
+    game_env = raw_env(**settings)
+    game_env.reset(options={"task": task})
+    taken: list[int] = []
+    for pair in actions:
+        taken.append(pair[game_env.agent_selection])
+        game_env.step(taken[-1])
+    return taken
+
+
+def play_batched(settings: dict[str, Any], recorded: list[Recorded], games: int, *, copy: bool) -> Callable[[], int]:
+    """All games go through the same turns: those of the first recorded game, again and again."""
+    batch = BatchedGames(games, copy=copy, **settings)
+    task, actions = recorded[0]
+    calls = [{agent: np.full(games, pair[agent]) for agent in AGENTS} for pair in actions]
+
+    def run() -> int:
+        rounds = max(1, len(recorded) // games)
+        for _ in range(rounds):
+            batch.reset(options={"task": task})
+            for call in calls:
+                batch.step(call)
+        return rounds * len(calls) * games
+
+    return run
+
+
+def fastest(run: Callable[[], int], repetitions: int) -> float:
+    """Steps per second."""
+    best = 0.0
+    for _ in range(repetitions):
+        start = perf_counter()
+        steps = run()
+        best = max(best, steps / (perf_counter() - start))
+    return best
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--appearance", choices=["tower", "scatter"], default="tower")
+    parser.add_argument("--views", choices=["image", "structured"], default="image")
+    parser.add_argument("--games", type=int, default=200)
+    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--repetitions", type=int, default=7)
+    given = parser.parse_args()
+    print(f"{given.appearance}, {given.views}; steps per second")
+    print(f"{'protocol':10} {'parallel':>9} {'raw_env':>9} {'env':>9} {f'batched {given.batch}':>12} {'no copy':>9}")
+    for protocol in PROTOCOLS:
+        settings = {"appearance": given.appearance, "views": given.views, "protocol": protocol}
+        recorded = record(settings, given.games, seed=0)
+        runs = [
+            play_parallel(settings, recorded),
+            play_turns(raw_env, settings, recorded),
+            play_turns(env, settings, recorded),
+            play_batched(settings, recorded, given.batch, copy=True),
+            play_batched(settings, recorded, given.batch, copy=False),
+        ]
+        speeds = [f"{fastest(run, given.repetitions):,.0f}" for run in runs]
+        print(f"{protocol:10} {speeds[0]:>9} {speeds[1]:>9} {speeds[2]:>9} {speeds[3]:>12} {speeds[4]:>9}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

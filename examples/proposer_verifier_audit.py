@@ -1,0 +1,176 @@
+"""Train a verifier against a proposer that is sneaky in half of the games, and draw the curve.
+
+The proposer edits at random and then claims that the statement holds: truly when it is helpful, falsely when it is
+sneaky. The verifier, who is not told which, sees the scene's items and the statement and learns with MaskablePPO
+to tell true claims from false ones. Always accepting is complete and not sound at all; always rejecting
+is the reverse. Needs the extra `sb3`. Run: python examples/proposer_verifier_audit.py --steps 200000 --out results
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.envs.proposer_verifier import (
+    ALWAYS_ACCEPT,
+    SCRIPTED,
+    FrozenPolicy,
+    Metrics,
+    Partner,
+    SingleAgentView,
+    measure,
+    raw_env,
+)
+
+try:
+    import torch
+    from gymnasium import spaces
+    from sb3_contrib import MaskablePPO
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+    from torch import Tensor, nn
+except ImportError as missing:
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3]"')
+
+GAME = {
+    "appearance": "tower",
+    "start": "scratch",
+    "protocol": "audit",
+    "rewards": "hidden",  # the proposer is helpful or sneaky, half the games each
+    "views": {"scene": "structured", "proposal": False},
+}
+PROPOSER = "by_intent"
+GAMES_A_TASK = 4  # when measuring
+EMPTY = -1  # an item array's slot without an item
+
+
+class SceneAndStatement(BaseFeaturesExtractor):
+    """The items' looks, slot by slot, modulated by what a recurrent network makes of the statement."""
+
+    def __init__(self, observation_space: spaces.Dict, features_dim: int = 128) -> None:
+        super().__init__(observation_space, features_dim)
+        items, statement = observation_space["items"], observation_space["statement"]
+        assert isinstance(items, spaces.Box)
+        assert isinstance(statement, spaces.Box)
+        slots = items.shape[0] * items.shape[1]
+        self.look = nn.Embedding(4, 8)  # no item, or one of three colours
+        self.words = nn.Embedding(int(statement.high.max()) + 1, 32, padding_idx=0)
+        self.reader = nn.GRU(32, 64, batch_first=True)
+        self.scene = nn.Linear(slots * 8, features_dim)
+        self.modulation = nn.Linear(64 + 2, 2 * features_dim)
+        self.mixed = nn.Sequential(nn.ReLU(), nn.Linear(features_dim, features_dim), nn.ReLU())
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        colours = observations["items"][..., 3].long() - EMPTY
+        scene = self.scene(self.look(colours).flatten(1))
+        states, _ = self.reader(self.words(observations["statement"].long()))
+        lengths = (observations["statement"] > 0).sum(1).clamp(min=1) - 1
+        read = states[torch.arange(len(states)), lengths]
+        scale, shift = self.modulation(torch.cat([read, observations["target"].flatten(1)], 1)).chunk(2, 1)
+        return self.mixed(scene * (1 + scale) + shift)
+
+
+def games(split: str = "train") -> Any:
+    return raw_env(split=split, **GAME)
+
+
+def learner(envs: int, seed: int) -> MaskablePPO:
+    vec_env = DummyVecEnv([lambda: SingleAgentView(games(), "verifier_0", PROPOSER)] * envs)
+    return MaskablePPO(
+        "MultiInputPolicy",
+        vec_env,
+        n_steps=2048 // envs,
+        batch_size=256,
+        n_epochs=6,
+        learning_rate=1e-3,
+        ent_coef=0.005,
+        seed=seed,
+        device="cpu",
+        policy_kwargs={"features_extractor_class": SceneAndStatement, "net_arch": [64]},
+    )
+
+
+def judged(verifier: Partner, split: str, seed: int) -> Metrics:
+    """A verifier's measures over GAMES_A_TASK games of each task."""
+    game = games(split)
+    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids * GAMES_A_TASK, seed=seed)
+
+
+def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
+    return {"steps": steps, "split": split, "completeness": metrics.completeness, "soundness": metrics.soundness}
+
+
+def curve(rows: list[dict[str, Any]]) -> str:
+    """The measures on the train split as an SVG picture."""
+    width, height, left, top = 640, 320, 60, 30
+    points = [entry for entry in rows if entry["split"] == "train"]
+    most = max(entry["steps"] for entry in points) or 1
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + 2 * left}" height="{height + 90}"'
+        ' font-family="sans-serif" font-size="14"><rect width="100%" height="100%" fill="white"/>'
+    ]
+    for tenth in range(0, 11, 2):
+        y = top + height * (1 - tenth / 10)
+        lines.append(f'<line x1="{left}" x2="{left + width}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>')
+        lines.append(f'<text x="{left - 10}" y="{y + 5:.0f}" text-anchor="end">{tenth / 10:.1f}</text>')
+    for number, (key, colour) in enumerate({"completeness": "#0f83ff", "soundness": "#c22"}.items()):
+        places = (
+            f"{left + width * entry['steps'] / most:.1f},{top + height * (1 - entry[key]):.1f}" for entry in points
+        )
+        lines.append(f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="{" ".join(places)}"/>')
+        lines.append(f'<text x="{left + 170 * number}" y="{height + 80}" fill="{colour}">{key}</text>')
+    lines.append(f'<text x="{left + width}" y="{height + 55}" text-anchor="end">{most:,} games judged</text>')
+    lines.append(f'<text x="{left}" y="{height + 55}">0</text></svg>')
+    return "\n".join(lines) + "\n"
+
+
+def trained(model: MaskablePPO, steps: int, every: int, seed: int) -> list[dict[str, Any]]:
+    """Trains for `steps`, measuring before, every `every` steps and at the end."""
+    rows: list[dict[str, Any]] = []
+    while not rows or model.num_timesteps < steps:
+        if rows:
+            model.learn(min(every, steps - model.num_timesteps), reset_num_timesteps=False)
+        for split in ("train", "dev"):
+            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed)
+            rows.append(row(model.num_timesteps, split, metrics))
+            print(f"{model.num_timesteps:8} steps  {split:5}  {told(metrics)}", flush=True)
+    return rows
+
+
+def told(metrics: Metrics) -> str:
+    return f"completeness {metrics.completeness:.3f}  soundness {metrics.soundness:.3f}  of {metrics.claims} claims"
+
+
+def save(model: MaskablePPO, rows: list[dict[str, Any]], out: Path) -> None:
+    with (out / "curve.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    (out / "curve.svg").write_text(curve(rows))
+    model.save(out / "verifier.zip")
+    print(f"written to {out}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=150_000, help="verdicts to learn from; one a game")
+    parser.add_argument("--every", type=int, default=15_000, help="steps between measures")
+    parser.add_argument("--envs", type=int, default=16)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="directory for curve.csv, curve.svg and verifier.zip")
+    given = parser.parse_args()
+    if given.out is not None:
+        given.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed))}")
+    model = learner(given.envs, given.seed)
+    rows = trained(model, given.steps, given.every, given.seed)
+    if given.out is not None:
+        save(model, rows, given.out)
+
+
+if __name__ == "__main__":
+    main()
