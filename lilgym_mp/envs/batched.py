@@ -31,7 +31,7 @@ Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement
 Infos = dict[str, Any]
 
 
-class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
+class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     """What the batched and the worker environment have in common: all but who steps the environments."""
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -324,7 +324,7 @@ class SharedInterface(VectorEnv[Observations, Int64Array, Any]):
         return tuple(frames)
 
 
-class BatchedEnv(SharedInterface):
+class BatchedEnv(LilGymVectorEnv):
     """What `gymnasium.make_vec` gives: N environments in this process.
 
     Observations are {"image": uint8 (N, 50, 190, 3), "statement": a tuple of N texts, "target": int64 (N,)}; the

@@ -25,7 +25,7 @@ import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.batched import SharedInterface, TaskOperation
+from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
 from lilgym_mp.envs.block import ALIGNMENT, Block, block_size
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
@@ -231,7 +231,7 @@ class _Worker:
     caller_bell: Connection  # wakes the caller
 
 
-class WorkerVectorEnv(SharedInterface):
+class WorkerVectorEnv(LilGymVectorEnv):
     """N environments in `num_workers` processes, the calling one among them; otherwise as `BatchedEnv`.
 
     Results equal `BatchedEnv`'s bit for bit. Below about 128 environments one process is faster.

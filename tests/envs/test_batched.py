@@ -1,0 +1,263 @@
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.envs.batched import BatchedEnv
+from tests.envs.alike import assert_alike, assert_same, random_actions
+
+IDS = [f"lilgym_mp/{appearance}{start}-v0" for appearance in ("Tower", "Scatter") for start in ("Scratch", "FlipIt")]
+TOWER, SCATTER = IDS[0], IDS[3]
+
+
+def singles(id: str, count: int, mode: AutoresetMode, **settings: object) -> SyncVectorEnv:
+    return SyncVectorEnv([lambda: gym.make(id, **settings)] * count, autoreset_mode=mode)
+
+
+def batch(id: str, count: int, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **settings: object) -> BatchedEnv:
+    env = gym.make_vec(id, num_envs=count, autoreset_mode=mode, **settings)
+    assert isinstance(env, BatchedEnv)
+    return env
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("id", IDS)
+def test_batched__equals_single_environments_to_the_bit(id: str, mode: AutoresetMode, rules: str) -> None:
+    assert_alike(batch(id, 5, mode, rules=rules), singles(id, 5, mode, rules=rules), steps=40)
+
+
+@pytest.mark.parametrize("settings", [{"image_size": "native"}, {"grid": (38, 10)}, {"horizon": 3}, {"split": "dev"}])
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_batched__equals_single_environments_under_every_setting(id: str, settings: dict[str, object]) -> None:
+    mode = AutoresetMode.SAME_STEP
+    assert_alike(batch(id, 3, mode, **settings), singles(id, 3, mode, **settings), steps=25)
+
+
+@pytest.mark.parametrize("count", [1, 70])
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_batched__equals_single_environments_at_every_size(id: str, count: int) -> None:
+    mode = AutoresetMode.NEXT_STEP
+    assert_alike(batch(id, count, mode), singles(id, count, mode), steps=14)
+
+
+def test_batched__plays_recorded_official_tasks_as_single_environments_do(official_data: object) -> None:
+    mode = AutoresetMode.SAME_STEP
+    for id in IDS:
+        settings = {"corpus": "lilgym", "split": "dev", "rules": "release"}
+        assert_alike(batch(id, 4, mode, **settings), singles(id, 4, mode, **settings), steps=25)
+
+
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_copy__observations_are_the_callers_to_keep(id: str) -> None:
+    env = batch(id, 4)
+    first, _ = env.reset(seed=0)
+    kept = first["image"].copy()
+    first["image"][:] = 7
+    second = env.step(np.array([1, 2, 3, 4]))[0]
+    assert not (second["image"] == 7).any()
+    image = second["image"].copy()
+    env.step(np.array([5, 6, 7, 8]))
+    assert np.array_equal(second["image"], image)
+    assert np.array_equal(env.reset(seed=0)[0]["image"], kept)
+
+
+def test_no_copy__the_image_is_one_array_that_is_drawn_over() -> None:
+    env = batch(TOWER, 2, copy=False)
+    first = env.reset(seed=0)[0]["image"]
+    before = first.copy()
+    second = env.step(np.array([1, 1]))[0]["image"]
+    assert second is first
+    assert not np.array_equal(first, before)
+
+
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_no_copy__shows_the_same(id: str) -> None:
+    assert_alike(batch(id, 3, copy=False), batch(id, 3), steps=30)
+
+
+def test_reset__with_a_mask_leaves_the_others_where_they_are() -> None:
+    env = batch(TOWER, 3, AutoresetMode.DISABLED)
+    env.reset(seed=1)
+    env.step(np.array([1, 2, 3]))
+    scenes = env.states()
+    _, infos = env.reset(options={"reset_mask": np.array([False, True, False])})
+    after = env.states()
+    assert [after[0], after[2]] == [scenes[0], scenes[2]]
+    assert after[1].steps == 0
+    assert infos["_task"].tolist() == [False, True, False]
+
+
+def test_reset__takes_one_task_for_all_or_one_each() -> None:
+    env = batch(SCATTER, 3)
+    ids = env.evaluation_tasks()
+    env.reset(options={"task": ids[4]})
+    assert [state.task.id for state in env.states()] == [ids[4]] * 3
+    env.reset(options={"task": [ids[2], ids[0], ids[1]]})
+    assert env.task_numbers.tolist() == [2, 0, 1]
+    assert len({state.task.id for state in env.states()}) == 3
+
+
+def test_seeds__a_list_gives_each_environment_its_own() -> None:
+    env, other = batch(TOWER, 3), batch(TOWER, 3)
+    assert_same(env.reset(seed=[8, 9, 10]), other.reset(seed=8))
+    assert env.np_random_seed == (8, 9, 10)
+
+
+def test_seeds__generators_go_on_without_a_seed() -> None:
+    env = batch(TOWER, 4)
+    env.reset(seed=3)
+    first = env.task_numbers
+    env.reset()
+    assert first.tolist() != env.task_numbers.tolist()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("count", [1, 7, 64])
+def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> None:
+    env = batch("lilgym_mp/TowerFlipIt-v0", count, mode, split="dev", evaluation=True)
+    visited: list[str] = []
+    _, infos = env.reset(seed=0)
+    current = infos["task"].copy()
+    while not env.evaluation_finished:
+        _, _, terminated, truncated, infos = env.step(np.zeros(count, np.int64))
+        told = infos.get("final_info", infos)
+        for number in np.flatnonzero(terminated | truncated):
+            if not told["repeated"][number]:
+                visited.append(current[number])
+        if "task" in infos:
+            current = np.where(infos["_task"], infos["task"], current)
+    assert sorted(visited) == sorted(env.evaluation_tasks())
+
+
+def test_evaluation__begins_anew_with_a_reset_of_all() -> None:
+    env = batch(TOWER, 2, split="dev", evaluation=True)
+    first = env.reset()[1]["task"].tolist()
+    env.step(np.zeros(2, np.int64))
+    env.step(np.zeros(2, np.int64))
+    assert env.task_numbers.tolist() == [2, 3]
+    assert env.reset()[1]["task"].tolist() == first == list(env.evaluation_tasks()[:2])
+
+
+def test_scene_array__holds_the_items_of_each_box() -> None:
+    env = batch("lilgym_mp/ScatterFlipIt-v0", 3)
+    env.reset(seed=2)
+    for array, state in zip(env.scene_array(), env.states(), strict=True):
+        for slots, box in zip(array.tolist(), state.scene.boxes, strict=True):
+            assert [tuple(slot) for slot in slots if slot[0] >= 0] == [tuple(item) for item in box.items]
+
+
+def test_render__shows_each_environment_as_a_single_one_does() -> None:
+    mode = AutoresetMode.DISABLED
+    ours = batch(TOWER, 2, mode, render_mode="rgb_array")
+    theirs = singles(TOWER, 2, mode, render_mode="rgb_array")
+    for actions in (None, np.array([1, 2]), np.array([10, 0])):
+        for env in (ours, theirs):
+            env.reset(seed=4) if actions is None else env.step(actions)
+        frames = ours.render()
+        assert frames is not None
+        assert_same(frames, theirs.render())
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ([0, 0], "actions must be 3 whole numbers, one for each environment, not int64 of shape \\(2,\\)"),
+        ([0.0, 1.0, 2.0], "not float64 of shape \\(3,\\)"),
+        ([0, 13, 0], "action 13 of environment 1 is out of range; choose from 0 .. 12"),
+        ([0, 0, -1], "action -1 of environment 2 is out of range"),
+        ([True, False, True], "not bool"),
+        ("STOP", "not <U4 of shape \\(\\)"),
+    ],
+)
+def test_step__refuses_what_is_no_array_of_actions(actions: object, message: str) -> None:
+    env = batch(TOWER, 3)
+    env.reset(seed=0)
+    before = env.states()
+    with pytest.raises(ActionError, match=message):
+        env.step(actions)
+    assert env.states() == before
+
+
+def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
+    env = batch(TOWER, 2)
+    env.reset(seed=0)
+    env.step(np.array([0, 1]))
+    _, rewards, terminated, _, infos = env.step(np.array([99, 1]))
+    assert (rewards[0], terminated[0], infos["_task"].tolist()) == (0.0, False, [True, False])
+
+
+def test_step__needs_a_reset_first() -> None:
+    env = batch(TOWER, 2)
+    for call in (lambda: env.step(np.zeros(2, int)), env.action_masks, env.goal_reached, env.states):
+        with pytest.raises(gym.error.ResetNeeded, match="call reset first"):
+            call()
+
+
+def test_step__without_autoreset_names_who_has_ended() -> None:
+    env = batch(TOWER, 3, AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    env.step(np.array([1, 0, 0]))
+    with pytest.raises(gym.error.ResetNeeded, match="environments 1, 2 have ended"):
+        env.step(np.array([1, 1, 1]))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"num_envs": 0}, "num_envs must be a positive whole number, not 0"),
+        ({"num_envs": -2}, "not -2"),
+        ({"num_envs": 1.5}, "not 1.5"),
+        ({"autoreset_mode": "Never"}, "unknown autoreset_mode 'Never'; choose from Disabled, NextStep, SameStep"),
+        ({"split": "tran"}, "unknown split 'tran'; choose from dev, test, train"),
+        ({"rules": "papers"}, "unknown rules 'papers'; choose from paper, release"),
+        ({"image_size": "quarter"}, "unknown image_size 'quarter'; choose from half, native"),
+        ({"render_mode": "human"}, "unknown render_mode 'human'; choose from ansi, rgb_array"),
+    ],
+)
+def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        BatchedEnv(**{"num_envs": 2, "appearance": "tower", "start": "scratch", **settings})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"seed": [1, 2]}, "seed must be one number or 3, one for each environment, not 2"),
+        ({"options": {"tasks": "x"}}, "unknown reset options \\['tasks'\\]; choose from reset_mask, task"),
+        ({"options": {"task": "no-such"}}, "no task 'no-such'"),
+        ({"options": {"task": ["a"]}}, "task must be one id or 3"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, "reset_mask chooses no environment"),
+        ({"options": {"reset_mask": [True, False, True]}}, "reset_mask must be a bool array of shape \\(3,\\)"),
+        ({"options": {"reset_mask": np.ones(2, bool)}}, "reset_mask must be a bool array of shape \\(3,\\)"),
+    ],
+)
+def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) -> None:
+    env = batch(TOWER, 3)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        env.reset(**arguments)
+
+
+def test_batched__memory_stays_the_same_over_a_long_run() -> None:
+    import tracemalloc
+
+    env = batch(SCATTER, 16, copy=False)
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+
+    def play(steps: int) -> None:
+        for _ in range(steps):
+            env.step(random_actions(env.action_masks(), generator))
+
+    play(150)
+    tracemalloc.start()
+    play(50)
+    first = tracemalloc.get_traced_memory()[0]
+    play(300)
+    growth = tracemalloc.get_traced_memory()[0] - first
+    tracemalloc.stop()
+    assert growth < 2_000_000
