@@ -1,0 +1,71 @@
+"""Episodes as GIFs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw, ImageFont
+
+from lilgym_mp.evaluation import Episode, Settings
+from lilgym_mp.evaluation.film import (
+    FAILURE_RGB,
+    LAST_FRAME_SECONDS,
+    SUCCESS_RGB,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    film_grid,
+    replay,
+    save_gif,
+    wrapped,
+)
+from lilgym_mp.render import draw
+from tests.scenes import B, scene, tower
+
+TOWER = Settings("TowerScratch")
+FIRST = "tower-dev-001"  # "I can see a blue block."
+ADD_BLUE_LEFT, STOP = 3, 0
+
+SEEN = Episode(FIRST, "I can see a blue block.", True, "success", 0.9, (ADD_BLUE_LEFT, STOP))
+UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (STOP,))
+
+
+def test_replay__shows_the_start_and_each_action():
+    start, added, stopped = replay(TOWER.make_bare("dev"), SEEN)
+    assert np.array_equal(start.picture, draw(scene()))
+    assert np.array_equal(added.picture, draw(scene(tower(B))))
+    assert added.caption == "1. ADD(LEFT, BLUE)"
+    assert (stopped.caption, stopped.rgb) == ("2. STOP: success, reward +0.9", SUCCESS_RGB)
+    assert "I can see a blue block." in start.task
+
+
+def test_replay__a_failure_is_told_from_a_success():
+    *_, last = replay(TOWER.make_bare("dev"), UNSEEN)
+    assert (last.caption, last.rgb) == ("1. STOP: wrong stop, reward -1.0", FAILURE_RGB)
+
+
+def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
+    film_grid(tmp_path / "grid.gif", TOWER, "dev", [SEEN, UNSEEN, UNSEEN], columns=2)
+    with Image.open(tmp_path / "grid.gif") as film:
+        assert film.size == (2 * TILE_WIDTH, 2 * TILE_HEIGHT)
+        assert getattr(film, "n_frames", 1) == 3
+        film.seek(2)
+        assert film.info["duration"] == round(1000 * LAST_FRAME_SECONDS)
+    assert [path.name for path in tmp_path.iterdir()] == ["grid.gif"]
+
+
+def test_save_gif__colours_stay_what_they_are(tmp_path: Path):
+    picture = draw(scene(tower(B)))
+    save_gif(tmp_path / "one.gif", [picture])
+    with Image.open(tmp_path / "one.gif") as film:
+        assert np.array_equal(np.asarray(film.convert("RGB")), picture)
+
+
+@pytest.mark.parametrize("width", [60, 120, 400])
+def test_wrapped__lines_fit_and_nothing_is_lost(width: int):
+    pen, font = ImageDraw.Draw(Image.new("RGB", (1, 1))), ImageFont.load_default(14)
+    text = "Every tower has a yellow block at its base, and there are two"
+    lines = wrapped(text, width, pen, font)
+    assert " ".join(lines) == text
+    assert all(pen.textlength(line, font=font) <= width for line in lines)

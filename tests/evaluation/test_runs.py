@@ -1,0 +1,121 @@
+"""Evaluation runs: every task exactly once a pass, the same again for the same arguments."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from lilgym_mp.actions import AddBlock
+from lilgym_mp.evaluation import (
+    CONFIGURATIONS,
+    Episode,
+    Observations,
+    Policy,
+    Settings,
+    evaluate,
+    random_legal,
+    random_unmasked,
+)
+from lilgym_mp.evaluation.policies import BoolArray, Int64Array
+from lilgym_mp.rules import Outcome
+
+TOWER = Settings("TowerScratch")
+STOP, ADD_BLUE_LEFT = 0, 3  # numbers of Tower's actions
+
+
+def always(action: int) -> Policy:
+    """A policy that knows one action."""
+
+    def choose(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        return np.full(len(legal), action)
+
+    return choose
+
+
+def test_actions__are_numbered_as_these_tests_say():
+    assert TOWER.make_bare("dev").dynamics.appearance.decode(ADD_BLUE_LEFT) == AddBlock(0, 2)
+
+
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+@pytest.mark.parametrize("passes", [1, 2])
+def test_evaluate__visits_every_task_of_the_split_once_a_pass_in_file_order(configuration: str, passes: int):
+    settings = Settings(configuration)
+    episodes = evaluate(random_unmasked, settings, "dev", passes=passes)
+    assert [episode.task_id for episode in episodes] == [*settings.make_bare("dev").evaluation_tasks()] * passes
+
+
+@pytest.mark.parametrize("batch_size", [1, 7, 1000])
+def test_evaluate__visits_every_task_once_however_many_run_side_by_side(batch_size: int):
+    begun = Counter[str]()
+    episodes = evaluate(
+        random_legal, TOWER, "dev", batch_size=batch_size, on_episode=lambda episode: begun.update([episode.task_id])
+    )
+    assert begun == Counter(TOWER.make_bare("dev").evaluation_tasks())
+    assert begun == Counter(episode.task_id for episode in episodes)
+
+
+def test_evaluate__same_seed_gives_the_same_episodes_and_another_seed_others():
+    assert evaluate(random_legal, TOWER, "dev", seed=3) == evaluate(random_legal, TOWER, "dev", seed=3)
+    assert evaluate(random_legal, TOWER, "dev", seed=3) != evaluate(random_legal, TOWER, "dev", seed=4)
+
+
+def test_evaluate__the_batch_size_matters_not_to_a_policy_without_chance():
+    assert evaluate(always(STOP), TOWER, "dev", batch_size=2) == evaluate(always(STOP), TOWER, "dev", batch_size=25)
+
+
+def test_evaluate__an_immediate_stop_succeeds_exactly_where_the_empty_scene_does():
+    env = TOWER.make_bare("dev")
+    solved = {task.id for task in env.tasks if task.solved_by(task.start)}
+    episodes = evaluate(always(STOP), TOWER, "dev")
+    assert {episode.task_id for episode in episodes if episode.is_success} == solved
+    assert {episode.reward for episode in episodes} <= {1.0, -1.0}
+
+
+def test_evaluate__an_episode_tells_how_it_went():
+    episode = evaluate(always(ADD_BLUE_LEFT), TOWER, "dev")[0]  # the fifth block is one too many
+    task = TOWER.make_bare("dev").tasks[0]
+    assert episode == Episode(
+        task.id, task.statement, True, Outcome.INVALID_ACTION, pytest.approx(-1.4), (ADD_BLUE_LEFT,) * 5
+    )
+
+
+def test_evaluate__policies_see_what_the_environments_show():
+    seen: list[Observations] = []
+
+    def look(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        seen.append(observations)
+        return np.zeros(len(legal), np.int64)
+
+    env = TOWER.make_bare("dev")
+    evaluate(look, TOWER, "dev", batch_size=10)
+    first, _ = env.reset(options={"task": env.evaluation_tasks()[0]})
+    assert [len(observations.statements) for observations in seen] == [10, 10, 5]
+    assert np.array_equal(seen[0].images[0], first["image"])
+    assert (seen[0].statements[0], seen[0].targets[0]) == (first["statement"], first["target"])
+
+
+@pytest.mark.parametrize("numbers", [{"passes": 0}, {"batch_size": 0}])
+def test_evaluate__refuses_to_do_nothing(numbers: dict[str, int]):
+    with pytest.raises(ValueError, match="at least 1, not"):
+        evaluate(random_legal, TOWER, "dev", **numbers)
+
+
+def test_evaluate__an_unknown_split_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match=r"unknown split 'valid'; choose from dev, test, train"):
+        evaluate(random_legal, TOWER, "valid")
+
+
+def test_random_legal__draws_every_legal_action_equally_often_and_no_other():
+    legal = np.tile([True, False, True, True, False], (6000, 1))
+    observations = Observations(np.zeros((6000, 1, 1, 3), np.uint8), ("",) * 6000, np.zeros(6000, np.int64))
+    drawn = np.bincount(random_legal(observations, legal, np.random.default_rng(0)), minlength=5)
+    assert drawn[[1, 4]].sum() == 0
+    assert drawn[[0, 2, 3]] == pytest.approx([2000] * 3, abs=200)
+
+
+def test_random_unmasked__draws_illegal_actions_too():
+    observations = Observations(np.zeros((600, 1, 1, 3), np.uint8), ("",) * 600, np.zeros(600, np.int64))
+    drawn = random_unmasked(observations, np.zeros((600, 3), bool), np.random.default_rng(0))
+    assert set(drawn.tolist()) == {0, 1, 2}
