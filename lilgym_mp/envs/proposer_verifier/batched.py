@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -13,8 +13,15 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
 from lilgym_mp.envs.proposer_verifier.settings import Settings
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
-from lilgym_mp.envs.proposer_verifier.views import Part, SharedPart
+from lilgym_mp.envs.proposer_verifier.states import (
+    AGENTS,
+    BOTH_MOVE,
+    PROPOSER_MOVES,
+    VERIFIER_MOVES,
+    GameState,
+    Role,
+)
+from lilgym_mp.envs.proposer_verifier.views import Part, SharedPart, Value
 from lilgym_mp.render import image_shape
 
 BatchStep = tuple[
@@ -24,6 +31,15 @@ BatchStep = tuple[
     NDArray[np.bool_],  # (N,) truncated
     dict[str, Any],
 ]
+
+_TURNS = {movers: tuple(role in movers for role in Role) for movers in (PROPOSER_MOVES, VERIFIER_MOVES, BOTH_MOVE)}
+
+
+class _Writer(NamedTuple):
+    """One part of one game's observations."""
+
+    encode: Callable[[GameState], Value]
+    rows: NDArray[Any] | None  # (N, ...); None for pictures, which are drawn where they lie
 
 
 class BatchedGames:
@@ -51,6 +67,7 @@ class BatchedGames:
         self.single_observation_spaces = {agent: of[0] for agent, of in zip(AGENTS, spaces_of, strict=True)}
         self.single_action_spaces = {agent: of[1] for agent, of in zip(AGENTS, spaces_of, strict=True)}
         self._parts = [self._part_arrays(role) for role in Role]
+        self._writers = [self._writers_of(session) for session in self.sessions]
         self._masks = [np.zeros((num_games, count), np.int8) for count in world.game.action_counts]
         self._turns = np.zeros((num_games, len(Role)), np.bool_)
         self._has_started = False
@@ -65,13 +82,24 @@ class BatchedGames:
     def _rows(self, part: Part) -> NDArray[Any]:
         return np.zeros((self.num_games, *(part.space.shape or ())), part.space.dtype)
 
+    def _writers_of(self, session: Session) -> tuple[list[_Writer], list[_Writer]]:
+        """How to write what changes from turn to turn, and what only a new game changes."""
+        changing: list[_Writer] = []
+        lasting: list[_Writer] = []
+        for role in Role:
+            for key, part in session.parts[role].items():
+                array = self._parts[role][key]
+                writer = _Writer(part.encode, None if array is self._images else array)
+                (lasting if part.lasts else changing).append(writer)
+        return changing, lasting
+
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
         """Starts every game; game i is seeded with `seed` + i. `options` as those of the parallel form, for all."""
         for number, session in enumerate(self.sessions):
             session.reset(None if seed is None else seed + number, options)
-            self._write(number)
+            self._write(number, is_new=True)
         self._has_started = True
         return self._observations(), {"turns": self._turns.copy()}
 
@@ -86,11 +114,12 @@ class BatchedGames:
         for number, session in enumerate(self.sessions):
             step, infos = session.play_together(proposers[number], verifiers[number])
             rewards[:, number] = step.rewards
-            if not step.state.movers:
+            is_over = not step.state.movers
+            if is_over:
                 terminated[number], truncated[number] = step.terminated, step.truncated
                 ended[number] = self._last_observations(session), dict(zip(AGENTS, infos, strict=True))
                 session.reset(None, None)
-            self._write(number)
+            self._write(number, is_new=is_over)
         infos = {"turns": self._turns.copy(), **self._final(ended)}
         return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
 
@@ -105,16 +134,22 @@ class BatchedGames:
                 )
         return arrays[0].tolist(), arrays[1].tolist()
 
-    def _write(self, number: int) -> None:
+    def _write(self, number: int, *, is_new: bool) -> None:
         """Puts a game's observations into its rows."""
         session = self.sessions[number]
-        for role in Role:
-            arrays = self._parts[role]
-            for key, value in session.see(role).items():
-                if arrays[key] is not self._images:
-                    arrays[key][number] = value
-            self._masks[role][number] = session.game.legal_mask(session.state, role)
-            self._turns[number, role] = role in session.state.movers
+        state, game = session.state, session.game
+        changing, lasting = self._writers[number]
+        for encode, rows in changing:
+            value = encode(state)
+            if rows is not None:
+                rows[number] = value
+        if is_new:
+            for encode, rows in lasting:
+                if rows is not None:
+                    rows[number] = encode(state)
+        self._masks[Role.PROPOSER][number] = game.legal_mask(state, Role.PROPOSER)
+        self._masks[Role.VERIFIER][number] = game.legal_mask(state, Role.VERIFIER)
+        self._turns[number] = _TURNS[state.movers]
 
     def _observations(self) -> dict[str, AgentObservation]:
         kept: dict[int, NDArray[Any]] = {}  # what both agents see is copied once

@@ -24,7 +24,6 @@ from lilgym_mp.envs.proposer_verifier.states import (
     Intent,
     PastTurn,
     Role,
-    Ruling,
 )
 from lilgym_mp.task import Task
 

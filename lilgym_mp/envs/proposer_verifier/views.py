@@ -109,29 +109,35 @@ class Part(Protocol):
     @property
     def space(self) -> spaces.Space[Any]: ...
 
+    @property
+    def lasts(self) -> bool:
+        """Whether the value stays the same throughout a game."""
+        ...
+
     def encode(self, state: GameState) -> Value:
         """The entry's value: a new array, or a number."""
         ...
 
 
-@dataclass
 class ImagePart:
     """uint8 (50, 190, 3), or (100, 380, 3) at native size. With `pixels` the picture is drawn there, not copied."""
 
-    world: World
-    pixels: UInt8Array | None = None
+    lasts = False
 
-    def __post_init__(self) -> None:
-        self.space = image_space(self.world.image_size)
-        self._canvas = Canvas(self.world.image_size, self.pixels)
+    def __init__(self, world: World, pixels: UInt8Array | None = None) -> None:
+        self.space = image_space(world.image_size)
+        self._canvas = Canvas(world.image_size, pixels)
+        self._copies = pixels is None
 
     def encode(self, state: GameState) -> Value:
         picture = self._canvas.show(state.mdp.scene)
-        return picture.copy() if self.pixels is None else picture
+        return picture.copy() if self._copies else picture
 
 
 class ItemsPart:
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
+
+    lasts = False
 
     def __init__(self, world: World) -> None:
         self._capacity = world.item_capacity
@@ -146,6 +152,8 @@ LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
 class SceneTextPart:
     """The scene in words, as `as_bytes` writes them."""
+
+    lasts = False
 
     def __init__(self, world: World) -> None:
         self._length = BOX_COUNT * (world.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
@@ -169,6 +177,8 @@ def item_in_words(item: Item) -> str:
 class TokensPart:
     """int64 (length,): the statement's words as `World.vocabulary` numbers them, padded with 0."""
 
+    lasts = True
+
     def __init__(self, world: World) -> None:
         self._vocabulary, self._length = world.vocabulary, world.statement_length
         self.space = spaces.Box(0, len(self._vocabulary) - 1, (self._length,), np.int64)
@@ -184,6 +194,8 @@ class TokensPart:
 
 class StatementTextPart:
     """The statement, as `as_bytes` writes it."""
+
+    lasts = True
 
     def __init__(self, world: World) -> None:
         self._length = world.longest_text
@@ -213,6 +225,8 @@ def read_text(array: UInt8Array) -> str:
 class TargetPart:
     """0 or 1."""
 
+    lasts = True
+
     def __init__(self) -> None:
         self.space = spaces.Discrete(2)
         self._values = (np.int64(0), np.int64(1))
@@ -224,6 +238,8 @@ class TargetPart:
 class ProposalPart:
     """int64 (slots,): the proposal that awaits an answer, in the released array form; all -1 where there is none."""
 
+    lasts = False
+
     def __init__(self, world: World) -> None:
         self._arrays = ActionArrays(world.game)
         self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
@@ -234,6 +250,8 @@ class ProposalPart:
 
 class HistoryPart:
     """int64 (turns, slots + 3): proposal in the released array form, answer, both words; newest last, -1 before."""
+
+    lasts = False
 
     def __init__(self, world: World, turns: int) -> None:
         self._arrays = ActionArrays(world.game)
@@ -265,22 +283,23 @@ class ActionArrays(dict[int, NDArray[np.int64]]):
         return array
 
 
-@dataclass
 class WordPart:
     """The other agent's last word; 0 is silence."""
 
-    speaker: Role
-    size: int
+    lasts = False
 
-    def __post_init__(self) -> None:
-        self.space = spaces.Discrete(self.size + 1)
+    def __init__(self, speaker: Role, size: int) -> None:
+        self.space = spaces.Discrete(size + 1)
+        self._speaker = speaker
 
     def encode(self, state: GameState) -> Value:
-        return np.int64(state.words[self.speaker])
+        return np.int64(state.words[self._speaker])
 
 
 class IntentPart:
     """0 helpful, 1 sneaky: seen by the proposer alone."""
+
+    lasts = True
 
     def __init__(self) -> None:
         self.space = spaces.Discrete(len(Intent))
@@ -291,6 +310,8 @@ class IntentPart:
 
 class ConstantPart:
     """A value that never changes: who one is, or what one does not see."""
+
+    lasts = True
 
     def __init__(self, space: spaces.Space[Any], value: Value) -> None:
         self.space = space
@@ -305,6 +326,7 @@ class SharedPart:
 
     def __init__(self, part: Part) -> None:
         self.space = part.space
+        self.lasts = part.lasts
         self.draws = isinstance(part, ImagePart)
         self._part = part
         self._state: GameState | None = None
