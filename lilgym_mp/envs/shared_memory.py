@@ -20,6 +20,8 @@ class SharedMemory:
     a temporary file without a name.
     """
 
+    _fd = -1
+
     def __init__(self, size: int) -> None:
         """Raises SharedMemoryError when there is no room."""
         self._fd = _anonymous_file(size)

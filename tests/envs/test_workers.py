@@ -1,0 +1,277 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from lilgym_mp.envs import shared_memory
+from lilgym_mp.envs.engine import Reset
+from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
+from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv, checked_worker_count, usable_cores
+from tests.envs.alike import assert_alike
+
+TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
+START_METHODS = ("fork", "forkserver", "spawn")
+LOOP = """
+import sys
+import numpy as np
+from lilgym_mp.envs.workers import WorkerVectorEnv
+
+if __name__ == "__main__":
+    env = WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 6, 3, start_method=sys.argv[1])
+    env.reset(seed=0)
+    print(*env.worker_pids, flush=True)
+    while sys.argv[2] == "forever":
+        env.step(np.zeros(6, np.int64))
+    raise OSError("the caller's own trouble")
+"""
+
+pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
+
+
+def batch(id: str, count: int, mode: AutoresetMode, **settings: object) -> gym.vector.VectorEnv:
+    return gym.make_vec(id, num_envs=count, autoreset_mode=mode, **settings)
+
+
+def is_running(pid: int) -> bool:
+    """False for a process that has ended, be it still in the table."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def assert_gone(pids: tuple[int, ...], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while any(map(is_running, pids)) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not [pid for pid in pids if is_running(pid)]
+
+
+def step_on(env: WorkerVectorEnv) -> None:
+    """A few steps: a worker may die just after it has carried out one."""
+    for _ in range(3):
+        env.step(np.zeros(env.num_envs, np.int64))
+
+
+@pytest.fixture
+def workers() -> Iterator[WorkerVectorEnv]:
+    env = WorkerVectorEnv(SCATTER, 8, 3, start_method="fork", timeout_seconds=1.0)
+    env.reset(seed=0)
+    env.step(np.zeros(8, np.int64))
+    yield env
+    env.close()
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_workers__equal_one_batch_to_the_bit(mode: AutoresetMode, start_method: str) -> None:
+    ours = WorkerVectorEnv(SCATTER, 5, 2, start_method=start_method, autoreset_mode=mode)
+    assert_alike(ours, batch(SCATTER, 5, mode), steps=40)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+@pytest.mark.parametrize("count", [3, 4])
+def test_workers__equal_one_batch_however_the_environments_divide(id: str, rules: str, count: int) -> None:
+    mode = AutoresetMode.SAME_STEP
+    ours = WorkerVectorEnv(id, 7, count, start_method="fork", autoreset_mode=mode, rules=rules)
+    assert_alike(ours, batch(id, 7, mode, rules=rules), steps=40)
+
+
+def test_workers__equal_one_batch_without_copies_and_alone() -> None:
+    mode = AutoresetMode.NEXT_STEP
+    assert_alike(WorkerVectorEnv(TOWER, 4, 2, start_method="fork", copy=False), batch(TOWER, 4, mode), steps=30)
+    alone = WorkerVectorEnv(TOWER, 4, 1)
+    assert alone.worker_pids == ()
+    assert_alike(alone, batch(TOWER, 4, mode), steps=30)
+
+
+def test_workers__tell_states_items_and_tasks_of_all_environments() -> None:
+    ours = WorkerVectorEnv(SCATTER, 5, 3, start_method="fork")
+    theirs = batch(SCATTER, 5, AutoresetMode.NEXT_STEP)
+    for env in (ours, theirs):
+        env.reset(seed=9)
+        env.step(np.zeros(5, np.int64))
+        env.step(np.zeros(5, np.int64))
+    assert ours.states() == theirs.states()
+    assert np.array_equal(ours.scene_array(), theirs.scene_array())
+    assert ours.task_numbers.tolist() == theirs.task_numbers.tolist()
+    ours.close()
+
+
+def test_workers__evaluate_every_task_once() -> None:
+    env = WorkerVectorEnv(TOWER, 6, 3, start_method="fork", split="dev", evaluation=True)
+    seen = list(env.reset()[1]["task"])
+    while not env.evaluation_finished:
+        infos = env.step(np.zeros(6, np.int64))[4]
+        seen += [task for task in infos.get("task", ()) if task is not None]
+    assert set(seen) == set(env.evaluation_tasks())
+    env.close()
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None:
+    env = WorkerVectorEnv(TOWER, 6, 3, start_method=start_method)
+    env.reset(seed=0)
+    pids = env.worker_pids
+    os.kill(pids[1], signal.SIGKILL)
+    with pytest.raises(WorkerError, match=r"worker 2 \(environments 4 to 5\) died by signal SIGKILL"):
+        step_on(env)
+    assert_gone(pids)
+
+
+def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None:
+    pids = workers.worker_pids
+    os.kill(pids[0], signal.SIGSTOP)
+    begun = time.monotonic()
+    with pytest.raises(WorkerError, match="worker 1 has not answered for 1 seconds"):
+        workers.step(np.zeros(8, np.int64))
+    assert time.monotonic() - begun < 10
+    assert_gone(pids)
+
+
+def test_a_worker_that_raises__hands_on_its_traceback(workers: WorkerVectorEnv) -> None:
+    pids = workers.worker_pids
+    no_such_task = len(workers.tasks)
+    workers._block.action[:] = 0
+    with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
+        workers._reset(Reset(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], everywhere=True))
+    assert_gone(pids)
+
+
+def test_after_a_failure__the_environment_is_closed(workers: WorkerVectorEnv) -> None:
+    os.kill(workers.worker_pids[0], signal.SIGKILL)
+    with pytest.raises(WorkerError):
+        step_on(workers)
+    with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
+        workers.step(np.zeros(8, np.int64))
+
+
+def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    workers._engine.step = interrupted
+    pids = workers.worker_pids
+    with pytest.raises(KeyboardInterrupt):
+        workers.step(np.zeros(8, np.int64))
+    assert_gone(pids)
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+@pytest.mark.parametrize("how", ["Ctrl-C", "killed", "exception"])
+def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how: str, start_method: str) -> None:
+    script = tmp_path / "loop.py"
+    script.write_text(LOOP)
+    before = set(os.listdir("/dev/shm"))
+    caller = subprocess.Popen(
+        [sys.executable, script, start_method, "once" if how == "exception" else "forever"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert caller.stdout is not None
+    pids = tuple(map(int, caller.stdout.readline().split()))
+    assert len(pids) == 2
+    if how == "Ctrl-C":
+        os.killpg(caller.pid, signal.SIGINT)
+    elif how == "killed":
+        caller.kill()
+    _, complaint = caller.communicate(timeout=60)
+    assert_gone(pids)
+    assert set(os.listdir("/dev/shm")) <= before
+    assert "lilgym_mp worker" not in complaint  # no traceback of a worker
+    if how != "killed":
+        assert complaint.strip().splitlines()[-1].startswith({"Ctrl-C": "KeyboardInterrupt"}.get(how, "OSError"))
+
+
+def test_workers__serve_an_interactive_session() -> None:
+    session = f"""
+from lilgym_mp.envs.workers import WorkerVectorEnv
+env = WorkerVectorEnv({TOWER!r}, 4, 2, start_method="spawn")
+env.reset(seed=0)[0]["image"].shape
+env.close()
+"""
+    done = subprocess.run([sys.executable, "-i"], input=session, capture_output=True, text=True, timeout=60)
+    assert "(4, 50, 190, 3)" in done.stdout, done.stderr
+
+
+def test_workers__take_a_corpus_by_any_path(own_corpus: Path) -> None:
+    class Here(os.PathLike):
+        def __fspath__(self) -> str:
+            return str(own_corpus)
+
+    env = WorkerVectorEnv(TOWER, 2, 2, start_method="spawn", corpus=Here())
+    assert set(env.reset(seed=0)[0]["statement"]) == {"Blue is here."}
+    env.close()
+
+
+def test_memory__that_does_not_exist_is_refused_at_once() -> None:
+    with pytest.raises(SharedMemoryError, match=r"MB to share, and this machine has [\d,.]+ MB of memory"):
+        WorkerVectorEnv(TOWER, 50_000_000, 2)
+
+
+def test_memory__on_a_full_disk_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.delattr(shared_memory.os, "memfd_create", raising=False)
+    monkeypatch.setattr(shared_memory.os, "posix_fallocate", full)
+    descriptors = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(SharedMemoryError, match=r"no room for 1\.0 MB to share: No space left on device"):
+        SharedMemory(1_000_000)
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+
+
+def test_memory__in_a_file_serves_where_there_is_no_anonymous_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(shared_memory.os, "memfd_create", raising=False)
+    ours = WorkerVectorEnv(TOWER, 4, 2, start_method="fork")
+    assert_alike(ours, batch(TOWER, 4, AutoresetMode.NEXT_STEP), steps=10)
+
+
+def test_workers__give_back_their_descriptors() -> None:
+    def descriptors_after_use() -> int:
+        env = WorkerVectorEnv(TOWER, 4, 3, start_method="fork")
+        env.reset(seed=0)
+        env.close()
+        env.close()
+        return len(os.listdir("/proc/self/fd"))
+
+    first = descriptors_after_use()
+    assert [descriptors_after_use() for _ in range(3)] == [first] * 3
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"num_workers": 0}, "num_workers must be 'auto' or a positive whole number, not 0"),
+        ({"num_workers": -1}, "not -1"),
+        ({"num_workers": "two"}, "not 'two'"),
+        ({"num_workers": 5}, "5 workers for 4 environments; choose at most one for each"),
+        ({"num_envs": 0}, "num_envs must be a positive whole number, not 0"),
+        ({"start_method": "thread"}, "unknown start_method 'thread'; choose from fork, forkserver, spawn"),
+        ({"timeout_seconds": 0}, "timeout_seconds must be positive, not 0"),
+        ({"split": "tran"}, "unknown split 'tran'"),
+    ],
+)
+def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        WorkerVectorEnv(**{"id": TOWER, "num_envs": 4, "num_workers": 2, **settings})
+
+
+def test_auto__keeps_few_environments_in_one_process() -> None:
+    assert checked_worker_count("auto", 1) == 1
+    assert checked_worker_count("auto", 64) == 1
+    assert checked_worker_count("auto", 100_000) == usable_cores()
