@@ -1,0 +1,49 @@
+"""Short ways to write tasks and to play solutions, for the solver's tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lilgym_mp.actions import Action
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.rules import Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+
+def task(program: str, start: Scene | None = None, *, target: bool = True) -> Task:
+    return Task("one", "A statement.", program, target, start or Scene.empty())
+
+
+def mdp(
+    appearance: str, rules: str = "paper", horizon: int | None = None, grid: tuple[int, int] | str = RELEASED_GRID
+) -> Dynamics:
+    return make_dynamics(make_appearance(appearance, grid), rules, horizon)
+
+
+def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outcome:
+    """The outcome of the last action; every one before it must let the episode go on."""
+    *edits, last = actions
+    for edit in edits:
+        transition = dynamics.step(state, edit)
+        assert transition.outcome is Outcome.CONTINUES, edit
+        state = transition.state
+    return dynamics.step(state, last).outcome
+
+
+def edits_by_trial(dynamics: Dynamics, state: State, most_edits: int) -> tuple[int | None, set[int]]:
+    """By trying every legal action, layer by layer: edits to the nearest success, and the first actions to there."""
+    if dynamics.goal_reached(state):
+        return 0, {0}
+    layer: dict[Scene, tuple[State, set[int]]] = {state.scene: (state, set())}
+    for edits in range(1, most_edits + 1):
+        following: dict[Scene, tuple[State, set[int]]] = {}
+        for here, firsts in layer.values():
+            for number in dynamics.legal_mask(here).nonzero()[0][1:].tolist():
+                after = dynamics.step(here, dynamics.appearance.decode(number)).state
+                following.setdefault(after.scene, (after, set()))[1].update(firsts or {number})
+        reached = [firsts for after, firsts in following.values() if dynamics.goal_reached(after)]
+        if reached:
+            return edits, set().union(*reached)
+        layer = following
+    return None, set()

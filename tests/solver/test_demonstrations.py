@@ -1,0 +1,115 @@
+"""Demonstrations as arrays, files and Minari datasets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp.appearances.tower import Tower
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.observation import item_array
+from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
+from lilgym_mp.solver.reports import solve_tasks
+from tests.scenes import B, K, scene, tower
+from tests.solver.tasks import mdp, task
+
+BLUE = "exist(filter_color(all_items, Color.BLUE))"
+NEVER = "count(all_items) == 99"
+
+
+def shown(*programs: str, episodes: int | None = None, seed: int = 0) -> list[Demonstration]:
+    start = scene(left=tower(K))
+    reports = solve_tasks([task(program, start) for program in programs], mdp("tower"), budget=10_000)
+    return demonstrations(reports, mdp("tower"), episodes, seed)
+
+
+def test_demonstration__tells_every_state_before_an_action():
+    (episode,) = shown(BLUE)
+    assert [state.scene for state in episode.states] == [scene(left=tower(K)), scene(left=tower(K), right=tower(B))]
+    assert (episode.rewards, episode.terminated, episode.truncated) == ((-0.1, 1.0), True, False)
+
+
+def test_demonstrations__leave_out_what_is_not_solved():
+    assert [episode.task.program for episode in shown(BLUE, NEVER)] == [BLUE]
+
+
+def test_draws__follow_their_seed():
+    programs = [f"count(all_items) == {count}" for count in range(2, 8)]
+
+    def drawn(seed: int) -> list[str]:
+        return [episode.task.program for episode in shown(*programs, episodes=9, seed=seed)]
+
+    assert len(drawn(1)) == 9
+    assert drawn(1) == drawn(1) != drawn(2)
+
+
+def test_draws__of_no_episode_are_refused():
+    with pytest.raises(ValueError, match="episodes must be at least 1 or None, not 0"):
+        shown(BLUE, episodes=0)
+
+
+def test_arrays__hold_the_actions_of_each_episode_in_turn():
+    found = arrays(shown(BLUE, "count(all_items) == 3"), mdp("tower"), images=True)
+    assert found["program"].tolist() == [BLUE, "count(all_items) == 3"]
+    assert found["starts"].tolist() == [0, 2, 5]
+    assert found["action_array"][0].tolist() == Tower().to_array(Tower().decode(int(found["action"][0])))
+    assert found["reward"].tolist() == pytest.approx([-0.1, 1, -0.1, -0.1, 1])
+    assert found["items"][0].tolist() == item_array(scene(left=tower(K)), 4).tolist()
+    assert found["image"].shape == (5, 50, 190, 3)
+
+
+def test_arrays__of_no_episode_are_refused():
+    with pytest.raises(ValueError, match="no task of these was solved"):
+        arrays(shown(NEVER), mdp("tower"))
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_arrays__replay_in_the_environment(appearance: str):
+    tasks = load_tasks("builtin", appearance, "flipit", "dev")[:12]
+    dynamics = mdp(appearance)
+    found = arrays(demonstrations(solve_tasks(tasks, dynamics), dynamics), dynamics, images=True)
+    env = gym.make(f"lilgym_mp/{appearance.capitalize()}FlipIt-v0", split="dev")
+    for number, begin in enumerate(found["starts"][:-1].tolist()):
+        observation, info = env.reset(options={"task": str(found["task"][number])})
+        for place in range(begin, found["starts"][number + 1]):
+            assert np.array_equal(observation["image"], found["image"][place])
+            observation, reward, *_, info = env.step(int(found["action"][place]))
+            assert reward == pytest.approx(found["reward"][place])
+        assert info["is_success"]
+
+
+def test_npz__is_the_same_every_time_and_says_what_it_is(tmp_path: Path):
+    found = arrays(shown(BLUE), mdp("tower"))
+    for name in ("a.npz", "b.npz"):
+        write_npz(tmp_path / name, found, {"seed": 5})
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with np.load(tmp_path / "a.npz") as read:
+        assert json.loads(str(read["about"])) == {"seed": 5}
+        assert read["action"].tolist() == found["action"].tolist()
+
+
+def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    minari: Any = pytest.importorskip("minari")
+    from lilgym_mp.solver.minari_dataset import write_minari
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    tasks = load_tasks("builtin", "tower", "flipit", "dev")[:3]
+    episodes = demonstrations(solve_tasks(tasks, mdp("tower")), mdp("tower"))
+    env = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev")
+    assert env.spec is not None
+    write_minari("lilgym/own-v0", episodes, mdp("tower"), env.spec, "Ours.")
+    dataset = minari.load_dataset("lilgym/own-v0")
+    env = dataset.recover_environment()
+    for episode in dataset.iterate_episodes():
+        observation, info = env.reset(options={"task": episode.infos["task"][0].decode()})
+        for place, action in enumerate(episode.actions):
+            assert np.array_equal(observation["image"], episode.observations["image"][place])
+            observation, *_, info = env.step(int(action))
+        assert info["is_success"]
+    with pytest.raises(ValueError, match="already"):
+        write_minari("lilgym/own-v0", episodes, mdp("tower"), env.spec, "Ours.")

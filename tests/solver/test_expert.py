@@ -1,0 +1,78 @@
+"""The expert plays environments to success, from wherever it is asked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+from lilgym_mp.solver import Expert
+from lilgym_mp.wrappers import ActionMask
+
+CONFIGURATIONS = ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt")
+ADD_LEFT_YELLOW = 1  # of tower's actions
+
+
+def play(env: gym.Env[Any, Any], expert: Expert) -> tuple[float, dict[str, Any]]:
+    total = 0.0
+    while True:
+        _, reward, terminated, truncated, info = env.step(expert.act())
+        total += float(reward)
+        if terminated or truncated:
+            return total, info
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+def test_expert__succeeds(configuration: str, rules: str):
+    env = gym.make(f"lilgym_mp/{configuration}-v0", split="dev", rules=rules)
+    expert = Expert(env)
+    for seed in range(8):
+        env.reset(seed=seed)
+        steps = expert.plan().steps
+        total, info = play(env, expert)
+        assert info["outcome"] == "success"
+        assert total == pytest.approx(1 - 0.1 * (steps - 1))
+
+
+def test_expert__plans_anew_after_another_went_astray():
+    env = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev")
+    expert = Expert(env)
+    env.reset(seed=3)
+    expert.act()
+    env.step(next(number for number in range(1, 13) if env.unwrapped.action_masks()[number]))
+    assert play(env, expert)[1]["is_success"]
+
+
+def test_expert__follows_its_plan_from_one_episode_to_the_next():
+    env = gym.make("lilgym_mp/TowerScratch-v0", split="dev")
+    expert = Expert(env)
+    for _ in range(3):
+        env.reset(seed=1)
+        assert play(env, expert)[1]["is_success"]
+
+
+def test_expert__stops_where_nothing_helps():
+    env = gym.make("lilgym_mp/TowerScratch-v0", split="dev", horizon=1)
+    env.reset(seed=0)
+    assert Expert(env).act() == 0
+
+
+def test_expert__looks_through_wrappers():
+    env = ActionMask(gym.make("lilgym_mp/ScatterFlipIt-v0", split="dev"))
+    env.reset(seed=0)
+    found = Expert(env).optimal_actions()
+    assert Expert(env).act() in found.actions
+    assert env.unwrapped.action_masks()[list(found.actions)].all()
+
+
+def test_expert__needs_an_environment_of_this_package():
+    with pytest.raises(TypeError, match="the expert needs an environment of lilgym_mp"):
+        Expert(gym.make("CartPole-v1"))
+
+
+def test_expert__needs_a_reset_environment_to_act():
+    expert = Expert(gym.make("lilgym_mp/TowerScratch-v0", split="dev"))
+    with pytest.raises(gym.error.ResetNeeded):
+        expert.act()

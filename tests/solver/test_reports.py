@@ -1,0 +1,88 @@
+"""Many tasks solved, by one process or several, counted and told."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.rules import Outcome
+from lilgym_mp.solver import Status
+from lilgym_mp.solver.reports import CHUNK, TaskReport, report_json, solve_tasks, summarise, summary_table
+from lilgym_mp.solver.solution import Solution
+from tests.solver.tasks import mdp, outcome, task
+
+TASKS = load_tasks("builtin", "tower", "flipit", "dev")[: 2 * CHUNK + 3]
+SOLVED = Solution(Status.SOLVED, (), 0, 7)
+UNSOLVABLE = Solution(Status.UNSOLVABLE, (), 12, 9, "no scene has that value")
+
+
+def test_reports__are_the_same_from_one_process_and_from_two():
+    alone = solve_tasks(TASKS, mdp("tower"))
+    together = solve_tasks(TASKS, mdp("tower"), jobs=2)
+    assert [(report.task, report.solution) for report in together] == [(r.task, r.solution) for r in alone]
+
+
+def test_reports__are_heard_in_order():
+    heard: list[TaskReport] = []
+    reports = solve_tasks(TASKS[:5], mdp("tower"), jobs=2, on_report=heard.append)
+    assert heard == reports
+    assert [report.task for report in heard] == list(TASKS[:5])
+
+
+def test_interruption__leaves_no_process_behind():
+    def interrupt(report: TaskReport) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve_tasks(TASKS, mdp("tower"), jobs=2, on_report=interrupt)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(("option", "message"), [("jobs", "jobs must be at least 1"), ("budget", "budget must be")])
+def test_options__must_be_positive(option: str, message: str):
+    with pytest.raises(ValueError, match=message):
+        solve_tasks(TASKS, mdp("tower"), **{option: 0})
+
+
+def test_summary__counts_the_solvable_only():
+    one = task("True")
+    summary = summarise([TaskReport(one, SOLVED, 0.002), TaskReport(one, UNSOLVABLE, 0.004)])
+    assert (summary.tasks, summary.solved, summary.unsolvable, summary.solved_share) == (2, 1, 1, 1.0)
+    assert summary.mean_seconds == pytest.approx(0.003)
+
+
+def test_summary__of_nothing_is_refused():
+    with pytest.raises(ValueError, match="no reports"):
+        summarise([])
+
+
+def test_table__has_a_row_for_each_summary():
+    table = summary_table({"TowerFlipIt dev": summarise([TaskReport(task("True"), SOLVED, 0.0015)])})
+    assert table.splitlines()[-1] == "| TowerFlipIt dev | 1 | 1 (100.00 %) | 0 | 0 | 0 | 0.00 | 0 | 1.50 | 1.50 |"
+
+
+def test_json__has_the_actions_by_number():
+    dynamics = mdp("tower")
+    (report,) = solve_tasks([task("exist(filter_color(all_boxes[1].all_items_in_box(), Color.BLACK))")], dynamics)
+    told = report_json(report, dynamics)
+    assert (told["actions"], told["status"], told["proven_optimal"]) == ([5, 0], "solved", True)
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize("start", ["scratch", "flipit"])
+def test_builtin_tasks__are_all_solved(appearance: str, start: str):
+    dynamics = mdp(appearance)
+    for given, solution, _ in solve_tasks(load_tasks("builtin", appearance, start, "dev")[:60], dynamics):
+        assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize("rules", ["paper", "release"])
+def test_official_tasks__are_solved_and_proven_shortest(appearance: str, rules: str, official_data: Path):
+    dynamics = mdp(appearance, rules)
+    for given, solution, _ in solve_tasks(load_tasks("lilgym", appearance, "flipit", "dev")[::9], dynamics):
+        assert solution.proven_optimal, given.id
+        assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS

@@ -1,0 +1,161 @@
+"""Scatter is solved by what its program asks, under the exact rules of placement."""
+
+from __future__ import annotations
+
+import pytest
+
+from lilgym_mp.actions import STOP, AddItem, RemoveItem
+from lilgym_mp.corpus.matching import MatchingTask, content
+from lilgym_mp.rules import Outcome, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver, Status
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
+from tests.solver.tasks import edits_by_trial, mdp, outcome, task
+
+BLUE_CIRCLE = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))"
+SMALL_AT_THE_FLOOR = "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_wall(x, Side.BOTTOM)))"
+TWO_CORNERS = "count(filter_obj(all_items, lambda x: is_black(x) and is_touching_corner(x))) == 2"
+BLACK_OVER_YELLOW = (
+    "exist(filter_obj(all_items, lambda x: is_black(x) and is_square(x)"
+    " and exist(filter_obj(get_below(x), lambda y: is_yellow(y) and is_triangle(y)))))"
+)
+TOUCHING_PAIR = (
+    "exist(filter_obj(all_items, lambda x: is_square(x) and exist(filter_shape(get_touching(x), Shape.SQUARE))))"
+)
+SAME_COLOURS = "query_color(all_boxes[0]) == query_color(all_boxes[1]) and count(all_boxes[0]) == 2"
+A_TOWER = "exist(filter_obj(all_boxes, lambda b: b.is_tower() and count(b) == 2))"
+FIVE_A_BOX = "count(filter_obj(all_boxes, lambda b: count(b) >= 5)) == 3"
+CROWD = scene(
+    left=[circle(0, 0, LARGE, B), square(40, 0, LARGE, K), triangle(0, 40, LARGE, Y)],
+    middle=[circle(20, 20, SMALL, B), square(60, 60, colour=K), circle(61, 5, colour=B)],
+    right=[triangle(70, 70, LARGE, B), square(0, 80, colour=Y)],
+)
+PROGRAMS = (
+    BLUE_CIRCLE, SMALL_AT_THE_FLOOR, TWO_CORNERS, BLACK_OVER_YELLOW, TOUCHING_PAIR, SAME_COLOURS, A_TOWER,
+)  # fmt: skip
+
+
+# In the release nothing lies lower than its cell, as its search of the cell finds no place.
+@pytest.mark.parametrize(
+    ("rules", "program"),
+    [("paper", program) for program in PROGRAMS]
+    + [("release", program) for program in PROGRAMS if program != SMALL_AT_THE_FLOOR],
+)
+@pytest.mark.parametrize("start", [Scene.empty(), CROWD], ids=["empty", "crowd"])
+def test_solution__succeeds_when_played(rules: str, program: str, start: Scene):
+    dynamics = mdp("scatter", rules)
+    given = task(program, start, target=not task(program).truth(start))
+    solution = Solver(dynamics).solve(given)
+    assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS
+
+
+@pytest.mark.parametrize("grid", [(38, 10), (19, 10), "native"])
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_solution__succeeds_on_other_grids(program: str, grid: tuple[int, int] | str):
+    dynamics = mdp("scatter", grid=grid)
+    solution = Solver(dynamics).solve(task(program))
+    assert outcome(dynamics, dynamics.start(task(program)), solution.actions) is Outcome.SUCCESS
+
+
+def test_solution__removes_what_must_go():
+    start = scene(left=[circle(0, 0, colour=B), circle(40, 40, colour=K)])
+    solution = Solver(mdp("scatter")).solve(task(BLUE_CIRCLE, start, target=False))
+    assert solution.actions == (RemoveItem(0, 0), STOP)
+
+
+def test_solution__is_proven_shortest_where_the_sketch_needs_as_many_edits():
+    solution = Solver(mdp("scatter")).solve(task(TWO_CORNERS))
+    assert (solution.steps, solution.proven_optimal) == (3, True)
+
+
+def test_solution__knows_that_a_small_item_needs_another_to_lie_lower_than_its_cell():
+    """A small item put into an empty cell lies at its top; only what is there already makes it lie lower."""
+    solution = Solver(mdp("scatter")).solve(task(SMALL_AT_THE_FLOOR))
+    assert (solution.steps, solution.proven_optimal) == (3, True)
+
+
+def test_solution__of_what_items_are_to_each_other_is_proven_for_up_to_two_edits():
+    solution = Solver(mdp("scatter")).solve(task(BLACK_OVER_YELLOW))
+    assert (solution.steps, solution.proven_optimal) == (3, True)
+
+
+@pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
+def test_solution__needs_no_edit_to_stop(program: str):
+    start = scene(left=[circle(0, 0, colour=B), triangle(0, 60, colour=Y), square(40, 0, colour=K)])
+    assert Solver(mdp("scatter", horizon=1)).solve(task(program, start)).actions == (STOP,)
+
+
+@pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
+def test_horizon__of_one_action_leaves_no_edit(program: str):
+    assert Solver(mdp("scatter", horizon=1)).solve(task(program)).status is Status.UNSOLVABLE
+
+
+def test_unsolvable__is_proven_where_too_many_items_are_needed():
+    solution = Solver(mdp("scatter")).solve(task(FIVE_A_BOX))
+    assert (solution.status, solution.least_edits) == (Status.UNSOLVABLE, 12)
+    assert solution.reason == "no scene within 11 edits has that value"
+
+
+def test_unsolvable__is_not_claimed_where_only_the_budget_is_spent():
+    assert Solver(mdp("scatter"), budget=50).solve(task(FIVE_A_BOX)).status is Status.NOT_FOUND
+
+
+def test_unsolvable__is_not_claimed_where_success_is_not_the_programs_truth():
+    goal = scene(left=[circle(3, 7)])
+    matching = MatchingTask("one", "A statement.", "True", True, Scene.empty(), frozenset({content(goal)}))
+    solution = Solver(mdp("scatter")).solve(matching)
+    assert solution.status is Status.NOT_FOUND
+    assert "not the truth of its program" in solution.reason
+
+
+def test_solutions__are_the_same_every_time():
+    assert Solver(mdp("scatter")).solve(task(TWO_CORNERS, CROWD)) == Solver(mdp("scatter")).solve(
+        task(TWO_CORNERS, CROWD)
+    )
+
+
+@pytest.mark.parametrize("program", [BLUE_CIRCLE, TWO_CORNERS, BLACK_OVER_YELLOW, TOUCHING_PAIR])
+@pytest.mark.parametrize("start", [Scene.empty(), CROWD], ids=["empty", "crowd"])
+def test_optimal_actions__are_all_that_trying_every_action_finds(program: str, start: Scene):
+    dynamics = mdp("scatter")
+    state = dynamics.start(task(program, start, target=not task(program).truth(start)))
+    edits, firsts = edits_by_trial(dynamics, state, 1)
+    found = Solver(dynamics).optimal_actions(state)
+    if edits == 1:
+        assert (set(found.actions), found.complete, found.steps) == (firsts, True, 2)
+    else:
+        assert found.steps > 2
+
+
+def test_optimal_actions__lead_on_to_shortest_solutions():
+    dynamics = mdp("scatter")
+    state = dynamics.start(task(TWO_CORNERS))
+    solver = Solver(dynamics)
+    found = solver.optimal_actions(state)
+    assert found.complete
+    for number in range(1, dynamics.appearance.action_count, 97):
+        transition = dynamics.step(state, dynamics.appearance.decode(number))
+        if transition.outcome is Outcome.CONTINUES:
+            assert (solver.solve_from(transition.state).steps == 2) == (number in found.actions)
+
+
+def test_optimal_actions__of_what_items_are_to_each_other_are_not_called_complete_beyond_one_edit():
+    dynamics = mdp("scatter")
+    found = Solver(dynamics).optimal_actions(dynamics.start(task(BLACK_OVER_YELLOW)))
+    assert found.actions
+    assert not found.complete
+
+
+def test_order__is_heeded_where_the_program_indexes():
+    start = scene(left=[circle(0, 0, colour=K), circle(40, 0, colour=B)], middle=[circle(0, 0, colour=K)])
+    solution = Solver(mdp("scatter")).solve(task(SAME_COLOURS, start))
+    assert (solution.steps, solution.proven_optimal) == (2, True)
+    (edit, _) = solution.actions
+    assert isinstance(edit, AddItem)
+    assert edit.colour is B
+
+
+def test_state__in_the_middle_of_an_episode_is_solved_within_what_is_left():
+    state = State(task(TWO_CORNERS), Scene.empty(), steps=9)
+    assert Solver(mdp("scatter")).solve_from(state).steps == 3
+    assert Solver(mdp("scatter")).solve_from(state._replace(steps=10)).status is Status.UNSOLVABLE

@@ -1,0 +1,110 @@
+"""Tower is solved exactly."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.rules import Outcome, State
+from lilgym_mp.scene import Box, Colour, Scene
+from lilgym_mp.solver import Solver, Status
+from tests.scenes import B, K, Y, scene, tower, tower_boxes
+from tests.solver.tasks import edits_by_trial, mdp, outcome, task
+
+PROGRAMS = (
+    "exist(filter_color(all_items, Color.BLUE))",
+    "count(all_items) == 2",
+    "count(filter_obj(all_boxes, lambda b: b.is_tower())) == 2",
+    "All(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_bottom(x) and is_black(x))))",
+    "exist(filter_obj(all_items, lambda x: is_yellow(x) and exist(filter_color(get_above(x), Color.BLACK))))",
+    "count(get_set_colors(all_boxes[1].all_items_in_box())) == 2",
+)
+SIX_BLOCKS = "count(all_items) == 6"
+NEVER = "exist(filter_obj(all_items, lambda x: is_yellow(x) and is_black(x)))"
+
+
+def test_solution__of_a_task_solved_at_its_start_is_stop():
+    solution = Solver(mdp("tower")).solve(task("count(all_items) == 0"))
+    assert (solution.actions, solution.proven_optimal) == ((STOP,), True)
+
+
+def test_solution__takes_off_what_is_above_and_puts_on_what_is_missing():
+    start = scene(left=tower(Y, K))
+    solution = Solver(mdp("tower")).solve(
+        task("get_set_colors(all_boxes[0].all_items_in_box()) == {Color.YELLOW, Color.BLUE}", start)
+    )
+    assert solution.actions == (RemoveBlock(0), AddBlock(0, B), STOP)
+    assert solution.proven_optimal
+
+
+def test_solution__makes_a_true_statement_false():
+    start = scene(middle=tower(K), right=tower(K))
+    solution = Solver(mdp("tower")).solve(task("exist(filter_color(all_items, Color.BLACK))", start, target=False))
+    assert solution.actions == (RemoveBlock(1), RemoveBlock(2), STOP)
+
+
+@given(st.tuples(tower_boxes, tower_boxes, tower_boxes), st.sampled_from(PROGRAMS), st.booleans())
+@settings(max_examples=25)
+def test_solution__is_as_short_as_trying_everything_finds(boxes: tuple[Box, Box, Box], program: str, target: bool):
+    dynamics = mdp("tower", horizon=4)
+    state = dynamics.start(task(program, dynamics.appearance.check_scene(Scene(boxes)), target=target))
+    edits, firsts = edits_by_trial(dynamics, state, 3)
+    solver = Solver(dynamics)
+    solution, actions = solver.solve_from(state), solver.optimal_actions(state)
+    if edits is None:
+        assert (solution.status, actions.actions, actions.complete) == (Status.UNSOLVABLE, (), True)
+    else:
+        assert (solution.steps, solution.proven_optimal) == (edits + 1, True)
+        assert outcome(dynamics, state, solution.actions) is Outcome.SUCCESS
+        assert (set(actions.actions), actions.complete, actions.steps) == (firsts, True, edits + 1)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+def test_horizon__leaves_its_last_action_to_stop(rules: str):
+    assert Solver(mdp("tower", rules, horizon=7)).solve(task(SIX_BLOCKS)).steps == 7
+    solution = Solver(mdp("tower", rules, horizon=6)).solve(task(SIX_BLOCKS))
+    assert (solution.status, solution.reason) == (Status.UNSOLVABLE, "no scene within 5 edits has that value")
+
+
+def test_horizon__counts_the_actions_that_were_taken():
+    dynamics = mdp("tower", horizon=7)
+    state = State(task(SIX_BLOCKS), Scene.empty(), steps=1)
+    assert Solver(dynamics).solve_from(state).status is Status.UNSOLVABLE
+
+
+def test_horizon__over_is_the_callers_mistake():
+    state = State(task(SIX_BLOCKS), Scene.empty(), steps=12)
+    with pytest.raises(ValueError, match="no action is left: 12 of 12 were taken"):
+        Solver(mdp("tower")).solve_from(state)
+
+
+def test_unsolvable__is_proven_by_looking_at_every_scene_in_reach():
+    solution = Solver(mdp("tower", horizon=4)).solve(task(NEVER))
+    scenes_within_three_edits = 1 + 9 + 54 + 270
+    assert (solution.status, solution.scenes) == (Status.UNSOLVABLE, scenes_within_three_edits)
+
+
+def test_budget__spent_is_no_proof():
+    solution = Solver(mdp("tower"), budget=100).solve(task(NEVER))
+    assert (solution.status, solution.scenes) == (Status.NOT_FOUND, 100)
+    assert "nothing found in 100 scenes" in solution.reason
+
+
+@pytest.mark.parametrize("budget", [0, -1, True, 1.5])
+def test_budget__must_be_positive(budget: int):
+    with pytest.raises(ValueError, match=f"budget must be a positive whole number of scenes or None, not {budget}"):
+        Solver(mdp("tower"), budget)
+
+
+def test_optimal_actions__are_stop_alone_where_stop_succeeds():
+    found = Solver(mdp("tower")).optimal_actions(mdp("tower").start(task("count(all_items) == 0")))
+    assert (found.actions, found.complete, found.steps) == ((0,), True, 1)
+
+
+def test_optimal_actions__come_in_any_order_of_boxes():
+    dynamics = mdp("tower")
+    start = dynamics.start(task("All(all_boxes, lambda b: count(filter_color(b, Color.BLUE)) == 1 and count(b) == 1)"))
+    expected = {dynamics.appearance.encode(AddBlock(box, Colour.BLUE)) for box in range(3)}
+    assert set(Solver(dynamics).optimal_actions(start).actions) == expected

@@ -1,0 +1,128 @@
+"""Rewards shaped by the expert, and starts near success."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+from lilgym_mp.solver import Expert
+from lilgym_mp.wrappers import (
+    PotentialShaping,
+    ReverseCurriculum,
+    StructuredObservation,
+    WrongEnvironment,
+    potential_shaping_v0,
+    reverse_curriculum_v0,
+)
+
+STOP, ADD_LEFT_YELLOW = 0, 1  # of tower's actions
+
+
+def make(configuration: str, **settings: Any) -> gym.Env[Any, Any]:
+    return gym.make(f"lilgym_mp/{configuration}-v0", split="dev", **settings)
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_shaping__rewards_shortest_solutions_with_nothing_along_the_way(configuration: str):
+    env = PotentialShaping(make(configuration))
+    expert = Expert(env)
+    for seed in range(5):
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            _, reward, terminated, truncated, info = env.step(expert.act())
+            ended = terminated or truncated
+            assert reward == pytest.approx(0)
+        assert info["unshaped_reward"] == 1
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.9])
+def test_shaping__changes_every_return_by_the_starts_potential(discount: float):
+    def discounted_return(actions: list[int]) -> tuple[float, float]:
+        """Of the same episode, shaped and not."""
+        env = PotentialShaping(make("TowerScratch"), discount)
+        env.reset(seed=4)
+        shaped = plain = 0.0
+        for step, action in enumerate(actions):
+            _, reward, terminated, truncated, info = env.step(action)
+            shaped += discount**step * float(reward)
+            plain += discount**step * info["unshaped_reward"]
+        assert terminated or truncated
+        return shaped, plain
+
+    differences = [
+        shaped - plain
+        for shaped, plain in map(discounted_return, ([STOP], [ADD_LEFT_YELLOW, STOP], [ADD_LEFT_YELLOW] * 5))
+    ]
+    assert differences == pytest.approx([differences[0]] * 3)
+
+
+def test_shaping__charges_a_detour_at_once():
+    env = PotentialShaping(make("TowerFlipIt"))
+    env.reset(seed=0)
+    expert = Expert(env)
+    good = set(expert.optimal_actions().actions)
+    bad = next(number for number in range(1, 13) if env.unwrapped.action_masks()[number] and number not in good)
+    assert env.step(bad)[1] < -0.05
+
+
+@pytest.mark.parametrize("discount", [-0.1, 1.1])
+def test_shaping__needs_a_discount(discount: float):
+    with pytest.raises(ValueError, match="discount must be between 0 and 1"):
+        PotentialShaping(make("TowerFlipIt"), discount)
+
+
+def test_shaping__of_many_environments_is_refused_with_advice():
+    with pytest.raises(WrongEnvironment, match="wrap each"):
+        potential_shaping_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, split="dev"))
+
+
+@pytest.mark.parametrize("edits", [0, 1, 2])
+@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
+def test_reverse_curriculum__starts_so_many_edits_from_success(configuration: str, edits: int):
+    plain = make(configuration)
+    env = ReverseCurriculum(make(configuration), edits)
+    for task_id in env.unwrapped.evaluation_tasks()[:20]:
+        plain.reset(options={"task": task_id})
+        env.reset(options={"task": task_id})
+        assert Expert(env).plan().steps == min(edits + 1, Expert(plain).plan().steps)
+
+
+def test_reverse_curriculum__leaves_what_it_cannot_solve_where_it_was():
+    env = ReverseCurriculum(make("TowerFlipIt", horizon=1), 0)
+    plain = make("TowerFlipIt", horizon=1)
+    assert [task.start for task in env.unwrapped.tasks] == [task.start for task in plain.unwrapped.tasks]
+
+
+def test_reverse_curriculum__stands_beneath_other_wrappers():
+    env = StructuredObservation(ReverseCurriculum(make("ScatterScratch"), 0))
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    assert env.unwrapped.goal_reached()
+
+
+def test_reverse_curriculum__is_rebuilt_from_its_spec():
+    spec = ReverseCurriculum(make("TowerScratch"), 0).spec
+    assert spec is not None
+    env = gym.make(spec)
+    env.reset(seed=0)
+    assert env.unwrapped.goal_reached()
+
+
+def test_reverse_curriculum__wraps_batches_of_towers():
+    env = reverse_curriculum_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", num_envs=3, split="dev"), 0)
+    env.reset(seed=0)
+    assert env.goal_reached().all()
+
+
+def test_reverse_curriculum__refuses_batches_of_scatter_with_advice():
+    with pytest.raises(WrongEnvironment, match="for Scatter wrap each environment"):
+        reverse_curriculum_v0(gym.make_vec("lilgym_mp/ScatterFlipIt-v0", num_envs=2, split="dev"), 0)
+
+
+@pytest.mark.parametrize("edits", [-1, True, 0.5])
+def test_reverse_curriculum__needs_a_number_of_edits(edits: int):
+    with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
+        ReverseCurriculum(make("TowerScratch"), edits)
