@@ -15,6 +15,8 @@ from lilgym_mp.wrappers.multi_discrete import MultiDiscreteActions, multi_discre
 from lilgym_mp.wrappers.named_actions import NamedActions, named_actions_v0
 from lilgym_mp.wrappers.native_image import NativeImage, native_image_v0
 from lilgym_mp.wrappers.nlvr_reward import NLVRReward, nlvr_reward_v0
+from lilgym_mp.wrappers.potential_shaping import PotentialShaping, potential_shaping_v0
+from lilgym_mp.wrappers.reverse_curriculum import ReverseCurriculum, reverse_curriculum_v0
 from lilgym_mp.wrappers.steps_left import StepsLeft, steps_left_v0
 from lilgym_mp.wrappers.stop_forcing import StopForcing, stop_forcing_v0
 from lilgym_mp.wrappers.structured import StructuredObservation, structured_observation_v0
@@ -31,6 +33,8 @@ __all__ = [
     "NLVRReward",
     "NamedActions",
     "NativeImage",
+    "PotentialShaping",
+    "ReverseCurriculum",
     "StatementEmbedding",
     "StepsLeft",
     "StopForcing",
@@ -47,6 +51,8 @@ __all__ = [
     "named_actions_v0",
     "native_image_v0",
     "nlvr_reward_v0",
+    "potential_shaping_v0",
+    "reverse_curriculum_v0",
     "statement_embedding_v0",
     "steps_left_v0",
     "stop_forcing_v0",
