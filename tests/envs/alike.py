@@ -17,8 +17,8 @@ def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
         assert ours.keys() == theirs.keys(), where
         for key in theirs:
             assert_same(ours[key], theirs[key], f"{where}/{key}")
-    elif isinstance(theirs, tuple):
-        assert isinstance(ours, tuple), where
+    elif isinstance(theirs, tuple | list):
+        assert type(ours) is type(theirs), where
         assert len(ours) == len(theirs), where
         for number, (one, other) in enumerate(zip(ours, theirs, strict=True)):
             assert_same(one, other, f"{where}({number})")

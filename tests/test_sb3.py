@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.utils import get_action_masks
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
+
+from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
+from lilgym_mp.wrappers import stop_forcing_v0
+from tests.envs.alike import assert_same, random_actions
+
+TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
+COUNT = 4
+WRAPS = {
+    "nothing": None,
+    "stop forcing by mask": partial(stop_forcing_v0, mode="mask"),
+    "stop forcing by replacement": partial(stop_forcing_v0, mode="replace"),
+}
+
+pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
+
+
+@pytest.fixture
+def made() -> Iterator[Any]:
+    envs: list[VecEnv] = []
+
+    def make(id: str, backend: str, **settings: Any) -> VecEnv:
+        if backend == "workers":
+            settings = {"num_workers": 2, **settings}
+        envs.append(make_vec_env(id, COUNT, backend, **settings))
+        return envs[-1]
+
+    yield make
+    for env in envs:
+        env.close()
+
+
+def masks_of(env: VecEnv) -> np.ndarray:
+    return np.array(get_action_masks(env))
+
+
+def comparable(info: dict[str, Any]) -> dict[str, Any]:
+    """An info without the wall-clock time, and without what SB3's own tell of every step rather than of the last."""
+    info = dict(info)
+    if "episode" in info:
+        info["episode"] = {name: value for name, value in info["episode"].items() if name != "t"}
+        info["episode"]["r"] = round(info["episode"]["r"], 4)
+    if "terminal_observation" not in info:
+        info.pop("TimeLimit.truncated", None)
+    return info
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("wrap", WRAPS)
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+def test_backends__do_what_sb3s_own_do(made: Any, backend: str, id: str, wrap: str, rules: str) -> None:
+    ours, theirs = (made(id, name, seed=3, wrap=WRAPS[wrap], rules=rules) for name in (backend, "dummy"))
+    assert ours.observation_space == theirs.observation_space
+    assert_same(ours.reset(), dict(theirs.reset()))
+    generator = np.random.default_rng(1)
+    for step in range(40):
+        masks = masks_of(theirs)
+        assert_same(masks_of(ours), masks)
+        actions = random_actions(masks, generator)
+        observations, rewards, dones, infos = theirs.step(actions)
+        our_observations, our_rewards, our_dones, our_infos = ours.step(actions)
+        assert_same(our_observations, dict(observations), f"step {step}")
+        assert_same(our_rewards, rewards)
+        assert_same(our_dones, dones)
+        assert_same(list(map(comparable, our_infos)), list(map(comparable, infos)), f"step {step}: infos")
+
+
+def test_subproc__is_sb3s_own_and_does_the_same(made: Any) -> None:
+    ours, theirs = made(TOWER, "batched", seed=3), made(TOWER, "subproc", seed=3, start_method="fork")
+    assert isinstance(theirs.venv, SubprocVecEnv)
+    assert_same(ours.reset(), dict(theirs.reset()))
+    generator = np.random.default_rng(1)
+    for _ in range(15):
+        actions = random_actions(masks_of(ours), generator)
+        (images, rewards, dones, _), (their_images, their_rewards, their_dones, _) = (
+            ours.step(actions),
+            theirs.step(actions),
+        )
+        assert_same(images, dict(their_images))
+        assert np.allclose(rewards, their_rewards)
+        assert_same(dones, their_dones)
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers", "dummy"])
+def test_backends__train_a_maskable_policy(made: Any, backend: str) -> None:
+    env = made(TOWER, backend, seed=0)
+    small = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
+    model = MaskablePPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0, policy_kwargs=small)
+    model.learn(total_timesteps=64)
+    assert model.num_timesteps == 64
+
+
+def test_masks__of_a_batch_cost_one_call(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(SCATTER, "batched", monitor=False)
+    env.reset()
+    calls: list[int] = []
+    masks = env.venv.action_masks
+    monkeypatch.setattr(env.venv, "action_masks", lambda: calls.append(1) or masks(), raising=False)
+    assert get_action_masks(env).shape == (COUNT, 2661)
+    assert len(calls) == 1
+
+
+def test_methods__serve_chosen_environments(made: Any) -> None:
+    env = made(SCATTER, "batched", seed=1, monitor=False)
+    env.reset()
+    assert np.array_equal(env.env_method("action_masks", indices=[2]), env.env_method("action_masks")[2:3])
+    assert env.get_attr("render_mode", indices=[0, 1]) == [None, None]
+    with pytest.raises(AttributeError, match="no method 'explode' of their own; choose from action_masks"):
+        env.env_method("explode")
+    with pytest.raises(AttributeError, match="cannot set 'copy'"):
+        env.set_attr("copy", False)
+
+
+def test_options__choose_each_environments_task(made: Any) -> None:
+    env = made(TOWER, "batched", monitor=False)
+    ids = env.venv.unwrapped.evaluation_tasks()
+    env.set_options([{"task": ids[number]} for number in (3, 1, 2, 0)])
+    env.reset()
+    assert [info["task"] for info in env.reset_infos] == [ids[number] for number in (3, 1, 2, 0)]
+
+
+def test_an_episode_in_the_batch__tells_what_sb3_needs_at_its_end(made: Any) -> None:
+    env = made(TOWER, "batched", seed=0)
+    env.reset()
+    before = env.step(np.array([1] * COUNT))[0]
+    observations, _, dones, infos = env.step(np.zeros(COUNT, np.int64))
+    assert dones.all()
+    for number, info in enumerate(infos):
+        assert info["is_success"] == (info["outcome"] == "success")
+        assert info["TimeLimit.truncated"] is False
+        assert info["episode"]["l"] == 2
+        assert np.array_equal(info["terminal_observation"]["image"], before["image"][number])
+    assert not np.array_equal(observations["image"], before["image"])
+
+
+def test_batch__must_reset_in_the_same_step() -> None:
+    with pytest.raises(ValueError, match=r"SB3 needs autoreset_mode=.*SAME_STEP.*, not .*NEXT_STEP"):
+        BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
+
+
+def test_monitor__can_be_left_out(made: Any) -> None:
+    assert isinstance(made(TOWER, "dummy"), VecMonitor)
+    assert isinstance(made(TOWER, "dummy", monitor=False), DummyVecEnv)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"backend": "threads"}, f"unknown backend 'threads'; choose from {', '.join(sorted(BACKENDS))}"),
+        ({"n_envs": 0}, "n_envs must be a positive whole number, not 0"),
+        ({"n_envs": 2.0}, "not 2.0"),
+        ({"corpus": "/no/such/file"}, "/no/such/file"),
+    ],
+)
+def test_make__names_the_value_and_the_choices(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_vec_env(**{"id": TOWER, "n_envs": 2, **settings})
+    assert not multiprocessing.active_children()
