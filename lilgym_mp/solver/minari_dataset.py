@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,25 +31,26 @@ def write_minari(
     minari = import_module("minari")
     if not episodes:
         raise ValueError("there are no demonstrations: no task of these was solved")
-    if dataset_id in minari.list_local_datasets():
+    place: Path = import_module("minari.storage").get_dataset_path(dataset_id)
+    if place.exists():
         raise ValueError(f"there is a Minari dataset {dataset_id!r} already; choose another name, or delete it")
-    finished = False
     try:
-        minari.create_dataset_from_buffers(
-            dataset_id,
-            _buffers(episodes, dynamics),  # it goes through them once
-            env=env_spec,
-            eval_env=env_spec,
-            observation_space=observation_space(HALF_SIZE, [episode.task for episode in episodes]),
-            action_space=spaces.Discrete(dynamics.appearance.action_count),
-            algorithm_name=ALGORITHM,
-            description=description,
-            jpeg_encoding=False,
-        )
-        finished = True
-    finally:
-        if not finished and dataset_id in minari.list_local_datasets():
-            minari.delete_dataset(dataset_id)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # about authors and links that a dataset may have
+            minari.create_dataset_from_buffers(
+                dataset_id,
+                _buffers(episodes, dynamics),  # it goes through them once
+                env=env_spec,
+                eval_env=env_spec,
+                observation_space=observation_space(HALF_SIZE, [episode.task for episode in episodes]),
+                action_space=spaces.Discrete(dynamics.appearance.action_count),
+                algorithm_name=ALGORITHM,
+                description=description,
+                jpeg_encoding=False,
+            )
+    except BaseException:
+        shutil.rmtree(place, ignore_errors=True)
+        raise
 
 
 def _buffers(episodes: Sequence[Demonstration], dynamics: Dynamics) -> Iterator[Any]:

@@ -112,4 +112,17 @@ def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatc
             observation, *_, info = env.step(int(action))
         assert info["is_success"]
     with pytest.raises(ValueError, match="already"):
-        write_minari("lilgym/own-v0", episodes, mdp("tower"), env.spec, "Ours.")
+        write_minari("lilgym/own-v0", episodes, mdp("tower"), dataset.env_spec, "Ours.")
+
+
+def test_minari__leaves_nothing_when_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("minari")
+    from lilgym_mp.solver.minari_dataset import write_minari
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    spec = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev").spec
+    assert spec is not None
+    broken = [episode._replace(states=()) for episode in shown(BLUE)]
+    with pytest.raises(IndexError):
+        write_minari("own-v0", broken, mdp("tower"), spec, "Ours.")
+    assert not (tmp_path / "own-v0").exists()
