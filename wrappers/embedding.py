@@ -40,7 +40,7 @@ class Embedding(Format):
         super().__init__(world)
         self._limit = limit
         world.part(STATEMENT)
-        if not isinstance(encoder, SentenceEncoder) and not callable(encoder):
+        if isinstance(encoder, str) or not (isinstance(encoder, SentenceEncoder) or callable(encoder)):
             raise ValueError(f"encoder must be a function of a statement or have a method encode, not {encoder!r}")
         self._encoder = encoder
         self._by_statement: dict[str, Float32Array] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec
 
@@ -31,11 +32,21 @@ def factory(
         del settings.arguments["env"]
         if isinstance(env, gym.vector.VectorEnv):
             return VectorEnvWrapper(env, wrapper.__name__, wrapper.does, settings.arguments)
+        if _comes_from_pettingzoo(env):
+            from lilgym_mp.wrappers.pettingzoo_lift import is_game, lifted
+
+            if is_game(env):
+                return lifted(env, wrapper.__name__, wrapper.does, settings.arguments)
         raise WrongEnvironment(
-            f"{wrapper.__name__} wraps this package's Gymnasium environments and vector environments and PettingZoo"
-            f" environments, not {env!r}"
+            f"{wrapper.__name__} wraps this package's Gymnasium environments, its vector environments, and its"
+            f" proposer-verifier game in PettingZoo's forms, not {env!r}"
         )
 
     wrap.__doc__ = f"`{wrapper.__name__}` around an environment of any kind.\n\n{wrapper.__doc__}"
     wrap.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
     return wrap
+
+
+def _comes_from_pettingzoo(env: object) -> bool:
+    """Whether `env` may be a PettingZoo environment: then pettingzoo has been imported."""
+    return "pettingzoo" in sys.modules and hasattr(env, "possible_agents")

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
-from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation
+from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
 Does = TypeVar("Does", bound=Transformation)
 
@@ -28,7 +28,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         world = world_of(env, type(self).__name__)
         self.transformation = cast("Does", type(self).does(world, **settings))
         if isinstance(self.transformation, TaskChange):
-            _refuse_above_others(self)
+            refuse_above_others(world.wrapper, env)
             self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
         self.observation_space = self.transformation.observation_space()
         self.action_space = self.transformation.action_space()
@@ -60,17 +60,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     def _told(self, info: dict[str, Any], entries: Mapping[str, Batch]) -> dict[str, Any]:
         if self.transformation.tells:
             entries = {**entries, **self.transformation.told(info, self._moment)}
-        return {**info, **{name: _plain(value[0]) for name, value in entries.items()}} if entries else info
-
-
-def _refuse_above_others(wrapper: EnvWrapper[Any]) -> None:
-    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks."""
-    env = wrapper.env
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, EnvWrapper) and not isinstance(env.transformation, TaskChange):
-            name, beneath = type(wrapper).__name__, type(env).__name__
-            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {beneath}, not above it")
-        env = env.env
+        return {**info, **{name: plain(value[0]) for name, value in entries.items()}} if entries else info
 
 
 class EnvMoment(StatesMoment):
@@ -116,5 +106,6 @@ def only_one(space: spaces.Space[Any], batch: Batch) -> Any:
     return int(batch[0]) if isinstance(space, spaces.Discrete) else batch[0]
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A NumPy number as Python's own; anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value

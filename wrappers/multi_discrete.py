@@ -28,6 +28,7 @@ class ArrayForm(Transformation):
     """Action arrays to action numbers, a whole batch at once."""
 
     changes_actions = True
+    speaks_of_actions = True
 
     def __init__(self, world: World) -> None:
         super().__init__(world)

@@ -58,6 +58,7 @@ class Names(Transformation):
     """Action names to action numbers."""
 
     changes_actions = True
+    speaks_of_actions = True
 
     def __init__(self, world: World) -> None:
         super().__init__(world)

@@ -48,6 +48,7 @@ class Telling(Transformation):
 
     changes_observations = True
     reads_scene = True
+    speaks_of_actions = True
 
     def __init__(self, world: World, *, default: int | str) -> None:
         super().__init__(world)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from gymnasium import spaces
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+from lilgym_mp.wrappers.moment import BoolArray, Moment, World, WrongEnvironment
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
 
@@ -19,6 +19,7 @@ class Transformation:
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
     reads_scene: ClassVar[bool] = False  # whether `observations` looks at the moment's items or legal actions
+    speaks_of_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
     tells: ClassVar[bool] = False  # whether `told` may have something to say
 
     def __init__(self, world: World) -> None:
@@ -54,6 +55,16 @@ class TaskChange(Transformation):
     """Gives the environment other tasks to play; done once, when it is wrapped."""
 
     change: Callable[[TaskSet], TaskSet]  # from the environment's tasks; an operation of the corpus
+
+
+def refuse_above_others(name: str, env: Any) -> None:
+    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks that `name` changes."""
+    while env is not None:
+        transformation = vars(env).get("transformation")
+        if transformation is not None and not isinstance(transformation, TaskChange):
+            beneath = transformation.world.wrapper
+            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {beneath}, not above it")
+        env = vars(env).get("env")
 
 
 class Format(Transformation):

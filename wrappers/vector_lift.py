@@ -14,7 +14,7 @@ from lilgym_mp.observation import Int16Array
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.gymnasium_lift import only_one
 from lilgym_mp.wrappers.moment import BoolArray, Int64Array, StatesMoment, World, WrongEnvironment, scene_of
-from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation
+from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
 LAST, WHERE_LAST = "final_obs", "_final_obs"  # Gymnasium's names in infos of mode SAME_STEP
 LAST_INFO = "final_info"
@@ -36,7 +36,7 @@ class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
         world = _world_of(env, name)
         self.transformation = does(world, **settings)
         if isinstance(self.transformation, TaskChange):
-            _refuse_above_others(name, env)
+            refuse_above_others(name, env)
             self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
         if self.transformation.changes_observations:
             self.single_observation_space = self.transformation.observation_space()
@@ -125,14 +125,6 @@ class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def __repr__(self) -> str:
         return f"<{self.name}, {self.env}>"
-
-
-def _refuse_above_others(name: str, env: Any) -> None:
-    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks."""
-    while isinstance(env, VectorWrapper):
-        if isinstance(env, VectorEnvWrapper) and not isinstance(env.transformation, TaskChange):
-            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {env.name}, not above it")
-        env = env.env
 
 
 class VectorMoment:

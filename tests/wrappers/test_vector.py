@@ -13,7 +13,6 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from lilgym_mp import wrappers
-from lilgym_mp.wrappers import WrongEnvironment
 
 N = 5
 STEPS = 40
@@ -69,7 +68,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def without_last_masks(outcome: Any) -> Any:
-    """A result of a step without the masks of episodes that have ended: nobody acts on them, a batch leaves them out."""
+    """A result of a step without the masks of episodes that have ended: no use to anybody, a batch leaves them out."""
     last = outcome[-1].get("final_info", {})
     for name in ("action_mask", "_action_mask"):
         last.pop(name, None)

@@ -1,0 +1,191 @@
+"""What each observation format shows of a literal scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp.render import draw
+from lilgym_mp.wrappers import (
+    ChannelsFirst,
+    FlatObservation,
+    GridPlanes,
+    NativeImage,
+    StatementEmbedding,
+    StepsLeft,
+    StructuredObservation,
+    TokenizedStatement,
+    WrongEnvironment,
+)
+
+Make = Callable[..., gym.Env[Any, Any]]
+
+# The scene of "round-yes": in the middle box a large yellow circle at (0, 70) and a small blue triangle at (60, 5).
+CIRCLE, TRIANGLE = [0, 70, 0, 0, 2], [60, 5, 2, 2, 0]  # x, y, shape, colour, size
+STATEMENT = "Something round."
+HORIZON = 12
+
+
+def seen(env: gym.Env[Any, Any], task: str = "round-yes") -> Any:
+    return env.reset(options={"task": task})[0]
+
+
+def test_structured__lists_the_items_box_by_box(make: Make):
+    observation = seen(StructuredObservation(make("ScatterFlipIt")))
+    assert observation["items"][1, :3].tolist() == [CIRCLE, TRIANGLE, [-1] * 5]
+    assert observation["present"].sum(axis=1).tolist() == [0, 2, 0]
+    assert set(observation) == {"items", "present", "statement", "target"}
+
+
+def test_structured__has_room_for_every_item_that_play_can_add(make: Make):
+    env = StructuredObservation(make("ScatterFlipIt"))
+    assert env.observation_space["items"].shape == (3, 2 + HORIZON, 5)
+
+
+def test_structured__holds_items_that_the_release_puts_outside_a_box(make: Make):
+    env = StructuredObservation(make("ScatterScratch", rules="release", horizon=60))
+    generator = np.random.default_rng(0)
+    outside = False
+    for seed in range(30):
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            action = generator.choice(np.flatnonzero(env.action_masks())[1:])
+            observation, _, terminated, truncated, _ = env.step(action)
+            assert observation in env.observation_space
+            ended = terminated or truncated
+            outside |= bool((observation["items"][..., :2][observation["present"] == 1] < 0).any())
+    assert outside
+
+
+def test_image__stays_when_told_to(make: Make):
+    for wrapper in (StructuredObservation, GridPlanes):
+        assert "image" in seen(wrapper(make("ScatterFlipIt"), keep_image=True))
+
+
+def test_planes__count_looks_at_centres_and_mark_every_cell_that_is_reached(make: Make):
+    planes = seen(GridPlanes(make("ScatterFlipIt")))["planes"]
+    circle, triangle = (4, 7), (0, 10)  # row and column of the centres, (155, 85) and (205, 10) on the image
+    shown = [[tuple(cell) for cell in np.argwhere(plane).tolist()] for plane in planes]
+    shapes, colours, sizes = shown[0:3], shown[3:6], shown[6:9]
+    assert shapes == [[circle], [], [triangle]]
+    assert colours == [[circle], [], [triangle]]
+    assert sizes == [[triangle], [], [circle]]
+    assert shown[9] == [triangle, (3, 7), (3, 8), (4, 7), (4, 8)]
+
+
+@pytest.mark.parametrize(
+    ("configuration", "settings", "shape"),
+    [
+        ("TowerScratch", {}, (10, 5, 19)),
+        ("ScatterScratch", {}, (10, 5, 19)),
+        ("ScatterScratch", {"grid": (38, 10)}, (10, 10, 38)),
+    ],
+)
+def test_planes__lie_over_the_grid(make: Make, configuration: str, settings: dict[str, Any], shape: tuple[int, ...]):
+    assert GridPlanes(make(configuration, **settings)).observation_space["planes"].shape == shape
+
+
+def test_planes__keep_the_blocks_of_a_tower_apart(make: Make):
+    env = GridPlanes(make("TowerScratch"))
+    env.reset(seed=0)
+    for _ in range(4):
+        planes = env.step(3)[0]["planes"]  # ADD(LEFT, BLUE)
+    assert planes[5].sum(axis=1).tolist() == [0, 1, 1, 1, 1]
+
+
+def test_channels_first__moves_the_colours(make: Make):
+    plain, moved = (seen(env)["image"] for env in (make("ScatterFlipIt"), ChannelsFirst(make("ScatterFlipIt"))))
+    assert moved.shape == (3, 50, 190)
+    assert np.array_equal(moved, plain.transpose(2, 0, 1))
+
+
+def test_native_image__draws_the_scene(make: Make):
+    env = NativeImage(make("ScatterFlipIt"))
+    assert np.array_equal(seen(env)["image"], draw(env.unwrapped.scene))  # pyright: ignore[reportAttributeAccessIssue]
+    assert env.observation_space["image"] == make("ScatterFlipIt", image_size="native").observation_space["image"]
+
+
+def test_steps_left__counts_down(make: Make):
+    env = StepsLeft(make("TowerScratch"))
+    assert seen(env, "blue")["steps_left"] == HORIZON
+    assert [env.step(1)[0]["steps_left"], env.step(1)[0]["steps_left"]] == [HORIZON - 1, HORIZON - 2]
+
+
+def test_embedding__is_asked_once_for_each_statement(make: Make):
+    asked: list[str] = []
+
+    def encoder(statement: str) -> list[float]:
+        asked.append(statement)
+        return [len(statement), statement.count("o")]
+
+    env = StatementEmbedding(make("ScatterFlipIt"), encoder)
+    for _ in range(3):
+        assert seen(env)["statement"].tolist() == [len(STATEMENT), 2]
+    assert asked.count(STATEMENT) <= 2  # once for the space, once for the statement
+
+
+def test_embedding__takes_a_sentence_encoder(make: Make):
+    class Encoder:
+        def encode(self, sentences: list[str]) -> np.ndarray[Any, Any]:
+            return np.array([[len(sentence)] for sentence in sentences])
+
+    assert seen(StatementEmbedding(make("ScatterFlipIt"), Encoder()))["statement"].tolist() == [len(STATEMENT)]
+
+
+@pytest.mark.parametrize(
+    ("encoder", "message"),
+    [
+        ("bert", "encoder must be a function of a statement or have a method encode, not 'bert'"),
+        (lambda statement: 1.0, r"encoder must give one vector of a statement, not an array of shape \(\)"),
+        (lambda statement: [1e9], r"encoder gave numbers beyond limit=1000.0 for '.*'"),
+        (lambda statement: [np.nan], r"encoder gave numbers beyond limit=1000.0 for '.*'"),
+    ],
+)
+def test_embedding__names_what_is_wrong_with_an_encoder(make: Make, encoder: Any, message: str):
+    with pytest.raises(ValueError, match=message):
+        seen(StatementEmbedding(make("ScatterFlipIt"), encoder))
+
+
+def test_embedding__refuses_vectors_of_several_lengths(make: Make):
+    lengths = iter((2, 3))
+    env = StatementEmbedding(make("ScatterFlipIt"), lambda statement: [0.0] * next(lengths))
+    with pytest.raises(
+        ValueError, match=r"encoder gave an array of shape \(3,\) for 'Something round.'; the first had"
+    ):
+        seen(env)
+
+
+def test_flat__puts_the_parts_in_alphabetical_order(make: Make):
+    env = FlatObservation(StepsLeft(TokenizedStatement(StructuredObservation(make("ScatterFlipIt")), length=2)))
+    vector = seen(env)
+    items, present = vector[: 3 * 14 * 5], vector[3 * 14 * 5 : 3 * 14 * 6]
+    assert items.reshape(3, 14, 5)[1, :2].tolist() == [CIRCLE, TRIANGLE]
+    assert present.reshape(3, 14).sum(axis=1).tolist() == [0, 2, 0]
+    statement, steps_left, target = np.split(vector[3 * 14 * 6 :], [2, 2 + HORIZON + 1])
+    assert np.argmax(steps_left) == HORIZON
+    assert target.tolist() == [1, 0]
+    assert len(statement) == 2
+    assert vector.dtype == np.float32
+
+
+def test_flat__refuses_text(make: Make):
+    with pytest.raises(WrongEnvironment, match=r"'statement' is Text.*; put TokenizedStatement or StatementEmbedding"):
+        FlatObservation(make("TowerScratch"))
+
+
+@pytest.mark.parametrize("wrapper", [StructuredObservation, GridPlanes, NativeImage, ChannelsFirst, StepsLeft])
+def test_format__refuses_observations_without_parts(make: Make, wrapper: Any):
+    with pytest.raises(
+        WrongEnvironment, match=f"{wrapper.__name__} needs observations with .*nearer to the environment"
+    ):
+        wrapper(FlatObservation(TokenizedStatement(make("TowerScratch"))))
+
+
+def test_channels_first__refuses_observations_without_an_image(make: Make):
+    with pytest.raises(WrongEnvironment, match="ChannelsFirst needs observations with a part 'image'"):
+        ChannelsFirst(StructuredObservation(make("TowerScratch")))

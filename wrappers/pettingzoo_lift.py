@@ -1,0 +1,194 @@
+"""A transformation on the proposer-verifier game: on what each agent sees, and on what the proposer may do.
+
+`factory` imports this when it is given a PettingZoo environment, so that nothing else needs pettingzoo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
+
+from lilgym_mp.envs.proposer_verifier.shared import GameAccess
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+from lilgym_mp.wrappers.gymnasium_lift import batch_of_one, plain
+from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
+from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
+
+SEEN, MASK = "observation", "action_mask"  # the parts of an agent's observation
+
+AgentObservation = Mapping[str, Any]
+Info = dict[str, Any]
+Int8Array = NDArray[np.int8]
+Does = Callable[..., Transformation]
+
+
+def is_game(env: object) -> bool:
+    """Whether `env` is the game in one of PettingZoo's forms."""
+    return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, GameAccess)
+
+
+def lifted(env: Any, name: str, does: Does, settings: Mapping[str, Any]) -> GameTurns | GameTogether:
+    """The game `env` behind the wrapper called `name`, in the same form."""
+    sides = {agent: Side(env, agent, name, does, settings) for agent in AGENTS}
+    transformation = sides[AGENTS[Role.PROPOSER]].transformation
+    if isinstance(transformation, TaskChange):
+        refuse_above_others(name, env)
+        env.unwrapped.change_tasks(transformation.change)
+    return GameTurns(env, name, sides) if isinstance(env, AECEnv) else GameTogether(env, name, sides)
+
+
+class Side:
+    """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
+
+    def __init__(self, env: Any, agent: str, name: str, does: Does, settings: Mapping[str, Any]) -> None:
+        """Raises WrongEnvironment for a wrapper that speaks of the MDP's own actions."""
+        base: GameAccess = env.unwrapped
+        both, actions = env.observation_space(agent), env.action_space(agent)
+        self.transformation = does(World(name, base.tasks, base.dynamics, both[SEEN], actions), **settings)
+        if self.transformation.speaks_of_actions:
+            raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")
+        self.observation_space = spaces.Dict({SEEN: self.transformation.observation_space(), MASK: both[MASK]})
+        self._session = base.session
+        self._role = Role(AGENTS.index(agent))
+        self._entries: Info = {}  # what became of the agent's last action
+
+    def start(self) -> None:
+        self._entries = {}
+
+    def observation(self, observation: AgentObservation) -> dict[str, Any]:
+        seen, mask = observation[SEEN], observation[MASK]
+        moment = self._moment(mask)
+        if self.transformation.changes_observations:
+            seen = _first(self.transformation.observations(batch_of_one(seen), moment))
+        if self._proposes:
+            narrowed = mask * self.transformation.legal(moment)[0]
+            mask = narrowed if narrowed.any() else mask
+        return {SEEN: seen, MASK: mask}
+
+    def info(self, info: Info, look: Callable[[], Any]) -> Info:
+        """The agent's info; `look` gives its observation, as this wrapper shows it."""
+        info = {**info, **self._entries}
+        if self.transformation.tells:
+            mask = look()[MASK]
+            told = self.transformation.told(info, self._moment(mask))
+            info |= {name: mask if name == MASK else plain(value[0]) for name, value in told.items()}
+        return info
+
+    def action(self, action: Any) -> Any:
+        """The action to take in the game."""
+        if action is None or not self.transformation.changes_actions or not self._proposes:
+            self._entries = {}
+            return action
+        game = self._session.game
+        choice, word = divmod(int(action), game.message_sizes[self._role] + 1)
+        choices, entries = self.transformation.actions(np.array([choice]), self._moment(None))
+        if int(choices[0]) not in game.choices[self._role]:  # where the verifier alone may stop
+            return action
+        self._entries = {name: plain(value[0]) for name, value in entries.items()}
+        return game.action(self._role, int(choices[0]), word)
+
+    @property
+    def _proposes(self) -> bool:
+        return self._role is Role.PROPOSER and Role.PROPOSER in self._session.state.movers
+
+    def _moment(self, mask: Int8Array | None) -> GameMoment:
+        return GameMoment(self.transformation.world, self._session, mask)
+
+
+def _first(batch: Batch) -> Any:
+    """The one value of a batch. Numbers stay NumPy's, as PettingZoo's tests demand."""
+    return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
+
+
+class GameMoment(StatesMoment):
+    """The `Moment` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
+
+    def __init__(self, world: World, session: Any, mask: Int8Array | None) -> None:
+        super().__init__(world, lambda: (session.state.mdp,))
+        self._mask = mask
+
+    def legal(self) -> BoolArray:
+        assert self._mask is not None
+        return self._mask[None].astype(np.bool_)
+
+
+class GameTurns(BaseWrapper[str, Any, Any]):
+    """The turn-by-turn form behind a wrapper."""
+
+    def __init__(self, env: AECEnv[str, Any, Any], name: str, sides: Mapping[str, Side]) -> None:
+        super().__init__(env)
+        self.name = name
+        self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
+        self._sides = sides
+        self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        return self._sides[agent].observation_space
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        super().reset(seed, options)
+        self._told = None
+        for side in self._sides.values():
+            side.start()
+
+    def step(self, action: Any) -> None:
+        super().step(self._sides[self.agent_selection].action(action) if self.agents else action)
+        self._told = None
+
+    def observe(self, agent: str) -> Any:
+        observation = super().observe(agent)
+        return None if observation is None else self._sides[agent].observation(observation)
+
+    @property
+    def infos(self) -> dict[str, Info]:
+        if self._told is None:
+            look = {agent: partial(self.observe, agent) for agent in self.env.infos}
+            self._told = {agent: self._sides[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
+        return self._told
+
+    def __str__(self) -> str:
+        return f"{self.name}<{self.env}>"
+
+
+class GameTogether(BaseParallelWrapper[str, Any, Any]):
+    """The form in which both agents act in every step, behind a wrapper."""
+
+    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, sides: Mapping[str, Side]) -> None:
+        super().__init__(env)
+        self.name = name
+        self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
+        self._sides = sides
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        return self._sides[agent].observation_space
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Info]]:
+        observations, infos = super().reset(seed, options)
+        for side in self._sides.values():
+            side.start()
+        return self._shown(observations, infos)
+
+    def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
+        if self.agents and actions.keys() == self._sides.keys():  # else the game itself says what is wrong
+            actions = {agent: self._sides[agent].action(action) for agent, action in actions.items()}
+        observations, rewards, terminated, truncated, infos = super().step(dict(actions))
+        shown, told = self._shown(observations, infos)
+        return shown, rewards, terminated, truncated, told
+
+    def _shown(
+        self, observations: Mapping[str, Any], infos: Mapping[str, Info]
+    ) -> tuple[dict[str, Any], dict[str, Info]]:
+        shown = {agent: self._sides[agent].observation(observation) for agent, observation in observations.items()}
+        return shown, {agent: self._sides[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()}
+
+    def __str__(self) -> str:
+        return f"{self.name}<{self.env}>"
