@@ -209,11 +209,9 @@ def _seed_at(seed: int, steps: int) -> int:
 def _restore(network: ActorCritic, checkpoint: Checkpoint, directory: RunDirectory) -> None:
     try:
         network.load_state_dict(checkpoint.network)
-    except RuntimeError as fault:
-        reason = str(fault).splitlines()[0]
-        raise RunError(
-            f"{directory.checkpoint_file}: of another network than {directory.identity_file}: {reason}"
-        ) from None
+    except RuntimeError:
+        place = f"{directory.checkpoint_file}: not of the network that {directory.identity_file} describes"
+        raise RunError(place) from None
 
 
 @dataclass

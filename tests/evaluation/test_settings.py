@@ -30,5 +30,5 @@ def test_make__passes_everything_on():
 
 
 def test_settings__an_unknown_configuration_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match="unknown configuration 'Tower'; choose from ScatterFlipIt, .*TowerScratch"):
+    with pytest.raises(ValueError, match=r"unknown configuration 'Tower'; choose from ScatterFlipIt, .*TowerScratch"):
         Settings("Tower")
