@@ -18,8 +18,7 @@ from lilgym_mp.solver.placements import BoxEdit, Placements
 from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
 from lilgym_mp.solver.sketches import Sketcher, SketchLayers
-from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
-from lilgym_mp.task import Task
+from lilgym_mp.solver.solution import ActionSet, Solution, Status, judged_by_program, not_found, solved, unsolvable
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
@@ -46,7 +45,7 @@ class ScatterSearch:
     def solve(self, state: State, most_edits: int, budget: Budget) -> Solution:
         if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
-        if type(state.task).solved_by is not Task.solved_by:
+        if not judged_by_program(state.task):
             return not_found(1, budget, "success is not the truth of its program, by which Scatter tasks are solved")
         search = _TaskSearch(self._placements, state, most_edits, budget)
         try:

@@ -6,7 +6,7 @@ statement is left to find out, scene by scene, nearest first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,10 +14,13 @@ from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
 from lilgym_mp.appearances import PlacementRules, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
-from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
-from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
+from lilgym_mp.solver.faces import Face, face_of
+from lilgym_mp.solver.search import BoxLayers, Budget, BudgetSpentError, goals_after
+from lilgym_mp.solver.solution import ActionSet, Solution, judged_by_program, not_found, solved, unsolvable
 
 BoxEdit = AddBlock | RemoveBlock
+
+MOST_NEAR_EDITS = 4  # up to which looking at every scene is quicker than telling faces
 
 _EDITS: tuple[BoxEdit, ...] = (*(AddBlock(0, colour) for colour in Colour), RemoveBlock(0))
 
@@ -62,6 +65,24 @@ def _edited(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[tuple
             yield edit, after.boxes[0]
 
 
+class FaceLayers:
+    """Of what a stack can become, by the number of edits, the first with each face."""
+
+    def __init__(self, layers: StackLayers, face: Face) -> None:
+        seen: set[Hashable] = set()
+        self._layers = [tuple(self._new(boxes, face, seen)) for boxes in layers.layers]
+
+    def _new(self, boxes: Sequence[Box], face: Face, seen: set[Hashable]) -> Iterator[Box]:
+        for box in boxes:
+            value = face(box)
+            if value not in seen:
+                seen.add(value)
+                yield box
+
+    def layer(self, edits: int) -> Sequence[Box]:
+        return self._layers[edits] if edits < len(self._layers) else ()
+
+
 class TowerSearch:
     """Shortest solutions by looking at every scene, nearest first."""
 
@@ -75,13 +96,26 @@ class TowerSearch:
         layers = self._layers(state.scene)
         edits = 0
         try:
-            for edits in range(most_edits + 1):
-                for goal in goals_after(edits, layers, state.task.solved_by, budget):
+            for edits, goals in self._goals(state, layers, most_edits, budget):
+                for goal in goals:
                     actions = (edit for path in _paths(layers, goal) for edit in path)
                     return solved((*actions, STOP), edits, budget)
         except BudgetSpentError:
             return not_found(edits, budget)
         return unsolvable(f"no scene within {most_edits} edits has that value", most_edits + 1, budget)
+
+    def _goals(
+        self, state: State, layers: list[StackLayers], most_edits: int, budget: Budget
+    ) -> Iterator[tuple[int, Iterator[Scene]]]:
+        """By number of edits, goals: all that are near; of those further off one of each kind, where kinds are told."""
+        is_goal = state.task.solved_by
+        for edits in range(min(most_edits, MOST_NEAR_EDITS) + 1):
+            yield edits, goals_after(edits, layers, is_goal, budget)
+        further = range(MOST_NEAR_EDITS + 1, most_edits + 1)
+        face = face_of(state.task.program) if further and judged_by_program(state.task) else None
+        kinds: Sequence[BoxLayers] = layers if face is None else [FaceLayers(layer, face) for layer in layers]
+        for edits in further:
+            yield edits, goals_after(edits, kinds, is_goal, budget)
 
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""
