@@ -8,20 +8,23 @@ in IEEE doubles, a later pair winning only when it is strictly nearer.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf, sqrt
 
 Point = tuple[float, float]
 Ring = Sequence[Point]  # closed: the last point repeats the first
 
 
-def nearest_points(first: Ring, second: Ring, pairs: Iterable[tuple[int, int]]) -> tuple[Point, Point]:
+def nearest_points(
+    first: Mapping[int, Point], second: Mapping[int, Point], pairs: Sequence[tuple[int, int]]
+) -> tuple[Point, Point]:
     """The nearest points on two rings that do not intersect, the first ring's first.
 
-    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order.
+    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order; the rings are given by the
+    segments' ends, segment i going from point i to point i + 1.
     """
     nearest = inf
-    found = first[0], second[0]
+    found = first[pairs[0][0]], second[pairs[0][1]]
     for i, j in pairs:
         a, b, c, d = first[i], first[i + 1], second[j], second[j + 1]
         if _envelope_distance_squared(a, b, c, d) > nearest * nearest:
@@ -33,9 +36,9 @@ def nearest_points(first: Ring, second: Ring, pairs: Iterable[tuple[int, int]]) 
     return found
 
 
-def all_pairs(first: Ring, second: Ring) -> Iterable[tuple[int, int]]:
+def all_pairs(first: Ring, second: Ring) -> Sequence[tuple[int, int]]:
     """Every pair of segments of two rings, in the order of `nearest_points`."""
-    return ((i, j) for i in range(len(first) - 1) for j in range(len(second) - 1))
+    return [(i, j) for i in range(len(first) - 1) for j in range(len(second) - 1)]
 
 
 def _envelope_distance_squared(a: Point, b: Point, c: Point, d: Point) -> float:

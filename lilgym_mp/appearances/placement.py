@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.nearest import Ring, all_pairs, nearest_points
+from lilgym_mp.appearances.nearest import Point, Ring, all_pairs, nearest_points
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Item, SceneError
 
 BoolArray = NDArray[np.bool_]
@@ -83,14 +83,22 @@ class PlacementTables:
         if pairs is None and other[0] + frame_x >= 0 and other[1] >= 0:
             code = self.moves[kind][other_kind][offset]
             return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
-        new_ring = self._ring(kind, x + frame_x, y)
-        other_ring = self._ring(other_kind, other[0] + frame_x, other[1])
-        p, q = nearest_points(new_ring, other_ring, all_pairs(new_ring, other_ring) if pairs is None else pairs)
+        if pairs is None:
+            pairs = all_pairs(self.outlines[kind], self.outlines[other_kind])
+        new_ring = self._points(kind, x + frame_x, y, {i for i, _ in pairs})
+        other_ring = self._points(other_kind, other[0] + frame_x, other[1], {j for _, j in pairs})
+        p, q = nearest_points(new_ring, other_ring, pairs)
         return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
-    def _ring(self, kind: int, x: int, y: int) -> Ring:
+    def _points(self, kind: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
+        """The ends of some segments of the outline of an item of `kind` at (x, y), by number."""
         centre_x, centre_y = x + KIND_PIXELS[kind] / 2, y + KIND_PIXELS[kind] / 2
-        return [(centre_x + px, centre_y + py) for px, py in self.outlines[kind]]
+        outline = self.outlines[kind]
+        return {
+            i: (centre_x + outline[i][0], centre_y + outline[i][1])
+            for segment in segments
+            for i in (segment, segment + 1)
+        }
 
 
 @cache

@@ -62,7 +62,8 @@ class LilGymEnv(gym.Env[Observation, int]):
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
         self.observation_space = cast("spaces.Space[Observation]", observation_space(image_size, self.tasks))
         self._state: State | None = None
-        self._last: LastAction | None = None
+        self._last: tuple[int, Transition] | None = None  # the last action's number, and what came of it
+        self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._decode = self.dynamics.appearance.decode
         self._window: Window | None = None
@@ -96,17 +97,16 @@ class LilGymEnv(gym.Env[Observation, int]):
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
         index = self._checked(action)
         transition = self.dynamics.step(state, self._decode(index))
-        self._state = state = transition.state
-        _, _, reward, terminated, truncated, _ = verdict = transition.verdict
-        self._last = LastAction(index, verdict, transition.invalid)
+        self._state, (_, _, reward, terminated, truncated, _), _ = transition
+        self._last = index, transition
         self._ended = terminated or truncated
         if self.render_mode == "human":
             self.render()
         info = end_info(transition) if self._ended else {}
-        return self._observe(state), reward, terminated, truncated, info
+        return self._observe(self._state), reward, terminated, truncated, info
 
     def _checked(self, action: SupportsIndex) -> int:
-        count = self.dynamics.appearance.action_count
+        count = self._action_count
         try:
             index = operator.index(action)
         except TypeError:
@@ -179,7 +179,10 @@ class LilGymEnv(gym.Env[Observation, int]):
         return None
 
     def _lines(self) -> list[str]:
-        return caption(self.state, self.dynamics, self._last)
+        if self._last is None:
+            return caption(self.state, self.dynamics, None)
+        number, (_, verdict, invalid) = self._last
+        return caption(self.state, self.dynamics, LastAction(number, verdict, invalid))
 
     def close(self) -> None:
         if self._window is not None:
