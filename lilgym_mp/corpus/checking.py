@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
+from lilgym_mp.corpus.generator import Recipe
 from lilgym_mp.corpus.installing import installation_faults
 from lilgym_mp.corpus.jsonlines import CorpusFile
+from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.places import corpus_path
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
-from lilgym_mp.corpus.tasks import TaskReader, contexts
+from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 
 
 class TaskCount(NamedTuple):
@@ -53,8 +55,10 @@ class CorpusReport:
 def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
     """The report on all of a corpus, which is named as for `load_tasks`.
 
-    Raises CorpusError only when there is no such corpus.
+    Raises CorpusError only when there is no such corpus, or a generated one cannot be made.
     """
+    if Recipe.named(corpus) is not None:
+        return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
     with corpus_path(corpus) as path:
         faults = FaultLog(stop_at_first=False)
         present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
@@ -69,6 +73,11 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         if path.is_dir() and not present:
             faults.add(str(path), "it has none of the released files")
         return CorpusReport(str(path), tuple(faults.found), tuple(counts), tuple(absent))
+
+
+def _count(tasks: TaskSet) -> TaskCount:
+    origin = tasks.provenance
+    return TaskCount(origin.appearance, origin.start, origin.split, len(tasks), contexts(tasks))
 
 
 def _file_counts(path: Path, faults: FaultLog) -> list[TaskCount]:

@@ -226,6 +226,19 @@ def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
     assert "needs more than 100000 steps on this scene" in fault.what
 
 
+def test_check__a_generated_corpus_is_counted(monkeypatch: pytest.MonkeyPatch):
+    only = [load_tasks("generated:2", "tower", "flipit", "dev")]
+    monkeypatch.setattr("lilgym_mp.corpus.checking.load_all_tasks", lambda corpus: only)
+    report = check_corpus("generated:2")
+    assert report.ok
+    assert [count[:4] for count in report.counts] == [("tower", "flipit", "dev", len(only[0]))]
+
+
+def test_check__a_generated_corpus_that_cannot_be_is_refused():
+    with pytest.raises(CorpusError, match="generated:9"):
+        check_corpus("generated:9")
+
+
 def test_check__absent_released_files_are_listed_and_no_fault(released: Path):
     report = check_corpus(released)
     assert report.ok
