@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Generic, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
+from lilgym_mp.rules import State
 from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
 from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
@@ -67,9 +68,11 @@ class EnvMoment(StatesMoment):
     """The `Moment` of one environment, as the wrappers up to `env` have narrowed it."""
 
     def __init__(self, world: World, env: gym.Env[Any, Any]) -> None:
-        base: Any = env.unwrapped
-        super().__init__(world, lambda: (base.state,))
+        super().__init__(world)
         self._env = env
+
+    def states(self) -> Sequence[State]:
+        return (self._env.unwrapped.state,)  # pyright: ignore[reportAttributeAccessIssue]
 
     def legal(self) -> BoolArray:
         return self._env.get_wrapper_attr("action_masks")()[None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -108,30 +108,34 @@ class World:
 
 
 class StatesMoment:
-    """The `Moment` of states at hand, nothing having narrowed what is legal; it looks when asked."""
+    """The `Moment` of states, nothing having narrowed what is legal."""
 
-    def __init__(self, world: World, states: Callable[[], Sequence[State]]) -> None:
+    def __init__(self, world: World, states: Sequence[State] = ()) -> None:
         self._world = world
         self._states = states
 
+    def states(self) -> Sequence[State]:
+        """(B) the states now; subclasses look them up when asked."""
+        return self._states
+
     @property
     def task_numbers(self) -> Int64Array:
-        return np.array([self._world.tasks.number(state.task.id) for state in self._states()], np.int64)
+        return np.array([self._world.tasks.number(state.task.id) for state in self.states()], np.int64)
 
     @property
     def steps(self) -> Int64Array:
-        return np.array([state.steps for state in self._states()], np.int64)
+        return np.array([state.steps for state in self.states()], np.int64)
 
     @property
     def items(self) -> Int16Array:
         capacity = self._world.item_capacity
-        return np.stack([item_array(state.scene, capacity) for state in self._states()])
+        return np.stack([item_array(state.scene, capacity) for state in self.states()])
 
     def legal(self) -> BoolArray:
-        return np.stack([self._world.dynamics.legal_mask(state) for state in self._states()])
+        return np.stack([self._world.dynamics.legal_mask(state) for state in self.states()])
 
     def goal_reached(self) -> BoolArray:
-        return np.array([self._world.dynamics.goal_reached(state) for state in self._states()], np.bool_)
+        return np.array([self._world.dynamics.goal_reached(state) for state in self.states()], np.bool_)
 
 
 def scene_of(array: Int16Array) -> Scene:

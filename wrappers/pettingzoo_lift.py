@@ -111,7 +111,7 @@ class GameMoment(StatesMoment):
     """The `Moment` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
 
     def __init__(self, world: World, session: Any, mask: Int8Array | None) -> None:
-        super().__init__(world, lambda: (session.state.mdp,))
+        super().__init__(world, (session.state.mdp,))
         self._mask = mask
 
     def legal(self) -> BoolArray:

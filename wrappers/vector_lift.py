@@ -117,7 +117,7 @@ class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
         actions = self.unwrapped.actions  # pyright: ignore[reportAttributeAccessIssue]
         states = [_last_state(world, before, number, int(actions[number])) for number in numbers]
         observations = _stacked([infos[LAST][number] for number in numbers])
-        shown = self.transformation.observations(observations, StatesMoment(world, lambda: states))
+        shown = self.transformation.observations(observations, StatesMoment(world, states))
         last = np.full(self.num_envs, None, object)
         for place, number in enumerate(numbers):
             last[number] = only_one(self.single_observation_space, _taken(shown, place))

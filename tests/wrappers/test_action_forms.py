@@ -1,0 +1,132 @@
+"""Actions as arrays and by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from lilgym_mp.actions import ActionError, describe, named
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.scene import Scene
+from lilgym_mp.wrappers import MultiDiscreteActions, NamedActions, StopForcing, WrongEnvironment
+from lilgym_mp.wrappers.multi_discrete import multi_discrete_actions_v0
+
+Make = Callable[..., gym.Env[Any, Any]]
+
+BLUE_LEFT = [[{"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}], [], []]
+
+
+def scene(env: gym.Env[Any, Any]) -> Scene:
+    return env.unwrapped.scene  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_arrays__are_the_released_form(make: Make):
+    env = MultiDiscreteActions(make("TowerScratch"))
+    assert env.action_space == spaces.MultiDiscrete([3, 3, 3])
+    env.reset(seed=0)
+    env.step(np.array([1, 0, 2]))
+    assert scene(env).to_json() == BLUE_LEFT
+    env.step([2, 0, -1])
+    assert scene(env) == Scene.empty()
+
+
+@pytest.mark.parametrize(
+    ("grid", "sizes"),
+    [((19, 5), [3, 19, 5, 3, 3, 3]), ((38, 10), [3, 38, 10, 3, 3, 3]), ((19, 1), [3, 19, 1, 3, 3, 3])],
+)
+def test_arrays__of_scatter_cover_the_grid(make: Make, grid: tuple[int, int], sizes: list[int]):
+    assert MultiDiscreteActions(make("ScatterScratch", grid=grid)).action_space == spaces.MultiDiscrete(sizes)
+
+
+@pytest.mark.parametrize("unused", [-1, 0, 99])
+@pytest.mark.parametrize(("appearance", "grid"), [("Tower", (19, 5)), ("Scatter", (19, 5)), ("Scatter", (38, 4))])
+def test_every_array__gives_its_number_whatever_is_in_unused_slots(
+    make: Make, appearance: str, grid: tuple[int, int], unused: int
+):
+    env = MultiDiscreteActions(make(f"{appearance}Scratch", grid=grid))
+    actions = make_appearance(appearance.lower(), grid)
+    arrays = np.array([actions.to_array(actions.decode(number)) for number in range(actions.action_count)])
+    arrays[arrays == -1] = unused
+    numbers, _ = env.transformation.actions(arrays, env._moment)
+    assert numbers.tolist() == list(range(actions.action_count))
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([1, 3, 0], "box 3 of the action is out of range; choose from 0 .. 2"),
+        ([3, 0, 0], "type 3 of the action is out of range"),
+        ([1, -1, 0], "box -1 of the action is out of range"),
+        ([1, 0], "an action array must be 3 whole numbers"),
+        ([1.0, 0.0, 0.0], "an action array must be 3 whole numbers"),
+    ],
+)
+def test_array_that_is_no_action__is_refused(make: Make, action: list[Any], message: str):
+    env = MultiDiscreteActions(make("TowerScratch"))
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=message):
+        env.step(action)
+
+
+def test_arrays__of_a_batch(corpus: Any):
+    batch = multi_discrete_actions_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, corpus=str(corpus)))
+    batch.reset(seed=0)
+    batch.step(np.array([[1, 0, 2], [1, 2, 1], [0, 0, 0]]))
+    assert batch.unwrapped.actions.tolist() == [3, 8, 0]
+
+
+@pytest.mark.parametrize("grid", [(19, 5), (38, 10)])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_every_name__names_its_action(appearance: str, grid: tuple[int, int]):
+    actions = make_appearance(appearance, grid)
+    for number in range(actions.action_count):
+        assert actions.encode(named(describe(actions.decode(number)))) == number
+
+
+def test_names__are_actions(make: Make):
+    env = NamedActions(make("TowerScratch"))
+    env.reset(seed=0)
+    env.step("add( left , blue )")
+    assert scene(env).to_json() == BLUE_LEFT
+    env.step("REMOVE(LEFT)")
+    assert scene(env) == Scene.empty()
+
+
+@pytest.mark.parametrize("name", ["GO", "ADD(NORTH, BLUE)", "ADD(LEFT)", "ADD(3, 4, CIRCLE, BLUE, SMALL)", "", 3])
+def test_name_of_nothing__is_refused(make: Make, name: Any):
+    env = NamedActions(make("TowerScratch"))
+    env.reset(seed=0)
+    assert name not in env.action_space
+    with pytest.raises(ActionError, match="names no action|is no action of tower|must be given by its name"):
+        env.step(name)
+
+
+def test_cell_outside_the_grid__is_refused(make: Make):
+    env = NamedActions(make("ScatterScratch"))
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=r"x 19 of the action is out of range; choose from 0 \.\. 18"):
+        env.step("ADD(19, 0, CIRCLE, BLUE, SMALL)")
+
+
+def test_name_space__samples_names_by_mask(make: Make):
+    env = NamedActions(make("TowerScratch"))
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    mask = np.zeros(13, np.int8)
+    mask[3] = 1
+    assert env.action_space.sample(mask) == "ADD(LEFT, BLUE)"
+    assert env.action_space.sample() in env.action_space
+    assert env.action_space == NamedActions(make("TowerFlipIt")).action_space
+    assert env.action_space != NamedActions(make("ScatterFlipIt")).action_space
+
+
+@pytest.mark.parametrize("form", [MultiDiscreteActions, NamedActions])
+def test_what_needs_numbered_actions__says_so(make: Make, form: Any):
+    with pytest.raises(WrongEnvironment, match=r"StopForcing needs numbered actions, Discrete\(13\)"):
+        StopForcing(form(make("TowerScratch")), mode="replace")
+    form(StopForcing(make("TowerScratch"), mode="replace"))

@@ -1,0 +1,198 @@
+"""Wrappers on top of one another: rebuilt from their spec, and content with Gymnasium's and SB3's checks."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp import wrappers
+from lilgym_mp.wrappers import WrongEnvironment
+
+Make = Callable[..., gym.Env[Any, Any]]
+Stack = list[tuple[Any, dict[str, Any]]]
+
+
+def letters(statement: str) -> list[int]:
+    """A small encoder of sentences."""
+    return [statement.count(letter) for letter in "aeiou"]
+
+
+ALONE: Stack = [
+    (wrappers.ActionMask, {}),
+    (wrappers.BoxPermutation, {}),
+    (wrappers.ChannelsFirst, {}),
+    (wrappers.GridPlanes, {"keep_image": True}),
+    (wrappers.MultiDiscreteActions, {}),
+    (wrappers.NLVRReward, {}),
+    (wrappers.NamedActions, {}),
+    (wrappers.NativeImage, {}),
+    (wrappers.StatementEmbedding, {"encoder": letters}),
+    (wrappers.StepsLeft, {}),
+    (wrappers.StopForcing, {"mode": "mask"}),
+    (wrappers.StopForcing, {"mode": "replace"}),
+    (wrappers.StructuredObservation, {}),
+    (wrappers.TextObservation, {"default": 1}),
+    (wrappers.TokenizedStatement, {"length": 40}),
+]
+NAMES = [f"{wrapper.__name__} {arguments}" for wrapper, arguments in ALONE]
+
+# Any choice of these, in this order of layers and any order within one, makes sense.
+LAYERS: list[Stack] = [
+    [(wrappers.BoxPermutation, {}), (wrappers.NLVRReward, {})],
+    [
+        (wrappers.StopForcing, {"mode": "replace"}),
+        (wrappers.StopForcing, {"mode": "mask"}),
+        (wrappers.ActionMask, {}),
+        (wrappers.StepsLeft, {}),
+        (wrappers.GridPlanes, {"keep_image": True}),
+        (wrappers.StructuredObservation, {"keep_image": True}),
+        (wrappers.TokenizedStatement, {}),
+        (wrappers.StatementEmbedding, {"encoder": letters}),
+        (wrappers.NativeImage, {}),
+    ],
+    [(wrappers.ChannelsFirst, {}), (wrappers.ActionMask, {})],
+    [(wrappers.MultiDiscreteActions, {}), (wrappers.StepsLeft, {})],
+]
+
+
+def stacked(env: gym.Env[Any, Any], stack: Stack) -> gym.Env[Any, Any]:
+    for wrapper, arguments in stack:
+        env = wrapper(env, **arguments)
+    return env
+
+
+def check(env: gym.Env[Any, Any]) -> None:
+    with warnings.catch_warnings():
+        # What any wrapped environment is told.
+        warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
+        check_env(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterScratch"])
+@pytest.mark.parametrize(("wrapper", "arguments"), ALONE, ids=NAMES)
+def test_wrapper__passes_gymnasiums_check(make: Make, configuration: str, wrapper: Any, arguments: dict[str, Any]):
+    check(wrapper(make(configuration), **arguments))
+
+
+def test_flat__passes_gymnasiums_check(make: Make):
+    check(wrappers.FlatObservation(wrappers.TokenizedStatement(make("ScatterFlipIt"))))
+
+
+@pytest.mark.parametrize(("wrapper", "arguments"), ALONE, ids=NAMES)
+def test_spec__rebuilds_the_wrapper(make: Make, wrapper: Any, arguments: dict[str, Any]):
+    env = wrapper(make("TowerScratch"), **arguments)
+    assert env.spec is not None
+    rebuilt: Any = gym.make(env.spec)
+    assert str(rebuilt) == str(env)
+    assert rebuilt.spec == env.spec
+    assert rebuilt.observation_space == env.observation_space
+    assert same_play(env, rebuilt)
+
+
+def test_spec__survives_json(make: Make):
+    env = wrappers.FlatObservation(wrappers.TokenizedStatement(wrappers.StopForcing(make("TowerScratch"))))
+    assert env.spec is not None
+    rebuilt = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert str(rebuilt) == str(env)
+
+
+def same_play(one: gym.Env[Any, Any], other: gym.Env[Any, Any]) -> bool:
+    """Whether both environments answer alike to a seed and some actions."""
+    one.action_space.seed(0)
+    outcomes = [env.reset(seed=3) for env in (one, other)]
+    for _ in range(3):
+        if not alike(*outcomes):
+            return False
+        action = one.action_space.sample()
+        outcomes = [env.step(action) for env in (one, other)]
+        if outcomes[0][2] or outcomes[0][3]:
+            break
+    return alike(*outcomes)
+
+
+def alike(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(alike, one, other))
+    return bool(np.array_equal(one, other))
+
+
+def test_stack__is_picklable_in_mid_episode(make: Make):
+    env = stacked(
+        make("TowerFlipIt"), [(wrappers.StopForcing, {}), (wrappers.TokenizedStatement, {}), (wrappers.GridPlanes, {})]
+    )
+    env.reset(seed=0)
+    env.step(1)
+    copy = pickle.loads(pickle.dumps(env))
+    assert alike(env.step(2), copy.step(2))
+
+
+@st.composite
+def stacks(draw: st.DrawFn) -> Stack:
+    return [
+        entry
+        for layer in LAYERS
+        for entry in draw(st.lists(st.sampled_from(layer), unique_by=lambda entry: entry[0].__name__, max_size=4))
+    ]
+
+
+@settings(max_examples=40)
+@given(stack=stacks(), appearance=st.sampled_from(["Tower", "Scatter"]), seed=st.integers(0, 1000))
+def test_random_stack__stays_within_its_spaces(stack: Stack, appearance: str, seed: int):
+    env = stacked(gym.make(f"lilgym_mp/{appearance}Scratch-v0"), stack)
+    env.action_space.seed(seed)
+    observation, _ = env.reset(seed=seed)
+    assert observation in env.observation_space
+    ended = False
+    while not ended:
+        action = env.action_space.sample()
+        assert action in env.action_space
+        observation, reward, terminated, truncated, _ = env.step(action)
+        assert observation in env.observation_space
+        assert isinstance(reward, float)
+        ended = terminated or truncated
+    masks = env.get_wrapper_attr("action_masks")()
+    assert masks[0]
+    assert masks.dtype == np.bool_
+
+
+def test_tokens__pass_sb3s_check(make: Make):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="Stable-Baselines3 is not installed")
+    for configuration in ("TowerFlipIt", "ScatterFlipIt"):
+        checker.check_env(wrappers.TokenizedStatement(make(configuration)))
+
+
+FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.endswith("_v0")}
+
+
+@pytest.mark.parametrize("name", FACTORIES)
+def test_factory__refuses_a_stranger(name: str):
+    arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}.get(name, {})
+    strangers = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
+    for stranger in strangers:
+        with pytest.raises(WrongEnvironment):
+            FACTORIES[name](stranger, **arguments)
+
+
+def test_factory__of_other_vector_environments_says_what_to_do(make: Make):
+    each = gym.vector.SyncVectorEnv([partial(make, "TowerScratch")] * 2)
+    with pytest.raises(WrongEnvironment, match="for others wrap each environment"):
+        wrappers.action_mask_v0(each)
+
+
+def test_factory__has_the_signature_and_words_of_its_class():
+    factory = wrappers.tokenized_statement_v0
+    assert "vocabulary" in (factory.__doc__ or "")
+    with pytest.raises(TypeError, match="words"):
+        factory(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), words=3)  # pyright: ignore[reportCallIssue]

@@ -1,0 +1,192 @@
+"""Start scenes in every order of their boxes, and success as likeness to the corpus's scenes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
+from lilgym_mp.corpus.matching import matching_corpus
+from lilgym_mp.corpus.permutation import with_permuted_boxes
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.scene import Scene
+from lilgym_mp.wrappers import (
+    ActionMask,
+    BoxPermutation,
+    NLVRReward,
+    StepsLeft,
+    StopForcing,
+    WrongEnvironment,
+    box_permutation_v0,
+    nlvr_reward_v0,
+    steps_left_v0,
+)
+
+Make = Callable[..., gym.Env[Any, Any]]
+
+STOP, ADD_LEFT_BLACK, ADD_LEFT_BLUE, ADD_MIDDLE_BLUE, ADD_RIGHT_BLUE = 0, 2, 3, 6, 9
+
+NAMES_A_BOX = {
+    "id": "left",
+    "appearance": "tower",
+    "split": "train",
+    "statement": "The left box holds something.",
+    "program": "count(all_boxes[0]) > 0",
+    "starts": [
+        {
+            "id": "left-yes",
+            "label": True,
+            "scene": [[{"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}], [], []],
+        }
+    ],
+}
+
+
+def test_permuted__gives_six_tasks_with_the_boxes_in_every_order(corpus: Path):
+    tasks = load_tasks(str(corpus), "tower", "flipit", "train")
+    permuted = with_permuted_boxes(tasks)
+    assert len(permuted) == 6 * len(tasks)
+    start = tasks.by_id("blue-yes").start
+    assert permuted.by_id("blue-yes").start == start
+    assert permuted.by_id("blue-yes@201").start == start.permuted((2, 0, 1))
+
+
+def test_permuted__distinct_leaves_out_what_is_the_same(corpus: Path):
+    """One box of three filled: three places for it. Two different ones filled: six orders."""
+    tasks = load_tasks(str(corpus), "tower", "flipit", "train")
+    distinct = with_permuted_boxes(tasks, distinct=True)
+    assert Counter(name.split("@")[0] for name in distinct.ids) == {"blue-yes": 6, "blue-no": 3, "pair-no": 3}
+
+
+def test_permuted__leaves_out_orders_that_change_the_truth(tmp_path: Path):
+    write_corpus(tmp_path / "left.jsonl", "left", "MIT", [NAMES_A_BOX])
+    permuted = with_permuted_boxes(load_tasks(tmp_path / "left.jsonl", "tower", "flipit", "train"))
+    assert permuted.ids == ("left-yes", "left-yes@021")
+
+
+@pytest.mark.parametrize(("appearance", "distinct"), [("tower", 3904), ("scatter", 1878)])
+@pytest.mark.usefixtures("official_data")
+def test_permuted__official_statements_never_name_a_box(appearance: str, distinct: int):
+    tasks = load_tasks("lilgym", appearance, "flipit", "dev")
+    assert len(with_permuted_boxes(tasks)) == 6 * len(tasks)
+    assert len(with_permuted_boxes(tasks, distinct=True)) == distinct
+
+
+def test_box_permutation__starts_in_every_order(make: Make):
+    env = BoxPermutation(make("TowerFlipIt"))
+    starts = Counter[Scene]()
+    env.reset(seed=0)
+    for _ in range(300):
+        env.reset()
+        starts[env.unwrapped.scene] += 1  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(starts) == 12  # six orders of "blue-yes", three of the black block alone, three of the blue one alone
+    env.reset(options={"task": "pair-no@120"})
+    assert [len(box.items) for box in env.unwrapped.scene.boxes] == [0, 0, 1]  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_box_permutation__is_drawn_by_the_environments_generator(make: Make):
+    ids = [BoxPermutation(make("TowerFlipIt")).reset(seed=5)[1]["task"] for _ in range(2)]
+    assert ids[0] == ids[1]
+
+
+def test_box_permutation__changes_no_scratch_start(make: Make):
+    env = BoxPermutation(make("TowerScratch"))
+    env.reset(seed=0)
+    assert env.unwrapped.scene == Scene.empty()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_nlvr_reward__is_for_scenes_of_the_corpus_alone(make: Make):
+    """The corpus's scene labelled true for "blue": black to the left, blue in the middle."""
+    env = NLVRReward(make("TowerScratch"))
+    for actions, reward in (
+        ([ADD_LEFT_BLUE], -1.0),
+        ([ADD_LEFT_BLACK, ADD_MIDDLE_BLUE], 1.0),
+        ([ADD_MIDDLE_BLUE, ADD_LEFT_BLACK], 1.0),
+        ([ADD_LEFT_BLACK, ADD_RIGHT_BLUE], -1.0),
+        ([ADD_LEFT_BLACK], -1.0),
+    ):
+        env.reset(options={"task": "blue"})
+        for action in actions:
+            env.step(action)
+        _, last, _, _, info = env.step(STOP)
+        assert last == reward
+        assert info["is_success"] == (reward > 0)
+
+
+def test_nlvr_reward__ignores_the_order_in_which_items_came(make: Make):
+    env = NLVRReward(make("ScatterScratch"))
+    env.reset(options={"task": "round"})
+    goals = env.unwrapped.task.goals  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(goals) == 1
+    circle, triangle = (0, 70, 0, 0, 2), (60, 5, 2, 2, 0)
+    assert goals == {((), tuple(sorted((triangle, circle))), ())}
+
+
+def test_nlvr_reward__leaves_a_statement_without_scenes_unrewarded(make: Make):
+    env = NLVRReward(make("TowerScratch"))
+    env.reset(options={"task": "pair"})
+    env.step(ADD_LEFT_BLUE)
+    env.step(ADD_MIDDLE_BLUE)
+    assert env.step(STOP)[1] == -1.0
+
+
+def test_nlvr_reward__is_what_stop_forcing_goes_by(make: Make):
+    env = StopForcing(NLVRReward(make("TowerScratch")))
+    env.reset(options={"task": "blue"})
+    env.step(ADD_LEFT_BLUE)
+    assert env.action_masks().sum() > 1
+    env.reset(options={"task": "blue"})
+    env.step(ADD_LEFT_BLACK)
+    env.step(ADD_MIDDLE_BLUE)
+    assert env.action_masks().nonzero()[0].tolist() == [STOP]
+
+
+def test_nlvr_reward__refuses_flipit(make: Make):
+    with pytest.raises(CorpusError, match=r"flipit.*scenes are compared for Scratch tasks only"):
+        NLVRReward(make("TowerFlipIt"))
+
+
+@pytest.mark.usefixtures("official_data")
+def test_matching__finds_scenes_for_every_official_statement_of_tower_dev():
+    assert all(task.goals for task in matching_corpus(load_tasks("lilgym", "tower", "scratch", "dev")))  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize("wrapper", [BoxPermutation, NLVRReward])
+def test_change_of_tasks__must_stand_beneath_what_looks_at_tasks(make: Make, wrapper: Any):
+    with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} changes the tasks, so it must stand beneath"):
+        wrapper(StepsLeft(ActionMask(make("TowerScratch"))))
+
+
+def test_change_of_tasks__of_a_batch_must_stand_beneath_too(corpus: Path):
+    batch = steps_left_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, corpus=str(corpus)))
+    with pytest.raises(WrongEnvironment, match="NLVRReward changes the tasks, so it must stand beneath StepsLeft"):
+        nlvr_reward_v0(batch)
+
+
+def test_change_of_tasks__reaches_a_batch_and_its_workers(corpus: Path):
+    settings = {"num_envs": 6, "corpus": str(corpus)}
+    batch = box_permutation_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", **settings))
+    workers = box_permutation_v0(WorkerVectorEnv("lilgym_mp/TowerFlipIt-v0", num_workers=2, **settings))
+    try:
+        for seed in range(5):
+            tasks = [env.reset(seed=seed)[1]["task"].tolist() for env in (batch, workers)]
+            assert tasks[0] == tasks[1]
+            starts = [[state.scene for state in env.unwrapped.states()] for env in (batch, workers)]
+            assert starts[0] == starts[1] == [batch.unwrapped.tasks.by_id(task).start for task in tasks[0]]
+        assert len(batch.unwrapped.tasks) == 18
+    finally:
+        workers.close()
+
+
+def test_nlvr_reward__of_a_batch(corpus: Path):
+    batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, corpus=str(corpus)))
+    batch.reset(options={"task": "blue"})
+    batch.step([ADD_LEFT_BLACK, ADD_LEFT_BLUE])
+    batch.step([ADD_MIDDLE_BLUE, ADD_LEFT_BLUE])
+    assert batch.goal_reached().tolist() == [True, False]
+    assert batch.step([STOP, STOP])[1].tolist() == [1.0, -1.0]
