@@ -1,0 +1,142 @@
+"""The wrappers around the proposer-verifier game."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lilgym_mp import wrappers
+from lilgym_mp.wrappers import WrongEnvironment
+
+pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own
+    from pettingzoo.test import api_test, parallel_api_test
+
+    from lilgym_mp.envs.proposer_verifier import env, parallel_env
+
+PROPOSER, VERIFIER = "proposer_0", "verifier_0"
+STOP, ADD_LEFT_YELLOW, ADD_LEFT_BLUE = 0, 1, 3  # of tower's actions
+REJECT, ACCEPT = 0, 1
+
+STACKS: dict[str, list[Callable[[Any], Any]]] = {
+    "structured": [wrappers.structured_observation_v0],
+    "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
+    "native": [wrappers.native_image_v0, wrappers.channels_first_v0],
+    "flat": [wrappers.flat_observation_v0],
+    "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
+    "replacing": [partial(wrappers.stop_forcing_v0, mode="replace")],
+    "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
+    "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
+}
+NOT_OURS = (  # what PettingZoo's tests say of any game with masks
+    "Observation is not a NumPy array",
+    "Observation space for each agent probably should be",
+    "Agents have different observation space sizes",
+    "Agents have different action space sizes",
+    "Action space for each agent probably should be",
+    "Observation numpy array is not the same",
+)
+
+
+def stacked(game: Any, names: str) -> Any:
+    for wrap in STACKS[names]:
+        game = wrap(game)
+    return game
+
+
+@pytest.fixture
+def settings(corpus: Path) -> dict[str, Any]:
+    return {"appearance": "tower", "start": "scratch", "corpus": str(corpus), "protocol": "veto"}
+
+
+@pytest.mark.parametrize("protocol", ["veto", "joint"])
+@pytest.mark.parametrize("names", STACKS)
+def test_wrapped_game__passes_pettingzoos_tests(settings: dict[str, Any], names: str, protocol: str):
+    settings["protocol"] = protocol
+    with warnings.catch_warnings():
+        for message in NOT_OURS:
+            warnings.filterwarnings("ignore", message=message)
+        api_test(stacked(env(**settings), names), num_cycles=30)
+        parallel_api_test(stacked(parallel_env(**settings), names), num_cycles=30)
+
+
+def test_format__changes_what_each_agent_sees(settings: dict[str, Any]):
+    game = wrappers.structured_observation_v0(parallel_env(**settings))
+    observations, _ = game.reset(options={"task": "blue"})
+    for agent in (PROPOSER, VERIFIER):
+        assert "image" not in observations[agent]["observation"]
+        assert observations[agent] in game.observation_space(agent)
+    game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
+    observations = game.step({PROPOSER: STOP, VERIFIER: ACCEPT})[0]
+    assert observations[PROPOSER]["observation"]["items"][0, 0].tolist() == [40, 80, 1, 2, 1]
+
+
+def test_format__shows_no_scene_to_an_agent_that_must_not_see_it(settings: dict[str, Any]):
+    views = {PROPOSER: "image", VERIFIER: {"scene": "none"}}
+    with pytest.raises(WrongEnvironment, match="StructuredObservation needs observations that show the scene"):
+        wrappers.structured_observation_v0(env(**settings, views=views))
+
+
+def test_action_mask__tells_each_agent_its_own(settings: dict[str, Any]):
+    game = wrappers.action_mask_v0(env(**settings))
+    game.reset(seed=0, options={"task": "blue"})
+    for agent in (PROPOSER, VERIFIER):
+        mask = game.infos[agent]["action_mask"]
+        assert np.array_equal(mask, game.observe(agent)["action_mask"])
+
+
+def test_stop_forcing__leaves_the_proposer_only_stop(settings: dict[str, Any]):
+    game = wrappers.stop_forcing_v0(env(**settings))
+    game.reset(seed=0, options={"task": "blue"})
+    assert game.observe(PROPOSER)["action_mask"].sum() == 10
+    game.step(ADD_LEFT_BLUE)
+    verifiers = game.observe(VERIFIER)["action_mask"]
+    game.step(ACCEPT)
+    assert np.flatnonzero(game.observe(PROPOSER)["action_mask"]).tolist() == [STOP]
+    game.step(STOP)
+    assert np.array_equal(game.observe(VERIFIER)["action_mask"], verifiers)
+
+
+def test_stop_forcing__replaces_the_proposers_action(settings: dict[str, Any]):
+    game = wrappers.stop_forcing_v0(env(**settings), mode="replace")
+    game.reset(seed=0, options={"task": "blue"})
+    game.step(ADD_LEFT_BLUE)
+    assert game.infos[PROPOSER]["forced_stop"] is False
+    game.step(ACCEPT)
+    game.step(ADD_LEFT_YELLOW)
+    assert game.infos[PROPOSER]["forced_stop"] is True
+    game.step(ACCEPT)
+    assert game.infos[PROPOSER]["outcome"] == "success"
+
+
+def test_stop_forcing__leaves_a_game_in_which_the_verifier_alone_stops(settings: dict[str, Any]):
+    for mode in ("mask", "replace"):
+        game = wrappers.stop_forcing_v0(
+            parallel_env(**settings | {"protocol": "joint", "ending": "verifier"}), mode=mode
+        )
+        game.reset(seed=0, options={"task": "blue"})
+        game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
+        observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})
+        assert observations[PROPOSER]["action_mask"].sum() > 1
+        assert len(game.unwrapped.scene.boxes[0].items) == 2
+
+
+def test_change_of_tasks__reaches_the_game(settings: dict[str, Any]):
+    game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
+    game.reset(options={"task": "pair-no@201"})
+    assert [len(box.items) for box in game.unwrapped.scene.boxes] == [0, 1, 0]
+    with pytest.raises(WrongEnvironment, match="BoxPermutation changes the tasks, so it must stand beneath StepsLeft"):
+        wrappers.box_permutation_v0(wrappers.steps_left_v0(env(**settings)))
+
+
+@pytest.mark.parametrize("name", ["text_observation_v0", "named_actions_v0", "multi_discrete_actions_v0"])
+def test_what_speaks_of_the_mdps_actions__is_refused(settings: dict[str, Any], name: str):
+    with pytest.raises(WrongEnvironment, match="speaks of the MDP's actions; the agents of this game have others"):
+        getattr(wrappers, name)(env(**settings))
