@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -24,6 +24,7 @@ except ImportError:  # Windows: two downloads at a time are not told apart there
 
 MANIFEST = "installed.json"
 FORMAT, VERSION = "lilgym_mp-official", 1
+FILES = "files"  # directory of the staging area
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -50,19 +51,17 @@ def staging_area(target: Path, source: str) -> Generator[Path, None, None]:
     anything else it is removed. Raises CorpusError when somebody else is using it, or it cannot be written.
     """
     area = target.with_name(target.name + ".partial")
-    with _space_reported(area):
-        _undo_interrupted_swap(target)
-        lock = _locked(area)
+    with _space_reported(area), closing(_locked(area)):
         keep = False
         try:
+            _undo_interrupted_swap(target)
             yield _files_of(area, source)
         except (InterruptionError, KeyboardInterrupt):
-            keep = True
+            keep = any((area / FILES).iterdir())
             raise
         finally:
             if not keep:
                 shutil.rmtree(area, ignore_errors=True)
-            lock.close()
 
 
 def install(staged: Path, target: Path, source: str, revision: str | None, names: Sequence[str]) -> Installation:
@@ -182,7 +181,7 @@ def _locked(area: Path) -> IO[str]:
 
 def _files_of(area: Path, source: str) -> Path:
     """The area's directory of files, emptied when they came from another source."""
-    origin, files = area / "source", area / "files"
+    origin, files = area / "source", area / FILES
     if not origin.is_file() or origin.read_text(encoding="utf-8") != source:
         shutil.rmtree(files, ignore_errors=True)
         origin.write_text(source, encoding="utf-8")

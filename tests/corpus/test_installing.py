@@ -106,6 +106,12 @@ def test_staging__files_are_kept_for_the_same_source(target: Path):
     assert list(target.parent.iterdir()) == []
 
 
+def test_staging__nothing_is_kept_where_nothing_came(target: Path):
+    with contextlib.suppress(KeyboardInterrupt), staging_area(target, "here"):
+        raise KeyboardInterrupt
+    assert list(target.parent.iterdir()) == []
+
+
 def test_staging__files_from_another_source_are_not_used(target: Path):
     _interrupted(target, "here")
     with staging_area(target, "there") as files:
