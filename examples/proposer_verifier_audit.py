@@ -52,7 +52,7 @@ class SceneAndStatement(BaseFeaturesExtractor):
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128) -> None:
         super().__init__(observation_space, features_dim)
-        items, statement = observation_space["items"], observation_space["statement"]
+        items, statement = observation_space["item_array"], observation_space["statement"]
         assert isinstance(items, spaces.Box)
         assert isinstance(statement, spaces.Box)
         slots = items.shape[0] * items.shape[1]
@@ -64,7 +64,7 @@ class SceneAndStatement(BaseFeaturesExtractor):
         self.mixed = nn.Sequential(nn.ReLU(), nn.Linear(features_dim, features_dim), nn.ReLU())
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        colours = observations["items"][..., 3].long() - EMPTY
+        colours = observations["item_array"][..., 3].long() - EMPTY
         scene = self.scene(self.look(colours).flatten(1))
         states, _ = self.reader(self.words(observations["statement"].long()))
         lengths = (observations["statement"] > 0).sum(1).clamp(min=1) - 1

@@ -339,9 +339,11 @@ class SharedPart:
         return self._value
 
 
-SCENE_PARTS: Mapping[str, tuple[str, Callable[[World], Part]] | None] = {  # by view: key in observations, part
+# By view: key in observations, part. A key must not be a method of torch's ModuleDict, such as "items": SB3 names
+# modules by the keys.
+SCENE_PARTS: Mapping[str, tuple[str, Callable[[World], Part]] | None] = {
     "image": ("image", ImagePart),
-    "structured": ("items", ItemsPart),
+    "structured": ("item_array", ItemsPart),
     "text": ("text", SceneTextPart),
     "none": None,
 }

@@ -40,7 +40,7 @@ def test_structured_scene__holds_each_item():
     game = session(views="structured")
     game.play(ADD_BLUE, None)
     game.play(None, ACCEPT)
-    items = game.see(Role.VERIFIER)["items"]
+    items = game.see(Role.VERIFIER)["item_array"]
     assert items.shape == (3, 4, 5)
     assert items[0, 0].tolist() == [40, 80, 1, 2, 1]
     assert (items.reshape(-1, 5)[1:] == -1).all()
