@@ -1,12 +1,13 @@
 """Statements, programs and start scenes: loading, checking, splits, the official release, words.
 
-docs/corpus.md describes the file format; imports of this package are light.
+docs/corpus.md describes the file format, docs/official_data.md the release; imports of this package are light.
 """
 
 from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
-from lilgym_mp.corpus.faults import CorpusError, Fault
+from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
+from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.jsonlines import write_corpus
-from lilgym_mp.corpus.loading import load_tasks
+from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
 from lilgym_mp.corpus.places import official_directory, user_cache
 from lilgym_mp.corpus.released import ALL_FILE_NAMES as RELEASED_FILE_NAMES
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
@@ -17,6 +18,7 @@ __all__ = [
     "CorpusError",
     "CorpusReport",
     "Fault",
+    "NoTasksError",
     "Provenance",
     "TaskCount",
     "TaskSet",
@@ -24,8 +26,10 @@ __all__ = [
     "VocabularyError",
     "check_corpus",
     "contexts",
+    "load_all_tasks",
     "load_tasks",
     "official_directory",
+    "statement_form",
     "user_cache",
     "words",
     "write_corpus",
