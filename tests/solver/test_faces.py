@@ -19,7 +19,7 @@ SEEN_BOX_BY_BOX = (
     "count(filter_obj(all_boxes, lambda b: b.is_tower() and count(b) == 2)) == 1",
     "exist(filter_obj(all_items, lambda x: is_blue(x) and exist(get_above(x)))) or count(all_items) > 5",
     "All(filter_obj(all_boxes, exist), lambda b: is_black(unique(filter_obj(b, is_top))))",
-    "Any(all_boxes, lambda b: filter_color(b, Color.BLUE)) != exist(filter_obj(filter_obj(all_items, is_top), is_blue))",
+    "Any(all_boxes, lambda b: filter_color(b, Color.BLUE)) != exist(filter_obj(all_items, is_top))",
     "count(filter_color(all_items, Color.BLACK)) == count(filter_obj(all_boxes, lambda b: is_yellow(unique(b))))",
 )
 

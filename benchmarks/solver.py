@@ -1,0 +1,115 @@
+"""The expert on whole corpora: solved, proven shortest, replayed in the environment, seconds; and demonstrations.
+
+Without LILGYM_DATA the builtin corpus is solved alone. Run: python benchmarks/solver.py --jobs 2
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.solver import Solver
+from lilgym_mp.solver.demonstrations import arrays, demonstrations, write_npz
+from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_table
+
+SPLITS = ("train", "dev")
+SETS_OF_ACTIONS = 100  # tasks of which the optimal first actions are found
+
+
+def solved(settings: Settings, split: str, jobs: int) -> list[TaskReport]:
+    env = settings.make_bare(split)
+    return solve_tasks(env.tasks, env.dynamics, jobs=jobs)
+
+
+def replayed(settings: Settings, split: str, reports: list[TaskReport]) -> tuple[int, int]:
+    """Solutions played in the environment, and how many of them succeed."""
+    env = settings.make_bare(split)
+    played = [report for report in reports if report.solution.solved]
+    successes = 0
+    for task, solution, _ in played:
+        env.reset(options={"task": task.id})
+        info: dict[str, Any] = {}
+        for action in solution.actions:
+            *_, info = env.step(env.dynamics.appearance.encode(action))
+        successes += bool(info.get("is_success"))
+    return len(played), successes
+
+
+def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | None) -> float:
+    """From tasks in memory to a file: solving, playing out, writing."""
+    env = settings.make_bare("train")
+    with TemporaryDirectory() as place:
+        begin = perf_counter()
+        reports = solve_tasks(env.tasks, env.dynamics, jobs=jobs)
+        found = demonstrations(reports, env.dynamics, episodes)
+        write_npz(Path(place) / "demos.npz", arrays(found, env.dynamics), {})
+        return len(found) / (perf_counter() - begin)
+
+
+def sets_of_actions(settings: Settings) -> tuple[float, float, float]:
+    """Over dev tasks: median seconds for the optimal first actions, their mean number, the share of complete sets."""
+    env = settings.make_bare("dev")
+    solver = Solver(env.dynamics)
+    seconds: list[float] = []
+    sizes: list[int] = []
+    complete = 0
+    for task in env.tasks[:SETS_OF_ACTIONS]:
+        begin = perf_counter()
+        found = solver.optimal_actions(env.dynamics.start(task))
+        seconds.append(perf_counter() - begin)
+        sizes.append(len(found.actions))
+        complete += found.complete
+    return median(seconds), sum(sizes) / len(sizes), complete / len(sizes)
+
+
+def report_on(corpus: str, rules: str, jobs: int) -> None:
+    summaries = {}
+    replays: dict[str, tuple[int, int]] = {}
+    for configuration in CONFIGURATIONS:
+        settings = Settings(configuration, corpus=corpus, rules=rules)
+        for split in SPLITS:
+            reports = solved(settings, split, jobs)
+            name = f"{configuration} {split}"
+            summaries[name] = summarise(reports)
+            replays[name] = replayed(settings, split, reports)
+            for task, solution, _ in reports:
+                if not solution.solved:
+                    print(f"  {name} {task.id}: {solution.status}, {solution.reason}")
+    print(f"\ncorpus {corpus}, rules {rules}\n\n{summary_table(summaries)}\n")
+    played, successes = (sum(counts) for counts in zip(*replays.values(), strict=True))
+    print(f"replayed in the environment: {successes:,} of {played:,} succeed\n", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--jobs", type=int, default=1, help="processes; timings per task are best with 1")
+    parser.add_argument("--rules", nargs="+", default=["paper", "release"])
+    parser.add_argument("--corpus", nargs="+", default=["builtin"] + ["lilgym"] * ("LILGYM_DATA" in os.environ))
+    parser.add_argument("--episodes", type=int, default=50_000, help="drawn for the demonstrations per second")
+    given = parser.parse_args()
+    for corpus in given.corpus:
+        for rules in given.rules:
+            report_on(corpus, rules, given.jobs)
+    corpus = given.corpus[-1]
+    for configuration in CONFIGURATIONS:
+        settings = Settings(configuration, corpus=corpus)
+        load_tasks(corpus, settings.appearance, settings.start, "train")
+        each = demonstrations_per_second(settings, given.jobs, None)
+        drawn = demonstrations_per_second(settings, given.jobs, given.episodes)
+        seconds, size, complete = sets_of_actions(settings)
+        print(
+            f"{configuration} of {corpus}: {each:,.0f} demonstrations/s over each task once,"
+            f" {drawn:,.0f}/s over {given.episodes:,} drawn; optimal first actions in {1000 * seconds:.1f} ms"
+            f" (median), {size:.0f} a state, {100 * complete:.0f} % of the sets complete"
+        )
+
+
+if __name__ == "__main__":
+    main()
