@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
 DEFAULT_STEPS = 150_000
-BACKEND = "dummy"
+BACKEND = "batched"
 RANDOM_PASSES = 20  # visits to each task by the policies that draw at random
 FILMED = 9  # episodes
 PLACE = Path("runs") / "demo"
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.steps < 1:
         raise CommandError("--steps must be at least 1")
-    place = writable_directory(_empty(args.out) if args.out else _next_free(PLACE))
+    place = writable_directory(_empty(args.out) if args.out else next_free(PLACE))
     settings = Settings(CONFIGURATION)
     begun = begin_run(place / "agent", settings, Recipe(seed=args.seed, stop_forcing=True, recolour=True))
     before = Contestant("untrained agent", begun.agent(), _details(begun))
@@ -98,7 +98,7 @@ def _empty(path: Path) -> Path:
     return path
 
 
-def _next_free(path: Path) -> Path:
+def next_free(path: Path) -> Path:
     """`path`, or the first of path-2, path-3, ... that is not there."""
     numbered = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in count(1))
     return next(candidate for candidate in numbered if not candidate.exists())

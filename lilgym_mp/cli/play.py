@@ -36,17 +36,15 @@ def run(args: argparse.Namespace) -> int:
 
     if args.gif is not None:
         writable_file(args.gif)
-    env = Settings(**said_settings(args)).make_bare(args.split)
+    env = Settings(**said_settings(args)).make(args.split)
     session = Session(env, print, coloured=_shows_colours())
-    session.begin(seed=args.seed, task_id=args.task)
     try:
+        session.begin(seed=args.seed, task_id=args.task)
         _converse(session)
     except KeyboardInterrupt:
         print()
-    finally:
-        if args.gif is not None:
-            session.save_film(args.gif)
-            print(f"film: {args.gif}")
+    if args.gif is not None and session.save_film(args.gif):
+        print(f"film: {args.gif}")
     print(session.score())
     return 0
 

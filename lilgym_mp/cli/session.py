@@ -45,8 +45,8 @@ class Session:
         """Starts an episode of the task, or of one drawn. Raises ValueError for an unknown task."""
         self._env.reset(seed=seed, options={} if task_id is None else {"task": task_id})
         self._news, self._episode_over = "", False
-        self._show()
         self._film()
+        self._show()
 
     def answer(self, line: str) -> None:
         """Does what a line of input says, and shows it; explains what it cannot make out."""
@@ -78,8 +78,8 @@ class Session:
             reason = f" ({info['invalid_reason']})" if "invalid_reason" in info else ""
             outcome = info["outcome"] + reason
             self._news += f", {outcome.replace('_', ' ')}. Type next, back or quit."
-        self._show()
         self._film()
+        self._show()
 
     def _lines(self) -> list[str]:
         env = self._env
@@ -119,9 +119,11 @@ class Session:
     def _quit(self) -> None:
         self.is_over = True
 
-    def save_film(self, path: Path) -> None:
-        """Writes all that was played as a GIF."""
-        save_gif(path, self._frames)
+    def save_film(self, path: Path) -> bool:
+        """Writes all that was shown as a GIF, if there was anything; gives whether."""
+        if self._frames:
+            save_gif(path, self._frames)
+        return bool(self._frames)
 
     def score(self) -> str:
         """How it went, in a line."""

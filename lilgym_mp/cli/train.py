@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.training import Run
 
 DEFAULT_STEPS = 200_000
-DEFAULT_BACKEND = "subproc"
+DEFAULT_BACKEND = "batched"
 RUNS = Path("runs")
 INTERRUPTED = 130
 
@@ -39,7 +39,7 @@ def add_parser(subparsers: Any) -> None:
         "--backend",
         default=DEFAULT_BACKEND,
         metavar="NAME",
-        help="how environments run: subproc, a process each (default), or dummy, all in one",
+        help="how environments run: batched, workers, or Stable-Baselines3's subproc and dummy (default: %(default)s)",
     )
     add_settings(parser)
     _add_recipe(parser)
@@ -61,8 +61,10 @@ def _add_recipe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.learning.environments import check_backend
     from lilgym_mp.learning.training import SAVE_EVERY, train
 
+    check_backend(args.backend)
     if args.steps < 1 or (args.save_every is not None and args.save_every < 1):
         raise CommandError("--steps and --save-every must be at least 1")
     ready = _resumed(args) if args.resume else _begun(args)

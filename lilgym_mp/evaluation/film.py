@@ -60,7 +60,7 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
 
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:
     """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
-    env = settings.make_bare(split)
+    env = settings.make(split)
     films = [list(replay(env, episode)) for episode in episodes]
     length = max(map(len, films))
     save_gif(path, (_grid([film[min(at, len(film) - 1)] for film in films], columns) for at in range(length)))

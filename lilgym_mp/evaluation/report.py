@@ -87,7 +87,7 @@ def results_json(trials: Mapping[str, tuple[Trial, Sequence[Result]]]) -> dict[s
 def _trial_json(trial: Trial, results: Sequence[Result]) -> dict[str, Any]:
     return {
         **trial.to_json(),
-        "tasks": asdict(trial.settings.make_bare(trial.split).tasks.provenance),
+        "tasks": asdict(trial.settings.make(trial.split).tasks.provenance),
         "policies": {result.name: _result_json(result) for result in results},
     }
 

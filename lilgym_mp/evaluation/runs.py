@@ -56,11 +56,11 @@ def evaluate(
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
-    first = settings.make_bare(split)
+    first = settings.make(split)
     tasks = first.evaluation_tasks()
     turns = (Turn(*numbers) for numbers in product(range(passes), range(len(tasks))))
     count = min(batch_size, passes * len(tasks))
-    seats = [_Seat(first), *(_Seat(settings.make_bare(split)) for _ in range(count - 1))]
+    seats = [_Seat(first), *(_Seat(settings.make(split)) for _ in range(count - 1))]
     done = dict(_played(policy, seats, tasks, turns, np.random.default_rng(seed), on_episode))
     return [done[turn] for turn in sorted(done)]
 

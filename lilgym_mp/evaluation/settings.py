@@ -42,25 +42,28 @@ class Settings:
     def start(self) -> str:
         return CONFIGURATIONS[self.configuration][1]
 
-    def make(self, split: str, *, corpus: str | None = None, render_mode: str | None = None) -> gym.Env[Any, Any]:
-        """A new environment, of another corpus when one is named.
+    @property
+    def id(self) -> str:
+        """Such as "lilgym_mp/TowerScratch-v0"."""
+        return environment_id(self.appearance, self.start)
+
+    def arguments(self, split: str) -> dict[str, Any]:
+        """The keyword arguments of `gymnasium.make` beside the id."""
+        return {
+            "corpus": self.corpus,
+            "split": split,
+            "rules": self.rules,
+            "horizon": self.horizon,
+            "grid": self.grid,
+        }
+
+    def make(self, split: str) -> LilGymEnv:
+        """A new environment, without Gymnasium's own wrappers.
 
         Raises ValueError naming the value and the choices, CorpusError for unusable data.
         """
-        return gym.make(
-            environment_id(self.appearance, self.start),
-            corpus=corpus or self.corpus,
-            split=split,
-            rules=self.rules,
-            horizon=self.horizon,
-            grid=self.grid,
-            render_mode=render_mode,
-            disable_env_checker=True,
-        )
-
-    def make_bare(self, split: str, render_mode: str | None = None) -> LilGymEnv:
-        """`make` without Gymnasium's own wrappers."""
-        return cast("LilGymEnv", self.make(split, render_mode=render_mode).unwrapped)
+        env = gym.make(self.id, disable_env_checker=True, **self.arguments(split))
+        return cast("LilGymEnv", env.unwrapped)
 
     def to_json(self) -> dict[str, Any]:
         grid = self.grid if isinstance(self.grid, str) else list(self.grid)

@@ -4,66 +4,54 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
 
-import gymnasium as gym
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from stable_baselines3.common.vec_env import VecEnv
 
+from lilgym_mp import sb3
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.recipe import Recipe
-from lilgym_mp.wrappers import StopForcing, TokenizedStatement
+from lilgym_mp.wrappers import stop_forcing_v0
 
 TRAINING_SPLIT = "train"
-START_METHOD = "forkserver"
 
 
-def make_training_env(
-    settings: Settings, recipe: Recipe, vocabulary: Vocabulary, length: int, corpus: str | None = None
-) -> gym.Env[Any, Any]:
-    """One environment as an agent learns in it: tokenised statements, stop forcing when the recipe says so.
-
-    `corpus`: in place of the settings' one. Raises as `gymnasium.make` does.
-    """
-    env = settings.make(TRAINING_SPLIT, corpus=corpus)
-    if recipe.stop_forcing:
-        env = StopForcing(env, mode="mask")
-    return TokenizedStatement(env, vocabulary, length)
+def check_backend(backend: str) -> None:
+    """Raises ValueError naming the choices for an unknown way to run environments side by side."""
+    choose("backend", backend, sb3.BACKENDS)
 
 
-def _processes(makers: list[Callable[[], gym.Env[Any, Any]]]) -> VecEnv:
-    """One process each; they leave Ctrl-C to this one, and end when it does."""
-    if START_METHOD in multiprocessing.get_all_start_methods():
-        # Imported once, by the process that the others are forked from.
-        multiprocessing.set_forkserver_preload([__name__])
-        method = START_METHOD
-    else:
-        method = None
-    with _interrupts_ignored():
-        return SubprocVecEnv(makers, start_method=method)
+def make_training_envs(
+    settings: Settings, recipe: Recipe, vocabulary: Vocabulary, length: int, corpus: str, backend: str
+) -> VecEnv:
+    """As many environments as the recipe says, with statements of `length` words, and stop forcing if it says so.
 
-
-BACKENDS: Mapping[str, Callable[[list[Callable[[], gym.Env[Any, Any]]]], VecEnv]] = {
-    "subproc": _processes,
-    "dummy": DummyVecEnv,
-}
-
-
-def make_training_envs(make_env: Callable[[], gym.Env[Any, Any]], count: int, backend: str) -> VecEnv:
-    """`count` environments side by side: "subproc", a process each, or "dummy", all in this process.
-
+    `corpus`: what is learnt from, in place of the settings' one. Processes of theirs leave Ctrl-C to this one.
     Raises ValueError naming the choices for an unknown backend.
     """
-    return choose("backend", backend, BACKENDS)([partial(make_env) for _ in range(count)])
+    arguments = {**settings.arguments(TRAINING_SPLIT), "corpus": corpus}
+    # Imported once, by the process that others are forked from.
+    multiprocessing.set_forkserver_preload([sb3.__name__])
+    with _interrupts_ignored():
+        return sb3.make_vec_env(
+            settings.id,
+            recipe.envs,
+            backend,
+            wrap=partial(stop_forcing_v0, mode="mask") if recipe.stop_forcing else None,
+            vocabulary=vocabulary,
+            length=length,
+            monitor=False,
+            **arguments,
+        )
 
 
 @contextmanager
 def _interrupts_ignored() -> Generator[None, None, None]:
-    """New processes inherit that they are not interrupted by Ctrl-C."""
+    """New processes inherit that Ctrl-C does not interrupt them."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

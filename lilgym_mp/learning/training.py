@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,7 @@ from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.evaluation.metrics import ENDS
-from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_env, make_training_envs
+from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_envs
 from lilgym_mp.learning.network import ActorCritic
 from lilgym_mp.learning.policy import Agent, MaskedActorCritic
 from lilgym_mp.learning.recipe import Recipe
@@ -88,7 +87,7 @@ def begin_run(path: Path, settings: Settings, recipe: Recipe) -> Run:
         raise RunError(f"{path} holds a training run already; resume it with --resume, or choose another directory")
     origin = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
     ActorCritic.check(make_appearance(settings.appearance, settings.grid))
-    settings.make_bare(TRAINING_SPLIT)
+    settings.make(TRAINING_SPLIT)
     writable_directory(path)
     if recipe.recolour:
         write_recoloured(directory.tasks_file, origin)
@@ -142,16 +141,14 @@ def train(
     """
     if steps <= run.steps:
         raise RunError(f"the run in {run.directory.path} has {run.steps:,} steps already; ask for more with --steps")
-    recipe = run.identity.recipe
-    make_env = partial(
-        make_training_env,
+    envs = make_training_envs(
         run.identity.settings,
-        recipe,
+        run.identity.recipe,
         run.vocabulary,
         run.identity.length,
         run.tasks.provenance.corpus,
+        backend,
     )
-    envs = make_training_envs(make_env, recipe.envs, backend)
     try:
         learner = _learner(run, envs)
         with stop_on_signals() as stop:

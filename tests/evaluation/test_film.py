@@ -32,7 +32,7 @@ UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (ST
 
 
 def test_replay__shows_the_start_and_each_action():
-    start, added, stopped = replay(TOWER.make_bare("dev"), SEEN)
+    start, added, stopped = replay(TOWER.make("dev"), SEEN)
     assert np.array_equal(start.picture, draw(scene()))
     assert np.array_equal(added.picture, draw(scene(tower(B))))
     assert added.caption == "1. ADD(LEFT, BLUE)"
@@ -41,7 +41,7 @@ def test_replay__shows_the_start_and_each_action():
 
 
 def test_replay__a_failure_is_told_from_a_success():
-    *_, last = replay(TOWER.make_bare("dev"), UNSEEN)
+    *_, last = replay(TOWER.make("dev"), UNSEEN)
     assert (last.caption, last.rgb) == ("1. STOP: wrong stop, reward -1.0", FAILURE_RGB)
 
 

@@ -71,10 +71,10 @@ def test_results__hold_all_that_is_needed_to_get_them_again():
         {**episode._asdict(), "actions": list(episode.actions)} for episode in result.episodes
     ]
     assert found[legal.name]["summary"]["accuracy"] == results[0].summary.accuracy
-    assert written["tasks"]["sha256"] == trial.settings.make_bare("dev").tasks.provenance.sha256
+    assert written["tasks"]["sha256"] == trial.settings.make("dev").tasks.provenance.sha256
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
 
 
 def test_training_statements__are_those_of_the_train_split():
     statements = training_statements(Settings("TowerScratch"))
-    assert statements == {task.statement for task in Settings("TowerScratch").make_bare("train").tasks}
+    assert statements == {task.statement for task in Settings("TowerScratch").make("train").tasks}

@@ -35,7 +35,7 @@ def always(action: int) -> Policy:
 
 
 def test_actions__are_numbered_as_these_tests_say():
-    assert TOWER.make_bare("dev").dynamics.appearance.decode(ADD_BLUE_LEFT) == AddBlock(0, 2)
+    assert TOWER.make("dev").dynamics.appearance.decode(ADD_BLUE_LEFT) == AddBlock(0, 2)
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
@@ -43,7 +43,7 @@ def test_actions__are_numbered_as_these_tests_say():
 def test_evaluate__visits_every_task_of_the_split_once_a_pass_in_file_order(configuration: str, passes: int):
     settings = Settings(configuration)
     episodes = evaluate(random_unmasked, settings, "dev", passes=passes)
-    assert [episode.task_id for episode in episodes] == [*settings.make_bare("dev").evaluation_tasks()] * passes
+    assert [episode.task_id for episode in episodes] == [*settings.make("dev").evaluation_tasks()] * passes
 
 
 @pytest.mark.parametrize("batch_size", [1, 7, 1000])
@@ -52,7 +52,7 @@ def test_evaluate__visits_every_task_once_however_many_run_side_by_side(batch_si
     episodes = evaluate(
         random_legal, TOWER, "dev", batch_size=batch_size, on_episode=lambda episode: begun.update([episode.task_id])
     )
-    assert begun == Counter(TOWER.make_bare("dev").evaluation_tasks())
+    assert begun == Counter(TOWER.make("dev").evaluation_tasks())
     assert begun == Counter(episode.task_id for episode in episodes)
 
 
@@ -66,7 +66,7 @@ def test_evaluate__the_batch_size_matters_not_to_a_policy_without_chance():
 
 
 def test_evaluate__an_immediate_stop_succeeds_exactly_where_the_empty_scene_does():
-    env = TOWER.make_bare("dev")
+    env = TOWER.make("dev")
     solved = {task.id for task in env.tasks if task.solved_by(task.start)}
     episodes = evaluate(always(STOP), TOWER, "dev")
     assert {episode.task_id for episode in episodes if episode.is_success} == solved
@@ -75,7 +75,7 @@ def test_evaluate__an_immediate_stop_succeeds_exactly_where_the_empty_scene_does
 
 def test_evaluate__an_episode_tells_how_it_went():
     episode = evaluate(always(ADD_BLUE_LEFT), TOWER, "dev")[0]  # the fifth block is one too many
-    task = TOWER.make_bare("dev").tasks[0]
+    task = TOWER.make("dev").tasks[0]
     assert episode == Episode(
         task.id, task.statement, True, Outcome.INVALID_ACTION, pytest.approx(-1.4), (ADD_BLUE_LEFT,) * 5
     )
@@ -88,7 +88,7 @@ def test_evaluate__policies_see_what_the_environments_show():
         seen.append(observations)
         return np.zeros(len(legal), np.int64)
 
-    env = TOWER.make_bare("dev")
+    env = TOWER.make("dev")
     evaluate(look, TOWER, "dev", batch_size=10)
     first, _ = env.reset(options={"task": env.evaluation_tasks()[0]})
     assert [len(observations.statements) for observations in seen] == [10, 10, 5]

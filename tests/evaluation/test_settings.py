@@ -23,7 +23,7 @@ def test_make__gives_the_configuration(name: str):
 
 
 def test_make__passes_everything_on():
-    env = Settings("ScatterScratch", rules="release", horizon=5, grid=(38, 10)).make_bare("test")
+    env = Settings("ScatterScratch", rules="release", horizon=5, grid=(38, 10)).make("test")
     assert env.tasks.provenance.split == "test"
     assert (env.dynamics.rules.name, env.dynamics.horizon) == ("release", 5)
     assert env.dynamics.appearance.action_count == 1 + 380 * 28

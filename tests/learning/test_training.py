@@ -23,7 +23,7 @@ SMALL = Recipe(envs=2, rollout=32, batch_size=16, epochs=1)
 
 
 def trained(path: Path, steps: int = 64, recipe: Recipe = SMALL, settings: Settings = TOWER, **options: Any) -> Run:
-    return train(begin_run(path, settings, recipe), steps, backend="dummy", **options)
+    return train(begin_run(path, settings, recipe), steps, backend="batched", **options)
 
 
 def weights(run: Run) -> dict[str, torch.Tensor]:
@@ -60,9 +60,10 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
     assert not equal(weights(runs[0]), weights(runs[2]))
 
 
-def test_train__processes_play_the_same_episodes_as_one_process(tmp_path: Path):
-    apart = train(begin_run(tmp_path / "apart", TOWER, SMALL), 32, backend="subproc")
-    assert equal(weights(apart), weights(trained(tmp_path / "together", 32)))
+@pytest.mark.parametrize("backend", ["dummy", "subproc", "workers"])
+def test_train__every_backend_plays_the_same_episodes(tmp_path: Path, backend: str):
+    other = train(begin_run(tmp_path / "other", TOWER, SMALL), 32, backend=backend)
+    assert equal(weights(other), weights(trained(tmp_path / "batched", 32)))
 
 
 def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
@@ -70,7 +71,7 @@ def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
     heard: list[Progress] = []
     opened = open_run(tmp_path, {})
     assert equal(weights(opened), weights(first))
-    second = train(opened, 128, backend="dummy", on_update=heard.append)
+    second = train(opened, 128, backend="batched", on_update=heard.append)
     assert [progress.steps for progress in heard] == [96, 128]
     assert first.checkpoint is not None
     assert second.checkpoint is not None
@@ -83,7 +84,7 @@ def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
 
 def test_resume__the_optimiser_goes_on_too(tmp_path: Path):
     first = trained(tmp_path, 64).checkpoint
-    second = train(open_run(tmp_path, {}), 96, backend="dummy").checkpoint
+    second = train(open_run(tmp_path, {}), 96, backend="batched").checkpoint
     assert first is not None
     assert second is not None
     assert [checkpoint.optimiser["state"][0]["step"].item() for checkpoint in (first, second)] == [4, 6]
@@ -92,7 +93,7 @@ def test_resume__the_optimiser_goes_on_too(tmp_path: Path):
 def test_resume__a_run_that_has_its_steps_is_refused(tmp_path: Path):
     trained(tmp_path, 64)
     with pytest.raises(RunError, match="has 64 steps already; ask for more"):
-        train(open_run(tmp_path, {}), 64, backend="dummy")
+        train(open_run(tmp_path, {}), 64, backend="batched")
 
 
 @pytest.mark.parametrize(
@@ -223,5 +224,5 @@ def test_train__every_configuration_with_stop_forcing_gives_an_agent(tmp_path: P
 
 
 def test_train__an_unknown_backend_is_refused_with_the_choices(tmp_path: Path):
-    with pytest.raises(ValueError, match="unknown backend 'threads'; choose from dummy, subproc"):
+    with pytest.raises(ValueError, match="unknown backend 'threads'; choose from batched, dummy"):
         train(begin_run(tmp_path, TOWER, SMALL), 32, backend="threads")

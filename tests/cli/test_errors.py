@@ -1,0 +1,131 @@
+"""What a user gets wrong: one clear line, exit code 2, no traceback; and the help of every command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main
+
+MISTAKES = {
+    "no command": ([], "lilgym-mp: the following arguments are required: COMMAND"),
+    "unknown command": (["trian"], "invalid choice: 'trian'"),
+    "unknown option": (["train", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
+    "unknown configuration to train": (
+        ["train", "TowerScrach"],
+        "lilgym-mp train: unknown configuration 'TowerScrach'; choose from ScatterFlipIt, ScatterScratch, TowerFlipIt,"
+        " TowerScratch",
+    ),
+    "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
+    "unknown configuration to evaluate": (["evaluate", "--configuration", "T"], "unknown configuration 'T'"),
+    "no configuration": (["train"], "name a configuration to train on; choose from TowerScratch"),
+    "unknown split": (["evaluate", "--split", "valid"], "invalid choice: 'valid'"),
+    "unknown rules": (["play", "TowerScratch", "--rules", "mine"], "invalid choice: 'mine'"),
+    "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
+    "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
+    "unknown backend": (
+        ["train", "TowerScratch", "--backend", "mpi"],
+        "unknown backend 'mpi'; choose from batched, dummy",
+    ),
+    "a grid across separators": (["train", "ScatterScratch", "--grid", "20x5"], "straddle a separator; choose from"),
+    "no grid": (["train", "ScatterScratch", "--grid", "many"], "'many' must be 'native' or such as 38x10"),
+    "too many actions": (["train", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
+    "a horizon of nothing": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
+    "a recipe of nonsense": (["train", "TowerScratch", "--gamma", "2"], "gamma must be at least 0 and at most 1"),
+    "no steps": (["train", "TowerScratch", "--steps", "0"], "--steps and --save-every must be at least 1"),
+    "no steps to show": (["demo", "--steps", "0"], "--steps must be at least 1"),
+    "no passes": (["evaluate", "--configuration", "TowerScratch", "--passes", "0"], "--passes at least 1"),
+    "nobody to evaluate": (["evaluate"], "name the directory of a trained agent, or --configuration"),
+    "no agent": (["evaluate", "nowhere"], "no training run in nowhere"),
+    "nothing to resume": (["train", "--resume"], "name what to resume: --out DIR, or a configuration"),
+    "no run to resume": (["train", "--resume", "--out", "nowhere"], "no training run in nowhere"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake__is_told_in_one_line(
+    mistake: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    words, said = MISTAKES[mistake]
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == USAGE_ERROR
+    written = capsys.readouterr()
+    assert written.err.startswith("lilgym-mp")
+    assert said in written.err
+    assert written.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["train", "TowerScratch", "--out"],
+        ["demo", "--out"],
+        ["evaluate", "--configuration", "TowerScratch", "--out"],
+        ["play", "--gif"],
+    ],
+)
+def test_results__a_place_that_cannot_be_written_is_told_before_any_work(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "file").write_text("")
+    place = tmp_path / "file" / "deeper"
+    assert main([*words, str(place / "out")]) == USAGE_ERROR
+    written = capsys.readouterr()
+    assert "cannot write results to" in written.err
+    assert str(tmp_path / "file") in written.err
+    assert written.err.count("\n") == 1
+    assert not written.out
+
+
+def test_demo__a_directory_with_something_in_it_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "mine").write_text("")
+    assert main(["demo", "--out", str(tmp_path)]) == USAGE_ERROR
+    assert f"{tmp_path} is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help__of_every_command(command: str | None, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main([*([command] if command else []), "--help"])
+    assert end.value.code == 0
+    assert f"usage: lilgym-mp{' ' + command if command else ''}" in capsys.readouterr().out
+
+
+def test_help__loads_nothing_heavy():
+    program = (
+        "import sys; from lilgym_mp.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print('loaded', *sys.modules.keys() & {'torch', 'stable_baselines3', 'tqdm', 'shapely', 'tensorboard'})"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "loaded"
+
+
+def test_missing_package__is_named_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    for name in [name for name in sys.modules if name.startswith("lilgym_mp.learning")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    assert main(["train", "TowerScratch", "--out", str(tmp_path)]) == USAGE_ERROR
+    assert 'needs sb3_contrib: pip install "lilgym-mp[sb3]"' in capsys.readouterr().err
+
+
+def test_program_check__shows_where_a_program_is_wrong(capsys: pytest.CaptureFixture[str]):
+    assert main(["program", "check", "exist(all_itmes)"]) == USAGE_ERROR
+    written = capsys.readouterr()
+    assert not written.out
+    lines = written.err.splitlines()
+    assert "exist(all_itmes)" in lines[1]
+    assert lines[2].index("^") == lines[1].index("all_itmes")
+    assert "line 1, column 7" in lines[3]
+
+
+def test_program_check__describes_a_good_one(capsys: pytest.CaptureFixture[str]):
+    assert main(["program", "check", "exist(filter_obj(all_items, is_blue))"]) == 0
+    assert "on the empty scene: False" in capsys.readouterr().out

@@ -1,0 +1,192 @@
+"""Play in the terminal, from scripts of commands."""
+
+from __future__ import annotations
+
+import io
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from lilgym_mp.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.cli import main
+from lilgym_mp.cli.commands import CommandFault, command_of, parsed
+from lilgym_mp.cli.ruler import ruled
+from lilgym_mp.render import text
+from lilgym_mp.scene import Colour, Shape, Size
+from tests.scenes import B, scene, square, tower
+
+Play = Callable[..., str]
+BLUE_TASK = ["play", "TowerScratch", "--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block."
+ROUND_TASK = ["play", "ScatterScratch"]
+
+
+@pytest.fixture
+def play(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Play:
+    """Plays with commands, one a line, until the input ends; gives all that was shown."""
+
+    def run(command: list[str], *lines: str) -> str:
+        monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
+        assert main(command) == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_play__a_task_is_solved(play: Play):
+    said = play(BLUE_TASK, "add left blue", "stop")
+    assert '"I can see a blue block."' in said
+    assert "Make this true, then stop. Actions left: 12." in said
+    assert "add left blue: reward -0.1" in said
+    assert "stop: reward +1.0, success" in said
+    assert said.endswith("1 of 1 episodes succeeded, reward +0.9\n")
+
+
+def test_play__the_picture_follows(play: Play):
+    before, after = play(BLUE_TASK, "add left blue").split("> add left blue")
+    assert "bbbb" not in before
+    assert "|        bbbb        |  |" in after
+
+
+def test_play__a_hint_solves_it(play: Play):
+    assert "try: add " in play(BLUE_TASK, "hint")
+
+
+def test_play__nonsense_is_explained_and_costs_nothing(play: Play):
+    said = play(BLUE_TASK, "dance", "add", "add left", "add up blue", "add left bl", "remove 3", "hint me", "", "show")
+    assert "unknown command 'dance'; choose from add, remove, stop, hint" in said
+    assert "add takes 2 words, not 0; say: add BOX COLOUR, such as: add left blue" in said
+    assert "unknown box 'up'; choose from left, middle, right" in said
+    assert "'bl' could be black or blue; choose from yellow, black, blue" in said
+    assert "unknown box '3'" in said
+    assert "hint takes no more words" in said
+    assert said.count("Actions left: 12.") == 2
+    assert said.endswith("no episode ended, reward +0.0\n")
+
+
+def test_play__an_illegal_action_ends_the_episode_with_its_reason(play: Play):
+    said = play(BLUE_TASK, "remove left", "add left blue", "back", "add left blue")
+    assert "remove left: reward -1.0, invalid action (empty tower). Type next, back or quit." in said
+    assert "this episode is over; type next for another task, back for its start, or quit" in said
+    assert said.count('"I can see a blue block."') == 4
+
+
+def test_play__next_draws_another_task_and_quit_leaves(play: Play):
+    said = play([*BLUE_TASK, "--seed", "1"], "next", "quit", "add left blue")
+    assert said.count("Make this") == 2
+    assert "add left blue" not in said
+
+
+def test_play__the_seed_decides_what_is_drawn(play: Play):
+    drawn = [play(["play", "ScatterFlipIt", "--seed", seed], "next") for seed in ("1", "1", "2")]
+    assert drawn[0] == drawn[1] != drawn[2]
+
+
+def test_play__legal_lists_what_can_be_done(play: Play):
+    said = play(BLUE_TASK, "legal")
+    assert "add middle black" in said
+    assert "remove" not in said.split("> legal")[1]
+
+
+def test_play__help_speaks_of_the_appearance(play: Play):
+    assert "add BOX COLOUR" in play(BLUE_TASK, "help")
+    assert "add COLUMN ROW SIZE COLOUR SHAPE" in play(ROUND_TASK, "help")
+
+
+def test_play__scatter_is_played_by_cells(play: Play):
+    said = play(ROUND_TASK, "add 18 4 small blue circle", "legal", "add 19 0 small blue circle", "remove 18 4")
+    assert "add 18 4 small blue circle: reward -0.1" in said
+    assert "remove 18 4" in said
+    assert "add large square: " in said
+    assert "column '19' must be one of 0 .. 18" in said
+    assert "remove 18 4: reward -0.1" in said
+
+
+def test_play__writes_a_film_of_every_picture(play: Play, tmp_path: Path):
+    said = play([*BLUE_TASK, "--gif", str(tmp_path / "film.gif")], "add left blue", "stop")
+    assert f"film: {tmp_path / 'film.gif'}" in said
+    with Image.open(tmp_path / "film.gif") as film:
+        assert getattr(film, "n_frames", 1) == 3
+
+
+def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
+    film = tmp_path / "film.gif"
+    command = [sys.executable, "-c", "import sys; from lilgym_mp.cli import main; sys.exit(main())", *BLUE_TASK]
+    with subprocess.Popen(
+        [*command, "--gif", str(film)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "Actions left" not in process.stdout.readline():
+            pass
+        process.send_signal(signal.SIGINT)
+        said, faults = process.communicate(timeout=60)
+    assert (process.returncode, faults) == (0, "")
+    assert "no episode ended" in said
+    assert film.exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "action"),
+    [
+        ("stop", STOP),
+        ("a l bla", AddBlock(0, Colour.BLACK)),
+        ("add right yellow", AddBlock(2, Colour.YELLOW)),
+        ("remove m", RemoveBlock(1)),
+    ],
+)
+def test_parsed__tower(line: str, action: AddBlock):
+    assert parsed(line.split(), Tower()) == action
+
+
+@pytest.mark.parametrize(
+    ("line", "action"),
+    [
+        ("add 3 4 small blue circle", AddItem(3, 4, Shape.CIRCLE, Colour.BLUE, Size.SMALL)),
+        ("add 3 4 tri lar y", AddItem(3, 4, Shape.TRIANGLE, Colour.YELLOW, Size.LARGE)),
+        ("remove 18 0", RemoveItem(18, 0)),
+    ],
+)
+def test_parsed__scatter_takes_looks_in_any_order(line: str, action: AddItem):
+    assert parsed(line.split(), Scatter()) == action
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("stop now", "stop takes 0 words, not 1"),
+        ("add 3 4 small large circle", "'large' is a second size; give one size, colour and shape"),
+        ("add 3 5 small blue circle", "row '5' must be one of 0 .. 4"),
+        ("remove -1 0", "column '-1' must be one of 0 .. 18"),
+        ("remove a b", "column 'a' must be one of 0 .. 18"),
+    ],
+)
+def test_parsed__faults_say_what_would_do(line: str, fault: str):
+    with pytest.raises(CommandFault, match=fault):
+        parsed(line.split(), Scatter())
+
+
+@pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))])
+def test_command_of__is_understood_again(appearance: Tower | Scatter):
+    for number in range(0, appearance.action_count, 7):
+        action = appearance.decode(number)
+        assert parsed(command_of(action).split(), appearance) == action
+
+
+def test_ruled__numbers_stand_where_their_cells_begin():
+    picture = ruled(text(scene(tower(B), [], [square(80, 80)]), [], coloured=False), (19, 5))
+    numbers, _, *rows, _ = picture.split("\n")
+    assert numbers.index("18") == rows[-1].index("yyyy")
+    assert rows[-2].endswith(" 4")
+    assert [line.split()[-1] for line in rows if line[-1].isdigit()] == ["0", "1", "2", "3", "4"]
+
+
+def test_ruled__fine_grids_are_numbered_here_and_there():
+    numbers, *_ = ruled(text(scene(), [], coloured=False), (95, 20)).split("\n")
+    counted = [int(number) for number in numbers.split()]
+    assert counted == sorted(counted)
+    assert counted[0] == 0
