@@ -11,8 +11,8 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any
 
+from lilgym_mp.cli.solve import replayed
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver import Solver
@@ -24,27 +24,13 @@ SETS_OF_ACTIONS = 100  # tasks of which the optimal first actions are found
 
 
 def solved(settings: Settings, split: str, jobs: int) -> list[TaskReport]:
-    env = settings.make_bare(split)
+    env = settings.make(split)
     return solve_tasks(env.tasks, env.dynamics, jobs=jobs)
-
-
-def replayed(settings: Settings, split: str, reports: list[TaskReport]) -> tuple[int, int]:
-    """Solutions played in the environment, and how many of them succeed."""
-    env = settings.make_bare(split)
-    played = [report for report in reports if report.solution.solved]
-    successes = 0
-    for task, solution, _ in played:
-        env.reset(options={"task": task.id})
-        info: dict[str, Any] = {}
-        for action in solution.actions:
-            *_, info = env.step(env.dynamics.appearance.encode(action))
-        successes += bool(info.get("is_success"))
-    return len(played), successes
 
 
 def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | None) -> float:
     """From tasks in memory to a file: solving, playing out, writing."""
-    env = settings.make_bare("train")
+    env = settings.make("train")
     with TemporaryDirectory() as place:
         begin = perf_counter()
         reports = solve_tasks(env.tasks, env.dynamics, jobs=jobs)
@@ -55,7 +41,7 @@ def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | Non
 
 def sets_of_actions(settings: Settings) -> tuple[float, float, float]:
     """Over dev tasks: median seconds for the optimal first actions, their mean number, the share of complete sets."""
-    env = settings.make_bare("dev")
+    env = settings.make("dev")
     solver = Solver(env.dynamics)
     seconds: list[float] = []
     sizes: list[int] = []

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
             summaries[name] = summarise(reports)
             unsolved.extend(_unsolved_lines(name, reports))
             if args.replay:
-                _replay(settings, split, reports)
+                played, successes = replayed(settings, split, reports)
+                print(f"{name}: {successes:,} of {played:,} solutions succeed in the environment")
             dynamics = dynamics_of(settings)
             where = {"settings": settings.to_json(), "split": split}
             records.extend({**where, **report_json(report, dynamics)} for report in reports)
@@ -127,17 +128,17 @@ def _print_unsolved(lines: Sequence[str]) -> None:
             print(f"... and {len(lines) - MOST_LISTED} more; --out FILE lists all")
 
 
-def _replay(settings: Settings, split: str, reports: Sequence[TaskReport]) -> None:
-    """Plays each solution in the environment and says how many succeed."""
-    env = settings.make_bare(split)
+def replayed(settings: Settings, split: str, reports: Sequence[TaskReport]) -> tuple[int, int]:
+    """How many solutions there are, and how many of them succeed when the environment plays them."""
+    env = settings.make(split)
     encode = env.dynamics.appearance.encode
-    played = [report for report in reports if report.solution.solved]
+    solutions = [report for report in reports if report.solution.solved]
     successes = 0
-    for task, solution, _ in played:
+    for task, solution, _ in solutions:
         env.reset(options={"task": task.id})
         info: dict[str, Any] = {}
         for action in solution.actions:
-            _, _, _, _, info = env.step(encode(action))
+            *_, info = env.step(encode(action))
         successes += bool(info.get("is_success"))
     env.close()
-    print(f"{settings.configuration} {split}: {successes:,} of {len(played):,} solutions succeed in the environment")
+    return len(solutions), successes
