@@ -10,12 +10,16 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli.download_bar import DownloadBar
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.corpus.records import SPLITS, STARTS
+from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
+
+if TYPE_CHECKING:
+    from lilgym_mp.corpus import TaskSet
+    from lilgym_mp.corpus.installing import Installation
 
 FAULTS_FOUND = 1  # exit code of `check`
 SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
@@ -112,30 +116,41 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace the file")
 
 
+class _Distinct(argparse.Action):
+    """Keeps each value once, in the order given."""
+
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: str | None = None
+    ) -> None:
+        setattr(namespace, self.dest, list(dict.fromkeys(values)))
+
+
+def _add_several(parser: argparse.ArgumentParser, flag: str, choices: list[str]) -> None:
+    parser.add_argument(flag, nargs="+", action=_Distinct, choices=choices, default=choices, help="default: all")
+
+
 def _add_splits(parser: argparse.ArgumentParser) -> None:
-    splits = SET_CHOICES["split"]
-    parser.add_argument("--splits", nargs="+", choices=splits, default=splits, help="default: all")
+    _add_several(parser, "--splits", SET_CHOICES["split"])
 
 
 def _add_appearances_and_splits(parser: argparse.ArgumentParser) -> None:
-    appearances = SET_CHOICES["appearance"]
-    parser.add_argument("--appearances", nargs="+", choices=appearances, default=appearances, help="default: all")
+    _add_several(parser, "--appearances", SET_CHOICES["appearance"])
     _add_splits(parser)
 
 
 def _download(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.download import NEWEST, GitHub, WebDirectory, download_official
     from lilgym_mp.corpus.faults import InterruptionError
-    from lilgym_mp.corpus.installing import read_installation
+    from lilgym_mp.corpus.installing import intact_installation
     from lilgym_mp.corpus.official import official_names
     from lilgym_mp.corpus.places import installed_directory
 
     target, names = installed_directory(), official_names(args.splits)
-    there = None if args.force else read_installation(target)
-    if there is not None and {file.name for file in there.files} >= set(names):
+    source = WebDirectory(args.url) if args.url else GitHub(args.revision or NEWEST)
+    wanted = str(source) if args.url or args.revision else None
+    if not args.force and (there := intact_installation(target, names, wanted)) is not None:
         print(f"installed already, from {there.source}: {target} (--force downloads it again)")
         return 0
-    source = WebDirectory(args.url) if args.url else GitHub(args.revision or NEWEST)
     try:
         with DownloadBar() as bar:
             installation = download_official(source, names, target, bar.show)
@@ -157,7 +172,7 @@ def _import(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell_installation(installation: Any) -> None:
+def _tell_installation(installation: Installation) -> None:
     from lilgym_mp.cli.tables import table
     from lilgym_mp.corpus.places import DATA_VARIABLE
 
@@ -234,7 +249,7 @@ def _show(args: argparse.Namespace) -> int:
     return 0
 
 
-def _task_set_with(args: argparse.Namespace) -> Any:
+def _task_set_with(args: argparse.Namespace) -> TaskSet:
     """The one task set that has the task asked for."""
     from lilgym_mp.corpus.loading import load_all_tasks
 
@@ -277,7 +292,7 @@ def _permute(args: argparse.Namespace) -> int:
 
     entries: list[Mapping[str, object]] = []
     before = after = 0
-    for tasks in load_all_tasks(args.corpus, args.appearances, ["flipit"], args.splits):
+    for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.splits):
         permuted = with_permuted_boxes(tasks, distinct=True)
         before, after = before + len(tasks), after + len(permuted)
         entries += flipit_entries(permuted)

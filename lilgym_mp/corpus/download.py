@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast
+from typing import NamedTuple, Protocol, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
@@ -60,12 +60,14 @@ class GitHub:
 
     def listing(self, names: Sequence[str], patience: Patience) -> Listing:
         api = f"{self.api_url}/repos/{self.repository}"
-        commit = str(_answer(f"{api}/commits/{quote(self.revision)}", patience).get("sha"))
+        commit = _answer(f"{api}/commits/{quote(self.revision)}", patience).get("sha")
+        if not isinstance(commit, str):
+            raise CorpusError(f"{self}: GitHub's answer names no commit")
         tree = _answer(f"{api}/git/trees/{commit}?recursive=1", patience).get("tree")
         found: dict[str, RemoteFile] = {}
-        for path, entry in _blobs(tree):
+        for path, size, sha in _blobs(tree):
             name = path.rpartition("/")[2]
-            file = RemoteFile(f"{self.raw_url}/{self.repository}/{commit}/{quote(path)}", entry["size"], entry["sha"])
+            file = RemoteFile(f"{self.raw_url}/{self.repository}/{commit}/{quote(path)}", size, sha)
             if name in found and found[name].git_sha1 != file.git_sha1:
                 raise CorpusError(f"{self}: has several different files {name}: {found[name].url}, {file.url}")
             if name in names:
@@ -124,13 +126,14 @@ def _answer(url: str, patience: Patience) -> dict[str, object]:
     return answer
 
 
-def _blobs(tree: object) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Path and entry of each file in a listing as GitHub gives it."""
-    for value in cast("list[object]", tree) if isinstance(tree, list) else []:
-        entry = as_object(value) or {}
-        path = entry.get("path")
-        if isinstance(path, str) and entry.get("type") == "blob" and {"size", "sha"} <= entry.keys():
-            yield path, entry
+def _blobs(tree: object) -> Iterator[tuple[str, int, str]]:
+    """Path, size and object id of each file in a listing as GitHub gives it."""
+    for entry in cast("list[object]", tree) if isinstance(tree, list) else []:
+        match entry:
+            case {"type": "blob", "path": str(path), "size": int(size), "sha": str(sha)}:
+                yield path, size, sha
+            case _:
+                continue
 
 
 def _demand_space(staged: Path, files: Iterable[RemoteFile]) -> None:

@@ -158,6 +158,8 @@ def _opened(url: str, start: int, timeout: float) -> http.client.HTTPResponse:
         if isinstance(fault.reason, ssl.SSLCertVerificationError):
             raise CorpusError(f"{url}: the server's certificate is not to be trusted: {fault.reason}") from None
         raise _TryAgain(f"cannot be reached: {fault.reason}") from None
+    except http.client.InvalidURL as fault:
+        raise CorpusError(f"cannot download from {url!r}: {fault}") from None
     except (OSError, http.client.HTTPException) as fault:
         raise _TryAgain(f"no proper answer: {fault or type(fault).__name__}") from None
 

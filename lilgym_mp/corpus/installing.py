@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 from collections.abc import Generator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -98,6 +98,15 @@ def read_installation(directory: Path) -> Installation | None:
         return Installation(directory, str(record["source"]), record["revision"], tuple(files))
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise CorpusError(f"{path}: cannot be read: {fault}") from None
+
+
+def intact_installation(directory: Path, names: Sequence[str], source: str | None) -> Installation | None:
+    """The installation there if it has the files called `names`, unchanged, and is from `source` (None: from any)."""
+    with suppress(CorpusError):
+        there = read_installation(directory)
+        if there is not None and {file.name for file in there.files} >= set(names) and source in (None, there.source):
+            return None if installation_faults(directory) else there
+    return None
 
 
 def installation_faults(directory: Path) -> list[Fault]:

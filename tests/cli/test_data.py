@@ -111,6 +111,7 @@ def test_download__installs_once(data: Run, released: Path, cache: Path, monkeyp
         assert f"installed already, from {web.url}" in data("download", "--url", web.url)
         assert len(web.asked) == asked
         assert "installed in" in data("download", "--url", web.url, "--force")
+        assert f"from {web.url}/" in data("download", "--url", f"{web.url}/", "--splits", "test", "test")
     assert "no faults" in data("check", "lilgym")
 
 

@@ -165,6 +165,13 @@ def test_fetch__other_urls_are_refused(url: str, part: Path, patience: Patience)
         fetch_text(url, patience)
 
 
+@pytest.mark.parametrize("url", ["http://127.0.0.1:port/file", "http://127.0.0.1/two words"])
+def test_fetch__a_url_that_cannot_be_is_final(url: str, part: Path, patience: Patience, pauses: list[float]):
+    with pytest.raises(CorpusError, match=r"cannot download from .http://127"):
+        fetch(url, part, _nothing, patience)
+    assert pauses == []
+
+
 @pytest.fixture
 def repository(web: Web, small_release: dict[str, bytes]) -> GitHub:
     """The small release, in two directories of a repository."""
@@ -258,7 +265,7 @@ def test_download__two_different_files_of_one_name_are_refused(
 @pytest.mark.parametrize("answer", [b"<html>", b"[]", b'{"sha": 1}'])
 def test_download__a_listing_that_is_none_is_refused(answer: bytes, web: Web, target: Path, patience: Patience):
     web.files[f"/repos/{REPOSITORY}/commits/HEAD"] = answer
-    with pytest.raises(CorpusError, match=r"the answer cannot be read|no JSON object|404"):
+    with pytest.raises(CorpusError, match=r"the answer cannot be read|no JSON object|names no commit"):
         download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
     assert not target.exists()
 

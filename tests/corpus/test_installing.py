@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
 from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.installing import import_official, read_installation, staging_area
+from lilgym_mp.corpus.installing import import_official, intact_installation, read_installation, staging_area
 from lilgym_mp.corpus.official import FACTS, STATEMENT_COUNT, content_digest, official_names
 from lilgym_mp.corpus.released import ReleasedFile
 
@@ -125,6 +125,19 @@ def test_staging__a_place_that_cannot_be_written_is_named(tmp_path: Path):
         staging_area(tmp_path / "file" / "lilgym", "here"),
     ):
         pass
+
+
+def test_intact_installation__has_the_files_unchanged_from_the_source(checkout: Path, target: Path):
+    assert intact_installation(target, NAMES, None) is None
+    installation = import_official(checkout, NAMES, target)
+    assert intact_installation(target, [SCRATCH], None) == installation
+    assert intact_installation(target, NAMES, str(checkout)) == installation
+    assert intact_installation(target, NAMES, "elsewhere") is None
+    assert intact_installation(target, [*NAMES, "tower_scratch_dev.json"], None) is None
+    (target / SCRATCH).write_text("{}")
+    assert intact_installation(target, NAMES, None) is None
+    (target / "installed.json").write_text("{}")
+    assert intact_installation(target, NAMES, None) is None
 
 
 def test_check__changed_and_lost_files_of_an_installation_are_faults(checkout: Path, target: Path):
