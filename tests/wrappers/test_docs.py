@@ -1,0 +1,42 @@
+"""docs/wrappers.md runs from top to bottom, prints what it says, and leaves no wrapper out."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import warnings
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp import wrappers
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "wrappers.md"
+DRAWN = "Statement: "  # which statement is drawn depends on the corpus
+
+
+def test_examples__run_and_print_what_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", DOCUMENT.read_text(), re.DOTALL)
+    names = {"__name__": "__main__"}
+    checked = 0
+    for code, promised in blocks:
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed), warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, when it is first imported
+            exec(compile(code, str(DOCUMENT), "exec"), names)
+        if promised:
+            assert without_statement(printed.getvalue()) == without_statement(promised)
+            checked += 1
+    assert checked == 2
+
+
+def without_statement(text: str) -> list[str]:
+    return [line for line in text.splitlines() if not line.startswith(DRAWN)]
+
+
+@pytest.mark.parametrize("name", [name for name in wrappers.__all__ if name.endswith("_v0")])
+def test_every_wrapper__is_told_of(name: str):
+    assert f"(`{name}`)" in DOCUMENT.read_text()
