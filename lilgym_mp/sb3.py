@@ -42,10 +42,8 @@ class BatchVecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         tasks = [options.get("task") for options in self._options]
-        observations, infos = self.venv.reset(
-            seed=list(self._seeds),
-            options={"task": tasks} if any(tasks) else None,  # pyright: ignore[reportArgumentType]
-        )
+        seeds: Any = list(self._seeds)
+        observations, infos = self.venv.reset(seed=seeds, options={"task": tasks} if any(tasks) else None)
         self.reset_infos = _split(infos, self.num_envs)
         self._reset_seeds()
         self._reset_options()

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
@@ -212,7 +213,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             infos = self._end_infos(block.ended.copy())
         if block.started.any():
             started = block.started.copy()
-            infos |= {"task": np.where(started, self._task_ids[block.task], None), "_task": started}
+            infos |= {"task": _only(self._task_ids[block.task], started), "_task": started}
         return infos
 
     def _end_infos(self, ended: BoolArray) -> Infos:
@@ -221,13 +222,13 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         reasons = _REASON_NAMES[block.invalid]
         invalid = ended & (block.invalid != NO_REASON)
         infos: Infos = {
-            "outcome": np.where(ended, outcomes, None),
+            "outcome": _only(outcomes, ended),
             "_outcome": ended,
             "is_success": self._verdicts.successes[block.verdict] & ended,
             "_is_success": ended.copy(),
         }
         if invalid.any():
-            infos |= {"invalid_reason": np.where(invalid, reasons, None), "_invalid_reason": invalid}
+            infos |= {"invalid_reason": _only(reasons, invalid), "_invalid_reason": invalid}
         if self._evaluation:
             infos |= {"repeated": block.repeated & ended, "_repeated": ended.copy()}
             self._evaluated += int((ended & ~block.repeated).sum())
@@ -361,6 +362,13 @@ class BatchedEnv(LilGymVectorEnv):
 
     def _change_tasks(self, change: TaskOperation) -> None:
         self._engine.play(self.tasks)
+
+
+def _only(values: NDArray[np.object_], where: BoolArray) -> NDArray[np.object_]:
+    """(N,) the values where `where` is true, None elsewhere."""
+    chosen = np.full(len(values), None, object)
+    chosen[where] = values[where]
+    return chosen
 
 
 def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:

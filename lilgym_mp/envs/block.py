@@ -67,7 +67,8 @@ class Block:
     @classmethod
     def new(cls, forms: Mapping[str, ArrayForm]) -> Block:
         """Arrays of their own, zero."""
-        return cls(**{name: np.zeros(form.shape, form.dtype) for name, form in forms.items()})
+        arrays: dict[str, Any] = {name: np.zeros(form.shape, form.dtype) for name, form in forms.items()}
+        return cls(**arrays)
 
     @classmethod
     def over(cls, memory: memoryview, forms: Mapping[str, ArrayForm]) -> Block:
