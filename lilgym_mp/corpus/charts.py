@@ -97,8 +97,8 @@ def _program_words(statistics: CorpusStatistics) -> str:
 
 
 def _statement_lengths(statistics: CorpusStatistics) -> str:
-    longest = max(max(group.word_counts) for group in statistics.statements)
-    lengths = range(1, longest + 1)
+    found = {length for group in statistics.statements for length in group.word_counts}
+    lengths = range(min(found), max(found) + 1)
     series = _by_group(statistics, lambda group: [group.word_counts.count(length) for length in lengths])
     return bar_chart(f"Statements of {statistics.corpus} by number of words", list(map(str, lengths)), series, " %")
 
