@@ -43,7 +43,6 @@ GAME = {
     "views": {"scene": "structured", "proposal": False},
 }
 PROPOSER = "by_intent"
-GAMES_A_TASK = 4  # when measuring
 EMPTY = -1  # an item array's slot without an item
 
 
@@ -77,12 +76,12 @@ def games(split: str = "train") -> Any:
     return raw_env(split=split, **GAME)
 
 
-def learner(envs: int, seed: int) -> MaskablePPO:
+def learner(envs: int, rollout: int, seed: int) -> MaskablePPO:
     vec_env = DummyVecEnv([lambda: SingleAgentView(games(), "verifier_0", PROPOSER)] * envs)
     return MaskablePPO(
         "MultiInputPolicy",
         vec_env,
-        n_steps=2048 // envs,
+        n_steps=rollout // envs,
         batch_size=256,
         n_epochs=6,
         learning_rate=1e-3,
@@ -93,10 +92,10 @@ def learner(envs: int, seed: int) -> MaskablePPO:
     )
 
 
-def judged(verifier: Partner, split: str, seed: int) -> Metrics:
-    """A verifier's measures over GAMES_A_TASK games of each task."""
+def judged(verifier: Partner, split: str, seed: int, games_a_task: int) -> Metrics:
+    """A verifier's measures over every task of a split."""
     game = games(split)
-    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids * GAMES_A_TASK, seed=seed)
+    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids * games_a_task, seed=seed)
 
 
 def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
@@ -127,21 +126,24 @@ def curve(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def trained(model: MaskablePPO, steps: int, every: int, seed: int) -> list[dict[str, Any]]:
+def trained(model: MaskablePPO, steps: int, every: int, seed: int, games_a_task: int) -> list[dict[str, Any]]:
     """Trains for `steps`, measuring before, every `every` steps and at the end."""
     rows: list[dict[str, Any]] = []
     while not rows or model.num_timesteps < steps:
         if rows:
             model.learn(min(every, steps - model.num_timesteps), reset_num_timesteps=False)
         for split in ("train", "dev"):
-            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed)
+            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed, games_a_task)
             rows.append(row(model.num_timesteps, split, metrics))
             print(f"{model.num_timesteps:8} steps  {split:5}  {told(metrics)}", flush=True)
     return rows
 
 
 def told(metrics: Metrics) -> str:
-    return f"completeness {metrics.completeness:.3f}  soundness {metrics.soundness:.3f}  of {metrics.claims} claims"
+    completeness, soundness = (
+        "none" if rate is None else f"{rate:.3f}" for rate in (metrics.completeness, metrics.soundness)
+    )
+    return f"completeness {completeness}  soundness {soundness}  of {metrics.claims} claims"
 
 
 def save(model: MaskablePPO, rows: list[dict[str, Any]], out: Path) -> None:
@@ -159,15 +161,17 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=150_000, help="verdicts to learn from; one a game")
     parser.add_argument("--every", type=int, default=15_000, help="steps between measures")
     parser.add_argument("--envs", type=int, default=16)
+    parser.add_argument("--rollout", type=int, default=2048, help="verdicts between updates")
+    parser.add_argument("--games-a-task", type=int, default=4, help="when measuring")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="directory for curve.csv, curve.svg and verifier.zip")
     given = parser.parse_args()
     if given.out is not None:
         given.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed))}")
-    model = learner(given.envs, given.seed)
-    rows = trained(model, given.steps, given.every, given.seed)
+    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed, given.games_a_task))}")
+    model = learner(given.envs, given.rollout, given.seed)
+    rows = trained(model, given.steps, given.every, given.seed, given.games_a_task)
     if given.out is not None:
         save(model, rows, given.out)
 

@@ -10,14 +10,18 @@ Run: python examples/self_play_sneaky_and_helpful.py --steps 600000
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
-import torch
-from proposer_verifier_both_learn import Player, Table, make_player
-from torch import Tensor, nn
-from torch.distributions import Categorical
-
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames, Intent
+
+try:
+    import torch
+    from proposer_verifier_both_learn import Player, Table, make_player
+    from torch import Tensor, nn
+    from torch.distributions import Categorical
+except ImportError as missing:
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3]"')
 
 PROPOSER, VERIFIER = AGENTS
 GAME: dict[str, Any] = {

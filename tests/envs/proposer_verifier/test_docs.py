@@ -1,0 +1,30 @@
+"""The document's examples run and give what it says."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, SCRIPTED, TERMS, Settings
+
+TEXT = (Path(__file__).parents[3] / "docs" / "proposer_verifier.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", TEXT, re.DOTALL)
+
+
+@pytest.mark.parametrize(("block", "printed"), BLOCKS)
+def test_example__runs_and_gives_what_is_written_beside_it(block: str, printed: str):
+    names: dict[str, object] = {}
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        exec(block, names)
+    assert output.getvalue() == printed
+    for expression, value in re.findall(r"^(\S.*?)  # (.+)$", block, re.MULTILINE):
+        assert repr(eval(expression, names)) == value
+
+
+@pytest.mark.parametrize("name", [*Settings.__dataclass_fields__, *PROTOCOLS, *PRESETS, *TERMS, *SCRIPTED])
+def test_document__tells_every_name(name: str):
+    assert name in TEXT

@@ -1,0 +1,54 @@
+"""The examples of the game, run short."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+Run = Callable[..., str]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs an example and gives what it prints; skips, saying why, where its extra is not installed."""
+
+    def run_example(name: str, *arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        monkeypatch.syspath_prepend(str(EXAMPLES))
+        try:
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        except SystemExit as left:
+            if "SKIPPED" not in str(left.code):
+                raise
+            pytest.skip(str(left.code))
+        return capsys.readouterr().out
+
+    return run_example
+
+
+def test_audit__trains_a_verifier_and_writes_its_curve(run: Run, tmp_path: Path):
+    printed = run(
+        "proposer_verifier_audit.py", "--steps", "32", "--rollout", "32", "--games-a-task", "1", "--out", str(tmp_path)
+    )
+    assert "always accepting" in printed
+    assert "completeness" in printed
+    assert {path.name for path in tmp_path.iterdir()} == {"curve.csv", "curve.svg", "verifier.zip"}
+
+
+def test_both_learn__plays_and_reports(run: Run):
+    assert "rounds  success" in run("proposer_verifier_both_learn.py", "--steps", "64", "--games", "4")
+
+
+def test_self_play__plays_and_reports(run: Run):
+    printed = run("self_play_sneaky_and_helpful.py", "--steps", "256", "--games", "4", "--reports", "1")
+    assert "soundness" in printed
+
+
+def test_supersuit__plays_or_says_what_is_missing(run: Run):
+    assert "steps of 2 agents" in run("supersuit_ppo.py", "--steps", "64", "--games", "2")
