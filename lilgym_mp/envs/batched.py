@@ -200,10 +200,14 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     def _observe(self) -> Observations:
         block = self._block
         return {
-            "image": block.image.copy() if self.copy else block.image,
+            "image": self._images(),
             "statement": tuple(self._statements[block.task].tolist()),
             "target": self._targets[block.task],
         }
+
+    def _images(self) -> UInt8Array:
+        """(N, height, width, 3) what observations show; the caller's to keep if `copy`."""
+        return self._block.image.copy() if self.copy else self._block.image
 
     def _infos(self) -> Infos:
         """As Gymnasium's vector environments have them: arrays (N,), each with a mask `_name` of where it holds."""

@@ -7,11 +7,13 @@ resets, states and faults go through pipes.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
 import threading
 import traceback
+import weakref
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,15 +28,18 @@ import numpy as np
 
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
-from lilgym_mp.envs.block import ALIGNMENT, Block, block_size
+from lilgym_mp.envs.block import ALIGNMENT, ArrayForm, Block, block_size
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
+from lilgym_mp.render import UInt8Array, image_shape
 from lilgym_mp.rules import State
 
 AUTO = "auto"
 ENVS_WORTH_A_PROCESS = 64  # "auto" gives each process at least so many
 SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
+PAGES = 3  # copies of all images that the caller can hold before it has to copy them itself
+NO_PAGE = -1
 NAP_SECONDS = 0.2  # between looks at whether the others live
 START_SECONDS = 120.0  # for a worker to import what it needs and load its tasks
 GOODBYE_SECONDS = 1.0
@@ -55,6 +60,7 @@ class Order(IntEnum):
     CLOSE = 7
 
 
+COPIED = (Order.RESET, Order.STEP)  # orders after which observations are given out
 _WRITES = {"mask": Order.MASK, "goal": Order.GOAL, "items": Order.ITEMS}
 _WRITTEN = {order: what for what, order in _WRITES.items()}
 
@@ -69,7 +75,7 @@ def _fence() -> None:
 
 
 class Post:
-    """What one worker and the caller tell each other: two words for each, on cache lines of their own, and bells."""
+    """What one worker and the caller tell each other, each on a cache line of its own."""
 
     LINES = 2
 
@@ -78,8 +84,9 @@ class Post:
         self._asked = (number * self.LINES) * _WORDS
         self._answered = self._asked + _WORDS
 
-    def ask(self, count: int, order: Order) -> None:
+    def ask(self, count: int, order: Order, page: int = NO_PAGE) -> None:
         self._words[self._asked + 1] = order
+        self._words[self._asked + 3] = page
         _fence()
         self._words[self._asked] = count
 
@@ -92,8 +99,12 @@ class Post:
     def order(self) -> Order:
         return Order(self._words[self._asked + 1])
 
-    def answer(self, count: int, *, failed: bool) -> None:
-        self._words[self._answered + 1] = failed
+    @property
+    def page(self) -> int:
+        """Where the images are to be copied to, or NO_PAGE."""
+        return self._words[self._asked + 3]
+
+    def answer(self, count: int) -> None:
         _fence()
         self._words[self._answered] = count
 
@@ -101,10 +112,6 @@ class Post:
     def answered(self) -> int:
         """How many orders have been carried out."""
         return self._words[self._answered]
-
-    @property
-    def failed(self) -> bool:
-        return bool(self._words[self._answered + 1])
 
     def set_asleep(self, *, worker: bool, asleep: bool) -> None:
         self._words[(self._asked if worker else self._answered) + 2] = asleep
@@ -138,6 +145,7 @@ class Assignment:
     number: int
     first: int
     stop: int
+    pages: int
     spin_seconds: float
 
 
@@ -146,10 +154,19 @@ def _control_size(workers: int) -> int:
     return workers * Post.LINES * ALIGNMENT
 
 
-def _laid_out(shared: SharedMemory, settings: Settings, workers: int) -> tuple[memoryview, Block]:
-    """The words of the posts, and the block."""
+def _pages_form(settings: Settings, pages: int) -> ArrayForm:
+    return ArrayForm((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
+
+
+def _laid_out(
+    shared: SharedMemory, settings: Settings, workers: int, pages: int
+) -> tuple[memoryview, Block, UInt8Array]:
+    """The words of the posts, the block, and the pages (pages, N, height, width, 3) for copies of its images."""
     control = _control_size(workers)
-    return shared.memory[:control].cast("q"), Block.over(shared.memory[control:], settings.forms())
+    forms, form = settings.forms(), _pages_form(settings, pages)
+    memory = shared.memory[control:]
+    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), block_size(forms)).reshape(form.shape)
+    return shared.memory[:control].cast("q"), Block.over(memory, forms), copies
 
 
 def _work(
@@ -160,8 +177,9 @@ def _work(
     caller = multiprocessing.parent_process()
     assert caller is not None
     try:
-        words, block = _laid_out(assignment.shared, assignment.settings, workers)
-        engine = Engine(assignment.settings, block.part(assignment.first, assignment.stop), assignment.first)
+        words, block, pages = _laid_out(assignment.shared, assignment.settings, workers, assignment.pages)
+        part = slice(assignment.first, assignment.stop)
+        engine = Engine(assignment.settings, block.part(part.start, part.stop), part.start)
         messages.send(None)
         post = Post(words, assignment.number)
         count = 0
@@ -171,7 +189,9 @@ def _work(
             if order is Order.CLOSE:
                 break
             _carry_out(engine, order, messages)
-            post.answer(count, failed=False)
+            if post.page != NO_PAGE:
+                pages[post.page, part] = engine.block.image
+            post.answer(count)
             if post.is_asleep(worker=False):
                 caller_bell.send_bytes(b"!")
     except (BrokenPipeError, EOFError):
@@ -265,8 +285,13 @@ class WorkerVectorEnv(LilGymVectorEnv):
             raise ValueError(f"timeout_seconds must be positive, not {timeout_seconds!r}")
         self._timeout = timeout_seconds
         self._count = 0
-        self._shared = SharedMemory(_control_size(count) + block_size(checked.forms()))
-        words, block = _laid_out(self._shared, checked, count)
+        pages = PAGES if copy and count > 1 else 0
+        size = _control_size(count) + block_size(checked.forms()) + _pages_form(checked, pages).size
+        self._shared = SharedMemory(size)
+        words, block, self._pages = _laid_out(self._shared, checked, count, pages)
+        self._page_start = size - _pages_form(checked, pages).size
+        self._lent: list[weakref.ref[Any] | None] = [None] * pages  # to whom each page was given
+        self._page = NO_PAGE
         super().__init__(checked, block, render_mode=render_mode, copy=copy)
         bounds = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
         self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
@@ -274,7 +299,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         try:
             for number in range(1, count):
                 assignment = Assignment(
-                    checked, self._shared, number, bounds[number], bounds[number + 1], self._spin_seconds
+                    checked, self._shared, number, bounds[number], bounds[number + 1], pages, self._spin_seconds
                 )
                 self._workers.append(_hired(context, assignment, count, words))
             self._engine = Engine(checked, block.part(*bounds[:2]))
@@ -296,10 +321,43 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def _reset(self, order: Reset) -> None:
         payloads = [_part(order, worker.first, worker.stop) for worker in self._workers]
-        self._everywhere(Order.RESET, lambda: self._engine.reset(_part(order, 0, self._own.stop)), payloads)
+
+        def own_part() -> None:
+            self._engine.reset(_part(order, 0, self._own.stop))
+            self._copy_own_images()
+
+        self._page = self._free_page()
+        self._everywhere(Order.RESET, own_part, payloads)
 
     def _step(self) -> None:
-        self._everywhere(Order.STEP, self._engine.step)
+        self._page = self._free_page()
+        self._everywhere(Order.STEP, self._own_step)
+
+    def _own_step(self) -> None:
+        self._engine.step()
+        self._copy_own_images()
+
+    def _copy_own_images(self) -> None:
+        if self._page != NO_PAGE:
+            self._pages[self._page, self._own] = self._engine.block.image
+
+    def _free_page(self) -> int:
+        """A page that nobody holds any more, or NO_PAGE."""
+        for page, lent in enumerate(self._lent):
+            if lent is None or lent() is None:
+                return page
+        return NO_PAGE
+
+    def _images(self) -> UInt8Array:
+        if self._page == NO_PAGE:
+            return super()._images()
+        # An array of its own over the page: whatever view of it the caller keeps, keeps it alive.
+        assert self._shared is not None
+        shape = self._pages.shape[1:]
+        start = self._page_start + self._page * math.prod(shape)
+        root = np.frombuffer(self._shared.memory, np.uint8, math.prod(shape), start)
+        self._lent[self._page] = weakref.ref(root)
+        return root.reshape(shape)
 
     def _write(self, what: str) -> None:
         self._everywhere(_WRITES[what], lambda: self._engine.write(what))
@@ -337,7 +395,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
             for worker, payload in zip(self._workers, payloads, strict=False):
                 worker.messages.send(payload)
             for worker in self._workers:
-                worker.post.ask(self._count, order)
+                worker.post.ask(self._count, order, self._page if order in COPIED else NO_PAGE)
                 if worker.post.is_asleep(worker=True):
                     worker.bell.send_bytes(b"!")
         except OSError:  # nobody hears it

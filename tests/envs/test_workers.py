@@ -97,6 +97,25 @@ def test_workers__equal_one_batch_without_copies_and_alone() -> None:
     assert_alike(alone, batch(TOWER, 4, mode), steps=30)
 
 
+def test_copies__are_the_callers_to_keep_however_many() -> None:
+    env = WorkerVectorEnv(SCATTER, 4, 2, start_method="fork")
+    kept = [env.reset(seed=0)[0]["image"]]
+    parts: list[np.ndarray] = []  # views of images that nobody else holds
+    expected: list[np.ndarray] = [kept[0].copy()]
+    for step in range(1, 9):
+        image = env.step(np.full(4, 28 * step))[0]["image"]
+        expected.append(image.copy())
+        kept.append(image) if step % 2 else parts.append(image[1:][:2, 5:])
+    for number, image in enumerate(kept[1:]):
+        assert np.array_equal(image, expected[2 * number + 1])
+    for number, part in enumerate(parts):
+        assert np.array_equal(part, expected[2 * number + 2][1:][:2, 5:])
+    kept[0][:] = 7
+    assert not (env.step(np.ones(4, np.int64))[0]["image"] == 7).any()
+    env.close()
+    assert np.array_equal(kept[1], expected[1])
+
+
 def test_workers__tell_states_items_and_tasks_of_all_environments() -> None:
     ours = WorkerVectorEnv(SCATTER, 5, 3, start_method="fork")
     theirs = batch(SCATTER, 5, AutoresetMode.NEXT_STEP)
