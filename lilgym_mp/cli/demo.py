@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-DEFAULT_STEPS = 150_000
+DEFAULT_STEPS = 100_000
 BACKEND = "batched"
+SAVE_EVERY = 20_000  # steps
 RANDOM_PASSES = 20  # visits to each task by the policies that draw at random
 FILMED = 9  # episodes
 PLACE = Path("runs") / "demo"
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     before = Contestant("untrained agent", begun.agent(), _details(begun))
     print(f"training on {CONFIGURATION}, builtin corpus: {len(begun.tasks)} tasks, {args.steps:,} steps")
     with TrainingDisplay(0, args.steps) as display:
-        trained = train(begun, args.steps, backend=BACKEND, on_update=display)
+        trained = train(begun, args.steps, backend=BACKEND, save_every=SAVE_EVERY, on_update=display)
     if trained.steps < args.steps:
         raise KeyboardInterrupt
     after = Contestant("trained agent", trained.agent(), _details(trained))

@@ -34,13 +34,16 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="actions in all (default: %(default)s)"
     )
-    parser.add_argument("--save-every", type=int, metavar="N", help="steps between checkpoints (default: 20000)")
+    parser.add_argument(
+        "--save-every", type=int, default=20_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
+    )
     parser.add_argument(
         "--backend",
         default=DEFAULT_BACKEND,
         metavar="NAME",
         help="how environments run: batched, workers, or Stable-Baselines3's subproc and dummy (default: %(default)s)",
     )
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="for the network (default: %(default)s)")
     add_settings(parser)
     _add_recipe(parser)
     parser.set_defaults(run=run)
@@ -62,16 +65,17 @@ def _add_recipe(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.environments import check_backend
-    from lilgym_mp.learning.training import SAVE_EVERY, train
+    from lilgym_mp.learning.training import train
 
     check_backend(args.backend)
-    if args.steps < 1 or (args.save_every is not None and args.save_every < 1):
-        raise CommandError("--steps and --save-every must be at least 1")
+    for name in ("steps", "save_every", "threads"):
+        if getattr(args, name) < 1:
+            raise CommandError(f"--{option(name)} must be at least 1, not {getattr(args, name)}")
     ready = _resumed(args) if args.resume else _begun(args)
     print(_described(ready, args.steps))
     with TrainingDisplay(ready.steps, args.steps) as display:
         done = train(
-            ready, args.steps, backend=args.backend, save_every=args.save_every or SAVE_EVERY, on_update=display
+            ready, args.steps, backend=args.backend, save_every=args.save_every, threads=args.threads, on_update=display
         )
     place = done.directory.path
     print(f"saved {done.directory.checkpoint_file} after {done.steps:,} steps")

@@ -7,6 +7,7 @@ import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
+from threading import current_thread, main_thread
 
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -52,6 +53,9 @@ def make_training_envs(
 @contextmanager
 def _interrupts_ignored() -> Generator[None, None, None]:
     """New processes inherit that Ctrl-C does not interrupt them."""
+    if current_thread() is not main_thread():  # which alone may say how signals are handled
+        yield
+        return
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -10,9 +10,11 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
@@ -31,7 +33,6 @@ from lilgym_mp.learning.recolouring import write_recoloured
 from lilgym_mp.learning.run_directory import Checkpoint, Identity, RunDirectory, RunError, refuse_other
 from lilgym_mp.wrappers.tokens import default_length
 
-SAVE_EVERY = 20_000  # steps
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -131,13 +132,15 @@ def train(
     steps: int,
     *,
     backend: str,
-    save_every: int = SAVE_EVERY,
+    save_every: int,
+    threads: int = 1,
     on_update: Callable[[Progress], object] = lambda progress: None,
 ) -> Run:
     """The run after `steps` steps in all, rounded up to whole rollouts; saved every `save_every` steps and at the end.
 
-    Ctrl-C and SIGTERM end it early, saved, at the next step; a second one at once. `on_update` hears of each update.
-    Raises RunError when the run has that many steps already.
+    Ctrl-C and SIGTERM end it early, saved, at the next step; a second one at once (main thread only). `threads` compute
+    the network; more than one help only where as many processors have nothing else to do. `on_update` hears of each
+    update. Raises RunError when the run has that many steps already.
     """
     if steps <= run.steps:
         raise RunError(f"the run in {run.directory.path} has {run.steps:,} steps already; ask for more with --steps")
@@ -150,10 +153,11 @@ def train(
         backend,
     )
     try:
-        learner = _learner(run, envs)
-        with stop_on_signals() as stop:
+        with _torch_threads(threads), stop_on_signals() as stop:
+            learner = _learner(run, envs)
             watcher = _Watcher(run, stop, save_every, on_update)
             learner.learn(steps - run.steps, callback=watcher, reset_num_timesteps=False)
+            learner.logger.close()
             checkpoint = watcher.save()
     finally:
         envs.close()
@@ -211,6 +215,16 @@ def _restore(network: ActorCritic, checkpoint: Checkpoint, directory: RunDirecto
         raise RunError(place) from None
 
 
+@contextmanager
+def _torch_threads(count: int) -> Generator[None, None, None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 @dataclass
 class StopRequest:
     """Whether somebody asked for an early end."""
@@ -228,7 +242,8 @@ def stop_on_signals() -> Generator[StopRequest, None, None]:
             raise KeyboardInterrupt
         stop.requested = True
 
-    before = {number: signal.signal(number, request) for number in STOP_SIGNALS}
+    heard = STOP_SIGNALS if current_thread() is main_thread() else ()
+    before = {number: signal.signal(number, request) for number in heard}
     try:
         yield stop
     finally:

@@ -35,7 +35,7 @@ MISTAKES = {
     "too many actions": (["train", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
     "a horizon of nothing": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
     "a recipe of nonsense": (["train", "TowerScratch", "--gamma", "2"], "gamma must be at least 0 and at most 1"),
-    "no steps": (["train", "TowerScratch", "--steps", "0"], "--steps and --save-every must be at least 1"),
+    "no steps": (["train", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
     "no steps to show": (["demo", "--steps", "0"], "--steps must be at least 1"),
     "no passes": (["evaluate", "--configuration", "TowerScratch", "--passes", "0"], "--passes at least 1"),
     "nobody to evaluate": (["evaluate"], "name the directory of a trained agent, or --configuration"),

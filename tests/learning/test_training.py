@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,11 @@ SMALL = Recipe(envs=2, rollout=32, batch_size=16, epochs=1)
 
 
 def trained(path: Path, steps: int = 64, recipe: Recipe = SMALL, settings: Settings = TOWER, **options: Any) -> Run:
-    return train(begin_run(path, settings, recipe), steps, backend="batched", **options)
+    return go_on(begin_run(path, settings, recipe), steps, **options)
+
+
+def go_on(run: Run, steps: int, *, backend: str = "batched", save_every: int = 10_000, **options: Any) -> Run:
+    return train(run, steps, backend=backend, save_every=save_every, **options)
 
 
 def weights(run: Run) -> dict[str, torch.Tensor]:
@@ -62,7 +67,7 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
 
 @pytest.mark.parametrize("backend", ["dummy", "subproc", "workers"])
 def test_train__every_backend_plays_the_same_episodes(tmp_path: Path, backend: str):
-    other = train(begin_run(tmp_path / "other", TOWER, SMALL), 32, backend=backend)
+    other = go_on(begin_run(tmp_path / "other", TOWER, SMALL), 32, backend=backend)
     assert equal(weights(other), weights(trained(tmp_path / "batched", 32)))
 
 
@@ -71,7 +76,7 @@ def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
     heard: list[Progress] = []
     opened = open_run(tmp_path, {})
     assert equal(weights(opened), weights(first))
-    second = train(opened, 128, backend="batched", on_update=heard.append)
+    second = go_on(opened, 128, on_update=heard.append)
     assert [progress.steps for progress in heard] == [96, 128]
     assert first.checkpoint is not None
     assert second.checkpoint is not None
@@ -84,7 +89,7 @@ def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
 
 def test_resume__the_optimiser_goes_on_too(tmp_path: Path):
     first = trained(tmp_path, 64).checkpoint
-    second = train(open_run(tmp_path, {}), 96, backend="batched").checkpoint
+    second = go_on(open_run(tmp_path, {}), 96).checkpoint
     assert first is not None
     assert second is not None
     assert [checkpoint.optimiser["state"][0]["step"].item() for checkpoint in (first, second)] == [4, 6]
@@ -93,7 +98,7 @@ def test_resume__the_optimiser_goes_on_too(tmp_path: Path):
 def test_resume__a_run_that_has_its_steps_is_refused(tmp_path: Path):
     trained(tmp_path, 64)
     with pytest.raises(RunError, match="has 64 steps already; ask for more"):
-        train(open_run(tmp_path, {}), 64, backend="batched")
+        go_on(open_run(tmp_path, {}), 64)
 
 
 @pytest.mark.parametrize(
@@ -225,4 +230,9 @@ def test_train__every_configuration_with_stop_forcing_gives_an_agent(tmp_path: P
 
 def test_train__an_unknown_backend_is_refused_with_the_choices(tmp_path: Path):
     with pytest.raises(ValueError, match="unknown backend 'threads'; choose from batched, dummy"):
-        train(begin_run(tmp_path, TOWER, SMALL), 32, backend="threads")
+        go_on(begin_run(tmp_path, TOWER, SMALL), 32, backend="threads")
+
+
+def test_train__works_beside_the_main_thread(tmp_path: Path):
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(trained, tmp_path, 32).result().steps == 32

@@ -1,0 +1,67 @@
+"""Train sb3-contrib's MaskablePPO on the environments by hand, and evaluate it beside random play.
+
+`lilgym-mp train` does the same with checkpoints, resuming and logs; this is what lies beneath, to change at will.
+Needs the extra "sb3": pip install "lilgym-mp[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+
+from sb3_contrib import MaskablePPO
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import BASELINES, Contestant, Trial, training_statements
+from lilgym_mp.evaluation.report import table
+from lilgym_mp.learning.network import ActorCritic
+from lilgym_mp.learning.policy import Agent, MaskedActorCritic
+from lilgym_mp.sb3 import make_vec_env
+from lilgym_mp.wrappers import stop_forcing_v0
+from lilgym_mp.wrappers.tokens import default_length
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--configuration", default="TowerScratch")
+    parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+
+    settings = Settings(args.configuration)
+    statements = training_statements(settings)
+    vocabulary, length = Vocabulary.from_statements(statements), default_length(statements)
+    appearance = make_appearance(settings.appearance)
+
+    learner = MaskablePPO(
+        MaskedActorCritic,
+        make_vec_env(
+            settings.id,
+            n_envs=32,
+            wrap=partial(stop_forcing_v0, mode="mask"),  # PPO+SF of the paper; leave it out for plain PPO
+            vocabulary=vocabulary,
+            length=length,
+            **settings.arguments("train"),
+        ),
+        n_steps=64,
+        batch_size=256,
+        n_epochs=4,
+        learning_rate=2e-3,
+        ent_coef=0.02,
+        policy_kwargs={"make_network": partial(ActorCritic, appearance, len(vocabulary))},
+        seed=args.seed,
+        device="cpu",
+    )
+    learner.learn(args.steps, progress_bar=False)
+
+    assert isinstance(learner.policy, MaskedActorCritic)
+    agent = Contestant("trained agent", Agent(learner.policy.network.eval(), vocabulary, length))
+    trial = Trial(settings, "dev", args.seed)
+    print(trial)
+    print(table(list(trial.results([agent, *BASELINES], statements))))
+
+
+if __name__ == "__main__":
+    main()
