@@ -17,12 +17,16 @@ from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
 from lilgym_mp.solver.placements import BoxEdit, Placements
 from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
-from lilgym_mp.solver.sketches import Sketcher, SketchLayers
+from lilgym_mp.solver.sketches import SketchEdit, Sketcher, SketchLayers
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, judged_by_program, not_found, solved, unsolvable
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
 MOST_DETOURS = 2  # edits beyond the fewest a sketch needs, before the search without sketches takes over
+
+
+# By box, its items and the edits of its sketch: what `room_for` found, which many goals and states share.
+Rooms = dict[tuple[int, tuple[Item, ...], tuple[SketchEdit, ...]], tuple[BoxEdit, ...] | Refuted]
 
 
 @lru_cache(maxsize=KEPT_SKETCHERS)
@@ -47,7 +51,7 @@ class ScatterSearch:
             return solved((STOP,), 0, budget)
         if not judged_by_program(state.task):
             return not_found(1, budget, "success is not the truth of its program, by which Scatter tasks are solved")
-        search = _TaskSearch(self._placements, state, most_edits, budget)
+        search = _TaskSearch(self._placements, state, most_edits, budget, {})
         try:
             actions = search.solution()
         except BudgetSpentError:
@@ -68,9 +72,10 @@ class ScatterSearch:
         remaining = solution.steps - 2
         found = {self._scatter.encode(solution.actions[0])}
         certain = solution.proven_optimal and all(placements.complete for placements in self._placements)
+        rooms: Rooms = {}
         try:
             for edit, after in self._edits(state.scene):
-                answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget)
+                answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget, rooms)
                 if answer:
                     found.add(self._scatter.encode(edit))
                 certain = certain and answer is not None
@@ -84,12 +89,12 @@ class ScatterSearch:
             for edit, box in placements.every(scene.boxes[index]):
                 yield edit, scene.with_box(index, box)
 
-    def _starts_shortest(self, state: State, edits: int, budget: Budget) -> bool | None:
+    def _starts_shortest(self, state: State, edits: int, budget: Budget, rooms: Rooms) -> bool | None:
         """Whether `edits` edits lead on from `state` to a goal; None when that is not known."""
         budget.spend()
         if edits == 0:
             return state.task.solved_by(state.scene)
-        search = _TaskSearch(self._placements, state, edits, budget)
+        search = _TaskSearch(self._placements, state, edits, budget, rooms)
         if search.relational:
             return None
         if search.by_sketches() is not None:
@@ -108,8 +113,11 @@ class _Level(NamedTuple):
 class _TaskSearch:
     """The search from one state. `least_edits` grows as shorter solutions are ruled out."""
 
-    def __init__(self, placements: Sequence[Placements], state: State, most_edits: int, budget: Budget) -> None:
+    def __init__(
+        self, placements: Sequence[Placements], state: State, most_edits: int, budget: Budget, rooms: Rooms
+    ) -> None:
         self._placements = placements
+        self._rooms = rooms
         self._boxes = state.scene.boxes
         self._is_goal = state.task.solved_by
         self._most_edits = most_edits
@@ -163,13 +171,21 @@ class _TaskSearch:
         """Edits that make the scene look like the goal's sketch."""
         edits: list[BoxEdit] = []
         for index, box in enumerate(self._boxes):
-            found = room_for(
-                layers[index].path(goal.boxes[index]), box, self._placements[index], self._sketcher, self._budget
-            )
+            found = self._room(index, box, layers[index].path(goal.boxes[index]))
             if isinstance(found, Refuted):
                 return found
             edits.extend(found)
         return edits
+
+    def _room(self, index: int, box: Box, edits: tuple[SketchEdit, ...]) -> tuple[BoxEdit, ...] | Refuted:
+        if not edits:
+            return ()
+        key = (index, box.items, edits)
+        found = self._rooms.get(key)
+        if found is None:
+            found = room_for(edits, box, self._placements[index], self._sketcher, self._budget)
+            self._rooms[key] = found
+        return found
 
     # Without sketches
 
