@@ -16,7 +16,9 @@ from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     BOTH_MOVE,
+    PROPOSER,
     PROPOSER_MOVES,
+    VERIFIER,
     VERIFIER_MOVES,
     GameState,
     Role,
@@ -147,8 +149,8 @@ class BatchedGames:
             for encode, rows in lasting:
                 if rows is not None:
                     rows[number] = encode(state)
-        self._masks[Role.PROPOSER][number] = game.legal_mask(state, Role.PROPOSER)
-        self._masks[Role.VERIFIER][number] = game.legal_mask(state, Role.VERIFIER)
+        self._masks[PROPOSER][number] = game.legal_mask(state, PROPOSER)
+        self._masks[VERIFIER][number] = game.legal_mask(state, VERIFIER)
         self._turns[number] = _TURNS[state.movers]
 
     def _observations(self) -> dict[str, AgentObservation]:

@@ -16,8 +16,10 @@ from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     NO_CHOICE,
     NOBODY_MOVES,
+    PROPOSER,
     SILENCE,
     STOP_ACTION,
+    VERIFIER,
     Conditions,
     GameState,
     GameStep,
@@ -68,8 +70,8 @@ class Game:
         object.__setattr__(self, "choices", choices)
         object.__setattr__(self, "action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
         object.__setattr__(self, "_waiting", tuple(self._waiting_mask(role) for role in Role))
-        answering = np.zeros(self.action_counts[Role.VERIFIER], np.int8)
-        answering[: self.action(Role.VERIFIER, choices[Role.VERIFIER].stop)] = 1
+        answering = np.zeros(self.action_counts[VERIFIER], np.int8)
+        answering[: self.action(VERIFIER, choices[VERIFIER].stop)] = 1
         object.__setattr__(self, "_answering", answering)
 
     def _waiting_mask(self, role: Role) -> Int8Array:
@@ -92,8 +94,8 @@ class Game:
         """
         if not state.movers:
             raise TurnError("the game is over: no agent may act before a new one starts")
-        proposal, proposer_word, proposer_illegal = self._read(state, Role.PROPOSER, proposer)
-        answer, verifier_word, verifier_illegal = self._read(state, Role.VERIFIER, verifier)
+        proposal, proposer_word, proposer_illegal = self._read(state, PROPOSER, proposer)
+        answer, verifier_word, verifier_illegal = self._read(state, VERIFIER, verifier)
         ruling = self.protocol.decide(self.conditions, state, proposal, answer)
         played = ruling.played
         terminated = played is not None and played.verdict.terminated
@@ -166,7 +168,7 @@ class Game:
         """(actions,) a new array: 1 for each legal action of `role`. At least one always is."""
         if role not in state.movers and not self.protocol.simultaneous:
             return self._waiting[role].copy()
-        if role is Role.VERIFIER:
+        if role is VERIFIER:
             return self._answering.copy()
         legal = self.conditions.dynamics.legal_mask(state.mdp)
         legal[: self.choices[role].start] = False
@@ -182,7 +184,7 @@ class Game:
         choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
         if choice >= self.choices[role].stop:
             name = WAIT
-        elif role is Role.PROPOSER:
+        elif role is PROPOSER:
             name = describe(self.conditions.dynamics.appearance.decode(choice))
         else:
             name = self.protocol.answers(self.conditions)[choice]

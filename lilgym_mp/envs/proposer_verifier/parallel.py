@@ -12,9 +12,9 @@ from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, PROPOSER, VERIFIER
 
-PROPOSER, VERIFIER = AGENTS
+PROPOSER_NAME, VERIFIER_NAME = AGENTS
 
 ParallelStep = tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]
 
@@ -36,7 +36,7 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         """`options`: "task", an id of the split, and "intent", "helpful" or "sneaky"; others are ignored."""
         infos = self.session.reset(seed, options)
         self.agents = list(AGENTS)
-        return self._observations(), {PROPOSER: infos[0], VERIFIER: infos[1]}
+        return self._observations(), {PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]}
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
         """Raises ActionError for a number out of range, TurnError where not just both agents act, ResetNeeded
@@ -44,22 +44,24 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         if not self.agents:
             raise ResetNeeded("no agent is in play; call reset before step")
         if actions.keys() != self.action_spaces.keys():
-            raise TurnError(f"actions must be of {PROPOSER} and {VERIFIER}, not of {', '.join(actions) or 'nobody'}")
-        step, infos = self.session.play_together(actions[PROPOSER], actions[VERIFIER])
+            raise TurnError(
+                f"actions must be of {PROPOSER_NAME} and {VERIFIER_NAME}, not of {', '.join(actions) or 'nobody'}"
+            )
+        step, infos = self.session.play_together(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
         if not step.state.movers:
             self.agents = []
         rewards, terminated, truncated = step.rewards, step.terminated, step.truncated
         return (
             self._observations(),
-            {PROPOSER: rewards[0], VERIFIER: rewards[1]},
-            {PROPOSER: terminated, VERIFIER: terminated},
-            {PROPOSER: truncated, VERIFIER: truncated},
-            {PROPOSER: infos[0], VERIFIER: infos[1]},
+            {PROPOSER_NAME: rewards[0], VERIFIER_NAME: rewards[1]},
+            {PROPOSER_NAME: terminated, VERIFIER_NAME: terminated},
+            {PROPOSER_NAME: truncated, VERIFIER_NAME: truncated},
+            {PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]},
         )
 
     def _observations(self) -> dict[str, AgentObservation]:
         observe = self.session.observe
-        return {PROPOSER: observe(Role.PROPOSER), VERIFIER: observe(Role.VERIFIER)}
+        return {PROPOSER_NAME: observe(PROPOSER), VERIFIER_NAME: observe(VERIFIER)}
 
 
 def parallel_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierParallel:

@@ -11,7 +11,15 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, GameState, GameStep, Intent, Role
+from lilgym_mp.envs.proposer_verifier.states import (
+    AGENTS,
+    PROPOSER,
+    VERIFIER,
+    GameState,
+    GameStep,
+    Intent,
+    Role,
+)
 from lilgym_mp.envs.proposer_verifier.views import World, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import Window
@@ -72,7 +80,7 @@ class Session:
         rewards = self.game.rewards
         if rewards.draws_intent:
             return Intent(int(self.rng.random() < self.world.sneaky_share))
-        return Intent.SNEAKY if rewards.uses("sneaky", Role.PROPOSER) else Intent.HELPFUL
+        return Intent.SNEAKY if rewards.uses("sneaky", PROPOSER) else Intent.HELPFUL
 
     def play(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
         """One turn. Raises ResetNeeded before reset and after the end; otherwise as `Game.play`."""
@@ -94,7 +102,7 @@ class Session:
             step = self.play(proposer, verifier)
             return step, self.infos(step)
         game, idle = self.game, state.movers[0].other
-        if idle is Role.VERIFIER:
+        if idle is VERIFIER:
             waits = game.checked(idle, verifier) == game.wait_action(idle)
             step = self.play(proposer, None)
         else:
