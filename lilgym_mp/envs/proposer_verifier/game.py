@@ -171,7 +171,8 @@ class Game:
         if role is VERIFIER:
             return self._answering.copy()
         legal = self.conditions.dynamics.legal_mask(state.mdp)
-        legal[: self.choices[role].start] = False
+        if not self.conditions.ending.proposer_may_stop:
+            legal[STOP_ACTION] = False
         if len(legal) == self.action_counts[role]:
             return legal.view(np.int8)
         mask = np.zeros(self.action_counts[role], np.int8)

@@ -44,9 +44,7 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         if not self.agents:
             raise ResetNeeded("no agent is in play; call reset before step")
         if actions.keys() != self.action_spaces.keys():
-            raise TurnError(
-                f"actions must be of {PROPOSER_NAME} and {VERIFIER_NAME}, not of {', '.join(actions) or 'nobody'}"
-            )
+            raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
         step, infos = self.session.play_together(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
         if not step.state.movers:
             self.agents = []
