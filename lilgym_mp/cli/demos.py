@@ -48,7 +48,10 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(episodes):,} demonstrations of {len(reports):,} tasks, {unsolved:,} of them without a solution")
     if args.out is not None:
         found = arrays(episodes, dynamics, images=args.images)
-        write_whole(args.out, partial(_write_npz, found, _about(settings, args)))
+        try:
+            write_whole(args.out, partial(_write_npz, found, _about(settings, args)))
+        except OSError as fault:
+            raise CommandError(f"cannot write {args.out}: {fault.strerror or fault}") from None
         print(f"npz: {args.out}")
     if args.minari is not None:
         _write_minari(episodes, settings, args)

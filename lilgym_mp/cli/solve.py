@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -94,13 +95,16 @@ def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> lis
     tasks: Sequence[Any] = load_tasks(settings.corpus, settings.appearance, settings.start, split)
     tasks = tasks[: args.limit] if getattr(args, "limit", None) else tasks
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
-        return solve_tasks(
-            tasks,
-            dynamics_of(settings),
-            budget=args.budget,
-            jobs=args.jobs,
-            on_report=lambda report: progress.advance(),
-        )
+        try:
+            return solve_tasks(
+                tasks,
+                dynamics_of(settings),
+                budget=args.budget,
+                jobs=args.jobs,
+                on_report=lambda report: progress.advance(),
+            )
+        except BrokenProcessPool:
+            raise CommandError("a process was ended from outside; with --jobs 1 there is none to end") from None
 
 
 def dynamics_of(settings: Settings) -> Dynamics:

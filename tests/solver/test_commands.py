@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lilgym_mp.cli import main
+from lilgym_mp.solver import Solution, Solver
+from lilgym_mp.task import Task
 
 Captured = pytest.CaptureFixture[str]
 
@@ -76,6 +80,29 @@ def test_demos__name_the_mistake(
     assert main(["demos", "TowerFlipIt", *options]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_demos__leave_nothing_when_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+    def fail(path: Path, *_: object) -> None:
+        path.write_bytes(b"some")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("lilgym_mp.cli.demos.write_npz", fail)
+    place = tmp_path / "demos.npz"
+    assert main(["demos", "TowerScratch", "--jobs", "1", "--out", str(place)]) == 2
+    assert f"cannot write {place}: No space left on device" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_solve__says_that_a_process_was_ended(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+    monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
+    assert main(["solve", "TowerScratch", "--jobs", "2"]) == 2
+    assert "a process was ended from outside" in capsys.readouterr().err
+
+
+class _EndsItsProcess(Solver):
+    def solve(self, task: Task) -> Solution:
+        os._exit(1)
 
 
 def test_demos__say_what_minari_needs(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
