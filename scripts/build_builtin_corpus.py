@@ -1,317 +1,323 @@
-"""Write data/builtin.jsonl.gz from data/builtin_source.toml: find start scenes, check everything.
+"""Write data/builtin.jsonl.gz and its figures in docs/corpus.md: statements written by hand, and generated ones.
 
-The same source gives the same bytes. Every statement gets two pairs of start scenes that differ by one item and by
-the statement's truth value, and one more start scene for each truth value.
+The same source, generator and rules give the same bytes. Every statement is proven sound (see
+lilgym_mp.corpus.generator.entries), every task of it is solved by the expert. With LILGYM_DATA set, statements that
+are official ones are looked for too; the hashes of those met are kept in data/builtin_excluded.txt, so that a build
+without the official data leaves out the same ones.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import os
 import random
+import sys
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lilgym_mp.actions import AddItem, RemoveItem
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.appearances.placement import fits_box, is_free
-from lilgym_mp.appearances.scatter import RELEASED_GRID
-from lilgym_mp.corpus import check_corpus, write_corpus
+from builtin_report import Built, write_report
+
+from lilgym_mp.appearances import APPEARANCES, make_appearance
+from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
+from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.corpus.generator import LEVELS, Draft, Entry, Start, Stock, drafts, proven
+from lilgym_mp.corpus.generator.entries import clear_scenes, is_clear, is_trivial
+from lilgym_mp.corpus.generator.generated import split_of
+from lilgym_mp.corpus.generator.reading import meanings
+from lilgym_mp.corpus.generator.slips import mistyped
+from lilgym_mp.corpus.generator.starts import Truths, start_scenes
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solution, Solver
+from lilgym_mp.task import Task
 
-DATA = Path(__file__).resolve().parents[1] / "data"
-SOURCE, TARGET = DATA / "builtin_source.toml", DATA / "builtin.jsonl.gz"
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE, TARGET = ROOT / "data" / "builtin_source.toml", ROOT / "data" / "builtin.jsonl.gz"
+EXCLUDED, CHECKSUM = ROOT / "data" / "builtin_excluded.txt", ROOT / "data" / "builtin.sha256"
+PAGE = ROOT / "docs" / "corpus.md"
 NAME, LICENCE = "lilgym_mp builtin corpus", "MIT"
-RULES = RULE_SETS["paper"]
-EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
-PAIRS = 2
-FLIP_LIMIT = 4  # edits by which every start scene can be flipped
-TRIES = 4000
+SEED = 2023
+SIZES = {"train": 1000, "dev": 150, "test": 300}  # statements of an appearance
+LEVEL_SHARES = {"tower": (25, 30, 20, 15, 10), "scatter": (20, 30, 25, 15, 10)}  # percent of the generated ones
+STOCK_SIZE = 250  # chains of scenes
+MOST_OF_A_FORM = 8  # statements of one split
+MOST_WORDINGS = 3  # of one program
+TYPO_SHARE, TRIVIAL_SHARE = 0.03, 0.04
+FAR_CANDIDATES = 3  # scenes of a truth value among which the one farthest from the other is looked for
+SCENE_BUDGET = 8_000  # that the expert looks at for one task
+DRAFTS = 150  # for each statement wanted of a level, before a level counts as exhausted
+SPARE = 10  # statements of a split, to make up for those that another split has too
+LETTERS = "abcdefgh"
 
-Truth = Callable[[Scene], bool]
-Looks = tuple[list[Shape], list[Colour], list[Size]]
-ALL_LOOKS: Looks = (list(Shape), list(Colour), list(Size))
 
+class Source(NamedTuple):
+    """A hand-written statement."""
 
-class Statement(NamedTuple):
-    id: str
     appearance: str
     split: str
-    statement: str
-    program: str
+    draft: Draft
 
 
-class Maker(NamedTuple):
-    """How scenes of one appearance are drawn, changed by one legal item, and played with."""
+class Result(NamedTuple):
+    """A split, and hashes of the official statements that were left out of it."""
 
-    scene: Callable[[random.Random], Scene]
-    change: Callable[[random.Random, Scene], Scene]
-    edits_from_empty: Callable[[random.Random, Truth], int | None]
-    edits_to_flip: Callable[[random.Random, Truth, Scene], int | None]
+    entries: list[Built]
+    official: frozenset[str]
 
 
-def statements() -> Iterator[Statement]:
-    """The source's statements, ids numbered in its order."""
+def hand_written() -> Iterator[Source]:
     for appearance, splits in tomllib.loads(SOURCE.read_text(encoding="utf-8")).items():
         for split, entries in splits.items():
-            for number, entry in enumerate(entries, start=1):
-                yield Statement(f"{appearance}-{split}-{number:03d}", appearance, split, **entry)
+            for entry in entries:
+                yield Source(appearance, split, Draft(entry["statement"], entry["program"], 0))
 
 
-def random_tower(rng: random.Random) -> Scene:
-    colours = rng.sample(list(Colour), rng.choice((1, 2, 2, 3, 3, 3)))
-    tower = APPEARANCES["tower"]
-    scene = Scene.empty()
-    for box in range(BOX_COUNT):
-        for _ in range(rng.choice((0, 1, 1, 2, 2, 3, 3, 4))):
-            scene = tower.apply(scene, tower.from_array([1, box, rng.choice(colours)]), RULES.placement).scene
-    return scene
+class Builder:
+    """Everything needed to build the entries of one appearance."""
+
+    def __init__(self, appearance: str) -> None:
+        self.appearance = appearance
+        self.rng = random.Random(f"{SEED} {appearance}")
+        self.stock = Stock.made(appearance, self.rng, STOCK_SIZE)
+        self.solver = Solver(make_dynamics(make_appearance(appearance)), SCENE_BUDGET)
+
+    def built(self, entry: Entry, split: str, rng: random.Random) -> Built | None:
+        """The entry with far start scenes, if the expert solves all its tasks."""
+        starts = (*entry.starts, *self.far_starts(entry, rng))
+        solution = self.solution(entry, Scene.empty(), target=True)
+        others = [self.solution(entry, start.scene, target=not start.label) for start in starts]
+        if not solution.solved or not all(other.solved for other in others):
+            return None
+        return Built(
+            split,
+            entry.statement,
+            entry.program,
+            entry.level,
+            solution.steps,
+            solution.proven_optimal,
+            starts,
+            tuple(other.steps for other in others),
+            sum(other.proven_optimal for other in others),
+        )
+
+    def solution(self, entry: Entry, start: Scene, *, target: bool) -> Solution:
+        return self.solver.solve(Task("", entry.statement, entry.program, target, start))
+
+    def far_starts(self, entry: Entry, rng: random.Random) -> Iterator[Start]:
+        """For each truth value, the scene of some clear ones that needs the most actions, where that is over two."""
+        taken = {start.scene for start in entry.starts}
+        for label in (True, False):
+            scenes = clear_scenes(entry, self.stock, label, rng)
+            few = [
+                scene for scene, _ in zip((s for s in scenes if s not in taken), range(FAR_CANDIDATES), strict=False)
+            ]
+            by_steps = {scene: self.solution(entry, scene, target=not label).steps for scene in few}
+            farthest = max(by_steps, key=lambda scene: by_steps[scene], default=None)
+            if farthest is not None and by_steps[farthest] > 2:
+                yield Start(farthest, label, by_steps[farthest] - 1)
+
+    def by_hand(self, source: Source) -> Built:
+        """Raises SystemExit naming a hand-written statement that is not sound."""
+        draft = source.draft
+        rng = random.Random(f"{SEED} {draft.statement}")
+        entry = self.entry_by_hand(draft, rng)
+        built = None if entry is None else self.built(entry, source.split, rng)
+        if built is None:
+            raise SystemExit(f"not sound: {draft.statement!r}, {draft.program}")
+        return built
+
+    def entry_by_hand(self, draft: Draft, rng: random.Random) -> Entry | None:
+        """As `proven`, but taken at its author's word; what the grammar reads in it helps to choose the scenes."""
+        readings = meanings(draft.statement)
+        truth = compile_program(draft.program).evaluate
+        truths = Truths(self.stock, truth)
+        edits = truths.edits_from_empty()
+        starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
+        return Entry(draft.statement, draft.program, 0, edits or 0, tuple(starts)) if starts else None
+
+    def generated(self, split: str, number: int, chosen: Selection) -> Iterator[Built]:
+        """That many sound statements; what one level lacks the next makes up for."""
+        missing = 0
+        for level, wanted in level_numbers(self.appearance, number).items():
+            rng = random.Random(f"{SEED} {self.appearance} {split} {level}")
+            found = list(self.of_level(level, split, wanted + missing, chosen, rng))
+            missing += wanted - len(found)
+            yield from found
+            print(f"{self.appearance} {split} level {level}: {len(found)} statements", file=sys.stderr, flush=True)
+        if missing:
+            raise SystemExit(f"{self.appearance} {split}: {missing} statements too few")
+
+    def of_level(self, level: int, split: str, number: int, chosen: Selection, rng: random.Random) -> Iterator[Built]:
+        """That many statements, or fewer when the level has no more."""
+        for draft in islice(drafts(self.appearance, level, rng), DRAFTS * number):
+            if number == 0:
+                return
+            if split_of(draft.program) != split or not chosen.wants(draft, split):
+                continue
+            entry = proven(draft, self.stock, rng)
+            built = None if entry is None else self.built(entry, split, rng)
+            if built is None:
+                chosen.refuse(draft)
+            else:
+                number -= 1
+                chosen.add(built)
+                yield built
 
 
-def tower_neighbours(scene: Scene) -> list[Scene]:
-    tower = APPEARANCES["tower"]
-    edits = (tower.apply(scene, tower.decode(index), RULES.placement) for index in range(1, tower.action_count))
-    return [edit.scene for edit in edits if edit.invalid is None]
+class Selection:
+    """What is in already, and so what is still wanted: varied, nothing twice, nothing official, little trivial."""
+
+    def __init__(self, taken: Iterable[Built], statements: Iterable[str]) -> None:
+        """`taken`: what is in; `statements`: what must not come in, whoever has it."""
+        self.statements = set(map(normalised, statements))
+        self.forms: Counter[tuple[str, str]] = Counter()
+        self.programs: Counter[str] = Counter()
+        self.trivial: Counter[str] = Counter()
+        self.official: set[str] = set()
+        for built in taken:
+            self.add(built)
+
+    def add(self, built: Built) -> None:
+        self.statements.add(normalised(built.statement))
+        self.forms[built.split, statement_form(built.statement)] += 1
+        self.programs[built.program] += 1
+        self.trivial[built.split] += built.steps == 1
+
+    def refuse(self, draft: Draft) -> None:
+        self.statements.add(normalised(draft.statement))
+
+    def wants(self, draft: Draft, split: str) -> bool:
+        if normalised(draft.statement) in self.statements or self.programs[draft.program] >= MOST_WORDINGS:
+            return False
+        if self.forms[split, statement_form(draft.statement)] >= MOST_OF_A_FORM:
+            return False
+        if is_official(draft.statement):
+            self.official.add(statement_hash(draft.statement))
+            return False
+        return self.trivial[split] < TRIVIAL_SHARE * SIZES[split] or not is_trivial(draft)
 
 
-def changed_tower(rng: random.Random, scene: Scene) -> Scene:
-    return rng.choice(tower_neighbours(scene))
+def level_numbers(appearance: str, number: int) -> dict[int, int]:
+    """How many of `number` statements are of each level; the largest level takes what rounding leaves."""
+    numbers = {level: number * share // 100 for level, share in zip(LEVELS, LEVEL_SHARES[appearance], strict=True)}
+    numbers[LEVELS[-1]] += number - sum(numbers.values())
+    return numbers
+
+
+def is_official(statement: str) -> bool:
+    """Whether the statement is an official one, or was found to be one before."""
+    return statement_hash(statement) in excluded_hashes() or normalised(statement) in official_statements()
+
+
+def statement_hash(statement: str) -> str:
+    return hashlib.sha256(f"lilgym_mp builtin {normalised(statement)}".encode()).hexdigest()[:16]
 
 
 @cache
-def tower_layer(blocks: int) -> tuple[Scene, ...]:
-    """Every tower scene of that many blocks."""
-    if blocks == 0:
-        return (Scene.empty(),)
-    grown = (near for scene in tower_layer(blocks - 1) for near in tower_neighbours(scene))
-    return tuple(dict.fromkeys(scene for scene in grown if sum(1 for _ in scene.items()) == blocks))
+def excluded_hashes() -> frozenset[str]:
+    return frozenset(EXCLUDED.read_text(encoding="ascii").split()) if EXCLUDED.exists() else frozenset()
 
 
-def tower_edits_from_empty(rng: random.Random, truth: Truth) -> int | None:
-    """The fewest edits: the fewest blocks of any scene where the statement is true."""
-    layers = (blocks for blocks in range(EDIT_LIMIT + 1) if any(truth(scene) for scene in tower_layer(blocks)))
-    return next(layers, None)
+@cache
+def official_statements() -> frozenset[str]:
+    """The official train and dev statements, normalised; none without LILGYM_DATA."""
+    if not os.environ.get("LILGYM_DATA"):
+        return frozenset()
+    sets = (load_tasks("lilgym", a, "scratch", split) for a in APPEARANCES for split in ("train", "dev"))
+    return frozenset(normalised(task.statement) for tasks in sets for task in tasks)
 
 
-def tower_edits_to_flip(rng: random.Random, truth: Truth, start: Scene) -> int | None:
-    """The fewest edits after which the statement has the other truth value, by breadth-first search."""
-    value = truth(start)
-    seen = {start}
-    layer = [start]
-    for edits in range(1, FLIP_LIMIT + 1):
-        reached = dict.fromkeys(near for scene in layer for near in tower_neighbours(scene))
-        layer = [scene for scene in reached if scene not in seen]
-        if any(truth(scene) != value for scene in layer):
-            return edits
-        seen.update(layer)
-    return None
+def build(appearance: str, split: str) -> Result:
+    """The entries of a split: the hand-written ones first, then generated ones in random order, with some spare."""
+    builder = Builder(appearance)
+    sources = [source for source in hand_written() if source.appearance == appearance]
+    by_hand = [builder.by_hand(source) for source in sources if source.split == split]
+    chosen = Selection(by_hand, (source.draft.statement for source in sources))
+    generated = list(builder.generated(split, SIZES[split] - len(by_hand) + SPARE, chosen))
+    random.Random(f"{SEED} {appearance} {split}").shuffle(generated)
+    return Result([*by_hand, *generated], frozenset(chosen.official))
 
 
-def random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
-    """A place in a box: anywhere, often against a wall, a corner or another item."""
-    last = BOX_SIDE - side
-    x, y = rng.randint(0, last), rng.randint(0, last)
-    match rng.choice(("free", "free", "wall", "corner", "beside")):
-        case "wall":
-            return rng.choice(((0, y), (last, y), (x, 0), (x, last)))
-        case "corner":
-            return rng.choice((0, last)), rng.choice((0, last))
-        case "beside" if others:
-            other = rng.choice(others)
-            slide = rng.randint(-side // 2, other.side // 2)
-            return rng.choice(
-                (
-                    (other.x - side, other.y + slide),
-                    (other.x + other.side, other.y + slide),
-                    (other.x + slide, other.y - side),
-                    (other.x + slide, other.y + other.side),
-                )
-            )
-    return x, y
+def merged(results: Iterable[Result], appearance: str) -> list[Built]:
+    """The splits one after the other, each at its size, without what an earlier one has."""
+    seen: set[str] = set()
+    entries: list[Built] = []
+    for result in results:
+        fresh = [built for built in result.entries if normalised(built.statement) not in seen]
+        entries += fresh[: SIZES[result.entries[0].split]]
+        seen.update(normalised(built.statement) for built in fresh)
+    return list(with_typos(entries, random.Random(f"{SEED} {appearance} typos")))
 
 
-def random_look(rng: random.Random, looks: Looks) -> tuple[Shape, Colour, Size]:
-    shapes, colours, sizes = looks
-    return rng.choice(shapes), rng.choice(colours), rng.choice(sizes)
+def with_typos(entries: Sequence[Built], rng: random.Random) -> Iterator[Built]:
+    """The entries, some mistyped."""
+    known = {word for built in entries for word in words(built.statement)}
+    for built in entries:
+        if built.level and rng.random() < TYPO_SHARE:
+            yield replace(built, statement=mistyped(built.statement, rng, known), mistyped=True)
+        else:
+            yield built
 
 
-def with_item(rng: random.Random, scene: Scene, box_index: int, looks: Looks) -> Scene:
-    """The scene with one more item where it fits, else the scene as it is."""
-    shape, colour, size = random_look(rng, looks)
-    box = scene.boxes[box_index]
-    for _ in range(20):
-        x, y = random_place(rng, size.pixels, box.items)
-        item = Item(x, y, shape, colour, size)
-        if fits_box(item.kind, x, y) and is_free(item.kind, x, y, box.items):
-            return scene.with_box(box_index, Box((*box.items, item)))
-    return scene
+def json_entries(appearance: str, entries: Sequence[Built]) -> Iterator[dict[str, Any]]:
+    """The entries as lines of the file; forms are seen when train has them."""
+    train_forms = {statement_form(built.statement) for built in entries if built.split == "train"}
+    numbers: Counter[str] = Counter()
+    for built in entries:
+        numbers[built.split] += 1
+        name = f"{appearance}-{built.split}-{numbers[built.split]:03d}"
+        tags = ["mistyped"] if built.mistyped else []
+        tags += [f"level {built.level}" if built.level else "hand-written"]
+        if built.split != "train":
+            tags.append("seen form" if statement_form(built.statement) in train_forms else "unseen form")
+        yield {
+            "id": name,
+            "appearance": appearance,
+            "split": built.split,
+            "statement": built.statement,
+            "program": built.program,
+            "starts": [
+                {"id": f"{name}-{letter}", "label": start.label, "scene": start.scene.to_json()}
+                for letter, start in zip(LETTERS, built.starts, strict=False)
+            ],
+            "tags": tags,
+        }
 
 
-def random_scatter(rng: random.Random) -> Scene:
-    counts = (1, 2, 3, 3)
-    looks = (
-        rng.sample(list(Shape), rng.choice(counts)),
-        rng.sample(list(Colour), rng.choice(counts)),
-        rng.sample(list(Size), rng.choice(counts)),
-    )
-    most = rng.choice((1, 2, 4, 6))
-    scene = Scene.empty()
-    for box_index in range(BOX_COUNT):
-        for _ in range(rng.randint(0, most)):
-            scene = with_item(rng, scene, box_index, looks)
-    return scene
-
-
-def changed_scatter(rng: random.Random, scene: Scene) -> Scene:
-    box_index = rng.randrange(BOX_COUNT)
-    box = scene.boxes[box_index]
-    if box.items and rng.random() < 0.5:
-        return scene.with_box(box_index, box.without(rng.randrange(len(box.items))))
-    return with_item(rng, scene, box_index, ALL_LOOKS)
-
-
-def played_scatter(rng: random.Random, scene: Scene, removal: float) -> Scene:
-    """The scene after a random action on the released grid, or the same where that is invalid."""
-    column, row = rng.randrange(RELEASED_GRID[0]), rng.randrange(RELEASED_GRID[1])
-    if rng.random() < removal:
-        return APPEARANCES["scatter"].apply(scene, RemoveItem(column, row), RULES.placement).scene
-    look = random_look(rng, ALL_LOOKS)
-    return APPEARANCES["scatter"].apply(scene, AddItem(column, row, *look), RULES.placement).scene
-
-
-def play_until(rng: random.Random, scene: Scene, goal: Truth, limit: int, removal: float) -> int | None:
-    """How many random legal edits it took to reach the goal, None when `limit` were not enough."""
-    edits = 0
-    for _ in range(6 * limit):
-        if goal(scene):
-            return edits
-        after = played_scatter(rng, scene, removal)
-        if after is not scene:
-            scene, edits = after, edits + 1
-        if edits > limit:
-            return None
-    return None
-
-
-def fewest_played(rng: random.Random, scene: Scene, goal: Truth, limit: int, removal: float, plays: int) -> int | None:
-    """The fewest edits among random plays, at least 40 and at most `plays`: an upper bound of the true minimum."""
-    best: int | None = None
-    for play in range(plays):
-        if best is not None and (best <= 1 or play >= 40):
-            break
-        found = play_until(rng, scene, goal, limit if best is None else best - 1, removal)
-        best = best if found is None else found
-    return best
-
-
-def scatter_edits_from_empty(rng: random.Random, truth: Truth) -> int | None:
-    return fewest_played(rng, Scene.empty(), truth, EDIT_LIMIT, removal=0.05, plays=4000)
-
-
-def scatter_edits_to_flip(rng: random.Random, truth: Truth, start: Scene) -> int | None:
-    value = truth(start)
-    return fewest_played(rng, start, lambda scene: truth(scene) != value, FLIP_LIMIT, removal=0.5, plays=150)
-
-
-MAKERS = {
-    "tower": Maker(random_tower, changed_tower, tower_edits_from_empty, tower_edits_to_flip),
-    "scatter": Maker(random_scatter, changed_scatter, scatter_edits_from_empty, scatter_edits_to_flip),
-}
-
-
-def near_misses(rng: random.Random, maker: Maker, truth: Truth) -> Iterator[tuple[Scene, Scene]]:
-    """Pairs (true, false) of scenes with items that differ by one item."""
-    for _ in range(TRIES):
-        scene = maker.scene(rng)
-        for _ in range(8):
-            changed = maker.change(rng, scene)
-            if any(scene.items()) and any(changed.items()) and truth(changed) != truth(scene):
-                yield (scene, changed) if truth(scene) else (changed, scene)
-                break
-            scene = changed
-
-
-def plain_starts(rng: random.Random, maker: Maker, truth: Truth, value: bool) -> dict[Scene, int]:
-    """Random scenes where the statement has that truth value, and the edits they need to flip, the farthest first."""
-    found: dict[Scene, int] = {}
-    for _ in range(400):
-        scene = maker.scene(rng)
-        if len(found) < 5 and any(scene.items()) and truth(scene) == value:
-            edits = maker.edits_to_flip(rng, truth, scene)
-            if edits is not None:
-                found[scene] = edits
-    return dict(sorted(found.items(), key=lambda entry: -entry[1]))
-
-
-def start_scenes(rng: random.Random, maker: Maker, truth: Truth) -> dict[Scene, int]:
-    """The entry's start scenes and the edits they need to flip: true and false ones by turns."""
-    chosen: dict[Scene, int] = {}
-    for pair in near_misses(rng, maker, truth):
-        edits = {scene: maker.edits_to_flip(rng, truth, scene) for scene in pair if scene not in chosen}
-        if len(edits) == len(pair) and None not in edits.values():
-            chosen.update((scene, needed) for scene, needed in edits.items() if needed is not None)
-        if len(chosen) == 2 * PAIRS:
-            break
-    for value in (True, False):
-        others = plain_starts(rng, maker, truth, value)
-        chosen.update([(scene, edits) for scene, edits in others.items() if scene not in chosen][:1])
-    return chosen
-
-
-class Built(NamedTuple):
-    entry: dict[str, Any]
-    edits_from_empty: int | None
-    edits_to_flip: list[int]  # by start
-
-
-def build(statement: Statement) -> Built:
-    rng = random.Random(f"{statement.appearance} {statement.statement}")
-    maker = MAKERS[statement.appearance]
-    truth = compile_program(statement.program).evaluate
-    scenes = start_scenes(rng, maker, truth)
-    starts = [
-        {"id": f"{statement.id}-{letter}", "label": truth(scene), "scene": scene.to_json()}
-        for letter, scene in zip("abcdefgh", scenes, strict=False)
-    ]
-    return Built(
-        {**statement._asdict(), "starts": starts},
-        maker.edits_from_empty(rng, truth),
-        list(scenes.values()),
-    )
-
-
-def complaints(built: Built) -> Iterator[str]:
-    labels = Counter(start["label"] for start in built.entry["starts"])
-    if min(labels[True], labels[False]) < PAIRS:
-        yield f"too few start scenes: {dict(labels)}"
-    if built.edits_from_empty is None:
-        yield f"not true within {EDIT_LIMIT} edits of the empty scene"
+def write(out: Path, built: Mapping[str, Sequence[Built]]) -> None:
+    """The file and its checksum. Raises SystemExit with the faults when it has any."""
+    entries = [entry for appearance, mine in built.items() for entry in json_entries(appearance, mine)]
+    sections = Counter(f"{entry['appearance']} {entry['split']}" for entry in entries)
+    write_corpus(out, NAME, LICENCE, entries, sections)
+    found = check_corpus(out)
+    if not found.ok:
+        raise SystemExit(str(found))
+    checksum = CHECKSUM if out == TARGET else out.with_suffix(".sha256")
+    checksum.write_text(hashlib.sha256(out.read_bytes()).hexdigest() + "\n", encoding="ascii")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=TARGET, help="file to write (default: %(default)s)")
     out = parser.parse_args().out
-    results = [build(statement) for statement in statements()]
-    faults = [f"{b.entry['id']} {b.entry['statement']!r}: {fault}" for b in results for fault in complaints(b)]
-    for appearance in APPEARANCES:
-        mine = [b for b in results if b.entry["appearance"] == appearance]
-        from_empty = sorted(Counter(b.edits_from_empty for b in mine).items(), key=str)
-        to_flip = sorted(Counter(edits for b in mine for edits in b.edits_to_flip).items(), key=str)
-        print(f"{appearance}: {len(mine)} statements; edits from the empty scene: {dict(from_empty)}")
-        print(f"{appearance}: {sum(len(b.edits_to_flip) for b in mine)} start scenes; edits to flip: {dict(to_flip)}")
-    if faults:
-        raise SystemExit("\n".join(faults))
-    write_corpus(out, NAME, LICENCE, (b.entry for b in results))
-    report = check_corpus(out)
-    print(report)
-    if not report.ok:
-        raise SystemExit(1)
+    parts = [(appearance, split) for appearance in APPEARANCES for split in SIZES]
+    with ProcessPoolExecutor(len(parts)) as workers:
+        results = dict(zip(parts, workers.map(build, *zip(*parts, strict=True)), strict=True))
+    built = {name: merged((results[name, split] for split in SIZES), name) for name in APPEARANCES}
+    write(out, built)
+    if out == TARGET:
+        met = excluded_hashes().union(*(result.official for result in results.values()))
+        EXCLUDED.write_text("".join(f"{value}\n" for value in sorted(met)), encoding="ascii")
+        write_report(built, out, PAGE)
 
 
 if __name__ == "__main__":

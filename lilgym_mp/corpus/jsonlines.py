@@ -5,6 +5,8 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache, cached_property
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -27,6 +29,8 @@ VERSION = 1
 HEADER_KEYS = frozenset({"format", "version", "name", "licence"})
 ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "program", "starts"})
 ENTRY_TEXTS = ("id", "appearance", "split", "statement", "program")
+SECTIONS = "sections"  # of the builtin file's header: {"tower train": how many entries, ...} in file order
+TAGS = "tags"  # a key that an entry may have or not
 START_KEYS = frozenset({"id", "label", "scene"})
 
 
@@ -48,6 +52,10 @@ class Entry(NamedTuple):
     statement: str
     program: str
     starts: tuple[Start, ...]
+    tags: tuple[str, ...] = ()  # whatever the corpus's makers want to tell of the statement
+
+    def task_ids(self, start: str) -> tuple[str, ...]:
+        return (self.id,) if start == SCRATCH else tuple(scene.id for scene in self.starts)
 
     def records(self, start: str) -> Iterator[Record]:
         """The entry's one Scratch task, or its FlipIt tasks."""
@@ -60,26 +68,50 @@ class Entry(NamedTuple):
 
 
 class CorpusFile:
-    """A corpus file, plain or gzip, read whole."""
+    """A corpus file, plain or gzip.
 
-    def __init__(self, path: Path, faults: FaultLog) -> None:
+    The file that the package ships is known by its SHA-256: its build has proven every entry, so that of it only the
+    section asked for is parsed, and nothing is checked again, where `trusts_shipped`.
+    """
+
+    def __init__(self, path: Path, faults: FaultLog, *, trusts_shipped: bool = False) -> None:
         """Raises CorpusError when the file cannot be read at all; other faults go to `faults`."""
         self.path = path
         text, self.sha256 = read_text(path)
-        lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
-        self.name = self._header(*lines[0])
-        self.entries = list(self._entries(lines[1:], faults))
+        self.is_proven = trusts_shipped and self.sha256 == shipped_sha256()
+        self._lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
+        self._faults = faults
+        self.header = self._checked_header(*self._lines[0])
+        self.name = str(self.header["name"])
+
+    @cached_property
+    def entries(self) -> list[Entry]:
+        """Every faultless entry, in file order."""
+        return list(self._entries(self._lines[1:]))
+
+    def section(self, appearance: str, split: str) -> list[Entry]:
+        """The faultless entries of an appearance and split, in file order."""
+        if self.is_proven:
+            return [_proven_entry(line) for line in self._section_lines(appearance, split)]
+        return [entry for entry in self.entries if entry.appearance == appearance and entry.split == split]
+
+    def _section_lines(self, appearance: str, split: str) -> list[str]:
+        first = 1
+        for name, count in cast("dict[str, int]", self.header[SECTIONS]).items():
+            if name == f"{appearance} {split}":
+                return [line for _, line in self._lines[first : first + count]]
+            first += count
+        return []
 
     def records(self, appearance: str, start: str, split: str) -> Iterator[Record]:
-        for entry in self.entries:
-            if entry.appearance == appearance and entry.split == split:
-                yield from entry.records(start)
+        for entry in self.section(appearance, split):
+            yield from entry.records(start)
 
     def _where(self, number: int) -> str:
         return f"{self.path}, line {number}"
 
-    def _header(self, number: int, line: str) -> str:
-        """The corpus's name. Raises CorpusError: without a header nothing else can be trusted."""
+    def _checked_header(self, number: int, line: str) -> dict[str, object]:
+        """Raises CorpusError: without a header nothing else can be trusted."""
         expected = f'the first line must be the header {{"format": "{FORMAT}", "version": {VERSION}, ...}}'
         try:
             header = as_object(parse_json(line))
@@ -94,9 +126,9 @@ class CorpusFile:
         for key in ("name", "licence"):
             if not _is_text(header[key]):
                 raise CorpusError(f"{self._where(number)}: {key} must be a text, not {shown(header[key])}")
-        return str(header["name"])
+        return header
 
-    def _entries(self, lines: Iterable[tuple[int, str]], faults: FaultLog) -> Iterator[Entry]:
+    def _entries(self, lines: Iterable[tuple[int, str]]) -> Iterator[Entry]:
         """The well-formed entries whose ids, and their starts', are new."""
         first_seen: dict[str, str] = {}
         for number, line in lines:
@@ -104,20 +136,34 @@ class CorpusFile:
             try:
                 entry = _entry(where, parse_json(line))
             except JSONFault as fault:
-                faults.add(where, str(fault))
+                self._faults.add(where, str(fault))
                 continue
             fresh = True
             for name in (entry.id, *(start.id for start in entry.starts)):
                 if name in first_seen:
-                    faults.add(entry.where, f"id {name!r} is taken already: {first_seen[name]}")
+                    self._faults.add(entry.where, f"id {name!r} is taken already: {first_seen[name]}")
                     fresh = False
                 first_seen[name] = where
             if fresh:
                 yield entry
 
 
+@cache
+def shipped_sha256() -> str:
+    """What the SHA-256 of the builtin corpus's file must be for it to be the one whose entries its build has proven."""
+    return (files("lilgym_mp.data") / "builtin.sha256").read_text(encoding="ascii").strip()
+
+
+def _proven_entry(line: str) -> Entry:
+    """`_entry` of a line known to be right."""
+    record = json.loads(line)
+    starts = tuple(Start(start["id"], start["label"], start["scene"]) for start in record["starts"])
+    name, appearance, split, statement, program = (record[key] for key in ENTRY_TEXTS)
+    return Entry("", name, appearance, split, statement, program, starts, tuple(record.get(TAGS, ())))
+
+
 def _entry(where: str, value: object) -> Entry:
-    record = _checked_keys("an entry", value, ENTRY_KEYS)
+    record = _checked_keys("an entry", value, ENTRY_KEYS, may_have=TAGS)
     for key in ENTRY_TEXTS:
         if not _is_text(record[key]):
             raise JSONFault(f"{key} must be a text that is not blank, not {shown(record[key])}")
@@ -129,7 +175,15 @@ def _entry(where: str, value: object) -> Entry:
     starts = cast("list[object]", record["starts"])
     name, appearance, split, statement, program = (str(record[key]) for key in ENTRY_TEXTS)
     read_starts = tuple(_start(start) for start in starts)
-    return Entry(f"{where}, entry {name!r}", name, appearance, split, statement, program, read_starts)
+    tags = _tags(record[TAGS]) if TAGS in record else ()
+    return Entry(f"{where}, entry {name!r}", name, appearance, split, statement, program, read_starts, tags)
+
+
+def _tags(value: object) -> tuple[str, ...]:
+    tags = cast("list[object]", value if isinstance(value, list) else [value])
+    if not isinstance(value, list) or not all(map(_is_text, tags)) or len(set(map(str, tags))) != len(tags):
+        raise JSONFault(f"tags must be a list of different texts that are not blank, not {shown(tags)}")
+    return tuple(map(str, tags))
 
 
 def _start(value: object) -> Start:
@@ -142,12 +196,13 @@ def _start(value: object) -> Start:
     return Start(name, label, record["scene"])
 
 
-def _checked_keys(what: str, value: object, keys: frozenset[str]) -> dict[str, object]:
+def _checked_keys(what: str, value: object, keys: frozenset[str], *, may_have: str = "") -> dict[str, object]:
     record = as_object(value)
     if record is None:
         raise JSONFault(f"{what} must be a JSON object, not {shown(value)}")
-    if record.keys() != keys:
-        raise JSONFault(f"{what} has keys {listed(record)}; it must have {listed(keys)}")
+    if set(record) - {may_have} != set(keys):
+        also = f", and may have {may_have}" if may_have else ""
+        raise JSONFault(f"{what} has keys {listed(record)}; it must have {listed(keys)}{also}")
     return record
 
 
@@ -155,9 +210,17 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and bool(value.strip())
 
 
-def write_corpus(path: Path, name: str, licence: str, entries: Iterable[Mapping[str, object]]) -> None:
+def write_corpus(
+    path: Path,
+    name: str,
+    licence: str,
+    entries: Iterable[Mapping[str, object]],
+    sections: Mapping[str, int] | None = None,
+) -> None:
     """Write a corpus file, gzip when `path` ends in .gz; equal entries give equal bytes."""
-    header = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
+    header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
+    if sections is not None:
+        header[SECTIONS] = dict(sections)
     lines = (json.dumps(line, ensure_ascii=False, separators=(",", ":")) for line in (header, *entries))
     data = "".join(line + "\n" for line in lines).encode("utf-8")
     path.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if path.suffix == ".gz" else data)

@@ -76,12 +76,15 @@ def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, st
     with _collector_paused():
         if path.is_dir():
             source = ReleasedFile(released_path(path, appearance, start, split), start)
-            records = source.records(faults)
+            records, tags, proven = source.records(faults), None, False
         else:
-            source = CorpusFile(path, faults)
-            records = source.records(appearance, start, split)
+            source = CorpusFile(path, faults, trusts_shipped=True)
+            section = source.section(appearance, split)
+            records = (record for entry in section for record in entry.records(start))
+            tags = {task_id: entry.tags for entry in section for task_id in entry.task_ids(start)}
+            proven = source.is_proven
         provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
-        tasks = TaskSet(TaskReader(appearance, faults).tasks(records), provenance)
+        tasks = TaskSet(TaskReader(appearance, faults, proven=proven).tasks(records), provenance, tags)
     if not tasks:
         raise NoTasksError(f"{source.path}: has no tasks for {provenance}")
     return tasks

@@ -9,7 +9,7 @@ it can be read.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -59,7 +59,7 @@ def worded(meaning: Clause, appearance: str, level: int, rng: random.Random) -> 
     return Draft(statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
 
 
-def proven(draft: Draft, stock: Stock, rng: random.Random, *, distant: int = 0) -> Entry | None:
+def proven(draft: Draft, stock: Stock, rng: random.Random) -> Entry | None:
     """The draft with start scenes, or None when it is not sound."""
     readings = meanings(draft.statement)
     truth = compile_program(draft.program).evaluate
@@ -70,9 +70,7 @@ def proven(draft: Draft, stock: Stock, rng: random.Random, *, distant: int = 0) 
     edits = truths.edits_from_empty()
     if edits is None or not RAREST <= truths.share <= 1 - RAREST:
         return None
-    starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene), distant=distant)
-    if any(holds(reading, start.scene) != start.label for reading in readings for start in starts):
-        return None
+    starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
     return Entry(draft.statement, draft.program, draft.level, edits, tuple(starts)) if starts else None
 
 
@@ -81,12 +79,25 @@ def is_trivial(draft: Draft) -> bool:
     return compile_program(draft.program).evaluate(Scene.empty())
 
 
-def is_clear(readings: list[Clause], scene: Scene) -> bool:
-    """Whether every reading, taken strictly or loosely, gives the scene one label, which all its items show plainly."""
+def is_clear(readings: Sequence[Clause], scene: Scene, label: bool) -> bool:
+    """Whether the statement has that label in the scene however it is read, strictly or loosely.
+
+    Of a statement that nobody can read back, whether all items of the scene are plain to see.
+    """
+    if not readings:
+        return is_plain(scene)
     ways: tuple[Reading, ...] = (PRECISE, *OTHER_READINGS)
-    return len({holds(clause, scene, way) for clause in readings for way in ways}) == 1
+    return all(holds(clause, scene, way) == label for clause in readings for way in ways)
+
+
+def clear_scenes(entry: Entry, stock: Stock, label: bool, rng: random.Random) -> Iterator[Scene]:
+    """Scenes of the stock, not empty, in random order, which clearly have that label."""
+    readings, truth = meanings(entry.statement), compile_program(entry.program).evaluate
+    for scene in rng.sample(stock.scenes, len(stock.scenes)):
+        if truth(scene) == label and any(scene.items()) and is_clear(readings, scene, label):
+            yield scene
 
 
 def is_plain(scene: Scene) -> bool:
-    """Whether no item of the scene is hard to judge by eye: what is asked where a statement cannot be read back."""
+    """Whether no item of the scene is hard to judge by eye."""
     return all(is_legible(box) for box in scene.boxes)

@@ -15,6 +15,7 @@ from lilgym_mp.corpus.generator.meanings import (
     Attribute,
     AtWall,
     Beside,
+    BesideLike,
     BoxCount,
     BoxesCompared,
     BoxIs,
@@ -66,11 +67,12 @@ class Reading(NamedTuple):
     vacuous: bool = False  # whether all of none is true
     soft_shift: int = 0  # what vague words mean more or less than the language says
     exclusive: bool = False  # whether "or" excludes both
+    ties: bool = False  # whether one of several tallest towers is "the tallest" one
 
 
 PRECISE = Reading()
 OTHER_READINGS = (
-    Reading(wall_gap=3, touch_gap=4, close_gap=7, overlap=14, vacuous=True, soft_shift=-1),
+    Reading(wall_gap=3, touch_gap=4, close_gap=7, overlap=14, vacuous=True, soft_shift=-1, ties=True),
     Reading(touch_gap=0, close_gap=2, overlap=-2, soft_shift=1, exclusive=True),
 )
 
@@ -131,9 +133,10 @@ class _View:
             case Parity(noun, even):
                 return (len(self.named(self.items, noun)) % 2 == 0) == even
             case Extreme(noun, conditions):
-                ranked = sorted(self.boxes, key=lambda box: -len(self.named(box, noun)))
-                ahead = len(self.named(ranked[0], noun)) > len(self.named(ranked[1], noun))
-                return ahead and self.box(ranked[0], conditions, towers=False)
+                numbers = [len(self.named(box, noun)) for box in self.boxes]
+                first = [box for box, number in zip(self.boxes, numbers, strict=True) if number == max(numbers)]
+                meeting = (self.box(box, conditions, towers=False) for box in first)
+                return any(meeting) and (len(first) == 1 or self.reading.ties)
             case Joined(every, clauses):
                 values = [self.clause(part) for part in clauses]
                 return all(values) if every else any(values) and not (self.reading.exclusive and sum(values) > 1)
@@ -173,9 +176,15 @@ class _View:
             case AtLevel(level):
                 return self.at_level(seen, level)
             case Beside(relation, noun):
-                box = self.boxes[seen.box]
-                others = [other for other in box if other is not seen and self.related(seen, relation, other)]
-                return bool(self.named(others, noun))
+                return bool(self.named(self.all_related(seen, relation), noun))
+            case BesideLike(relation, attribute, same):
+                mine = _value(seen.item, attribute)
+                others = (_value(other.item, attribute) for other in self.all_related(seen, relation))
+                return any((other == mine) == same for other in others)
+
+    def all_related(self, seen: Seen, relation: Relation) -> list[Seen]:
+        box = self.boxes[seen.box]
+        return [other for other in box if other is not seen and self.related(seen, relation, other)]
 
     def walls(self, seen: Seen, close: bool) -> set[Wall]:
         reach = self.reading.close_gap if close else self.reading.wall_gap

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import TypeVar
 
@@ -21,6 +22,7 @@ from lilgym_mp.corpus.generator.meanings import (
     Attribute,
     AtWall,
     Beside,
+    BesideLike,
     BoxCount,
     BoxesCompared,
     BoxIs,
@@ -350,8 +352,10 @@ class TowerMeanings(Meanings):
     def each_tower(self) -> Clause:
         return EveryTower(self.conditions(1))
 
-    def pile(self) -> Beside:
+    def pile(self) -> Beside | BesideLike:
         relation = self.pick(Relation.ON, Relation.ON, Relation.UNDER, Relation.ABOVE, Relation.BELOW)
+        if self.chance(0.2):
+            return BesideLike(relation, Attribute.COLOUR, self.chance(0.6))
         return Beside(relation, self.colour_noun())
 
     def stacked(self) -> Clause:
@@ -481,8 +485,10 @@ class ScatterMeanings(Meanings):
             case _:
                 return InBox(self.pick(0, 1, 2), holds=holds)
 
-    def relation(self) -> Beside:
+    def relation(self) -> Beside | BesideLike:
         relation = self.pick(Relation.TOUCHING, Relation.TOUCHING, Relation.NEAR, Relation.ABOVE, Relation.BELOW)
+        if self.chance(0.2):
+            return BesideLike(relation, self.attribute(), self.chance(0.6))
         noun = self.pick(Noun(self.look(rich=0.4)), Noun(self.look(rich=0.4)), ANYTHING)
         return Beside(relation, noun, holds=relation is not Relation.TOUCHING or self.chance(0.85))
 
@@ -504,9 +510,8 @@ class ScatterMeanings(Meanings):
             return Every(Noun(Look(), (self.trait(positive=True),)), HasLook(self.look(rich=0)))
         return Every(Noun(self.look(rich=0.3)), self.relation_held())
 
-    def relation_held(self) -> Beside:
-        beside = self.relation()
-        return Beside(beside.relation, beside.noun)
+    def relation_held(self) -> Beside | BesideLike:
+        return replace(self.relation(), holds=True)
 
     def each_box(self) -> Clause:
         return BoxCount(

@@ -140,7 +140,17 @@ class Beside:
     holds: bool = True
 
 
-Trait = HasLook | AtWall | InCorner | InBox | AtLevel | Beside
+@dataclass(frozen=True, slots=True)
+class BesideLike:
+    """Standing in the relation to some other item of the same colour, shape or size, or (`same` False) of another."""
+
+    relation: Relation
+    attribute: Attribute
+    same: bool
+    holds: bool = True
+
+
+Trait = HasLook | AtWall | InCorner | InBox | AtLevel | Beside | BesideLike
 
 
 @dataclass(frozen=True, slots=True)

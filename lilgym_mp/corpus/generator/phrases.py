@@ -14,6 +14,7 @@ from lilgym_mp.corpus.generator.meanings import (
     Attribute,
     AtWall,
     Beside,
+    BesideLike,
     Condition,
     Ends,
     Has,
@@ -132,16 +133,16 @@ class Phrases:
         self.rng.shuffle(names)
         return " or ".join(names)
 
-    def noun(self, noun: Noun, plural: bool) -> str:
+    def noun(self, noun: Noun, plural: bool, *, alone: bool = True) -> str:
         words = [
-            self.look(noun.look, plural, alone=not noun.traits),
+            self.look(noun.look, plural, alone=alone and not noun.traits),
             *(self.modifier(trait, plural) for trait in noun.traits),
         ]
         return " ".join(words)
 
     def some(self, noun: Noun, other_than: Noun | None = None) -> str:
         """ "a blue circle", "another blue circle" """
-        text = self.noun(noun, plural=False)
+        text = self.noun(noun, plural=False, alone=False)
         return f"another {text}" if other_than is not None and noun.look == other_than.look else article(text)
 
     def quantified(self, quantity: Quantity, noun: Noun) -> Phrase:
@@ -227,6 +228,8 @@ class Phrases:
                 return self.place(level, plural)
             case Beside(relation, noun, holds):
                 return self.beside(relation, noun) if holds else f"not {self.beside(relation, noun, negated=True)}"
+            case BesideLike():
+                return self.related(trait.relation, self.like(trait))
 
     def predicate(self, trait: Trait, plural: bool) -> str:
         """The trait as a verb phrase: "touches the left wall"."""
@@ -266,6 +269,8 @@ class Phrases:
                 if relation in (Relation.ON, Relation.ABOVE) and holds and self.chance(0.4):
                     be = conjugated(self.pick("sits", "rests") if relation is Relation.ON else "lies", plural)
                 return f"{be} {self.beside(relation, noun, negated=not holds)}"
+            case BesideLike():
+                return f"{be} {self.related(trait.relation, self.like(trait))}"
 
     def look_complement(self, look: Look, plural: bool) -> str:
         """What follows "is": an adjective where that is enough."""
@@ -295,8 +300,19 @@ class Phrases:
 
     def beside(self, relation: Relation, noun: Noun, *, negated: bool = False) -> str:
         """The relation and its noun: "directly under a blue block"."""
-        other = f"any {self.noun(noun, plural=False)}" if negated else self.some(noun)
-        same = self.pick("in the same tower", "of the same tower") if self.style.item == "block" else "in the same box"
+        return self.related(
+            relation, f"any {self.noun(noun, plural=False, alone=False)}" if negated else self.some(noun)
+        )
+
+    def like(self, trait: BesideLike) -> str:
+        """ "another item of the same color" """
+        name = ATTRIBUTE_NAMES[trait.attribute]
+        if trait.same:
+            return f"{self.pick('another', article(self.style.item).split()[0])} {self.style.item} of the same {name}"
+        return f"{article(self.style.item)} of {self.pick('a different', 'another')} {name}"
+
+    def related(self, relation: Relation, other: str) -> str:
+        same = "in the same tower" if self.style.item == "block" else "in the same box"
         match relation:
             case Relation.TOUCHING:
                 return self.pick(f"touching {other}", f"in contact with {other}")

@@ -21,6 +21,7 @@ from lilgym_mp.corpus.generator.meanings import (
     Attribute,
     AtWall,
     Beside,
+    BesideLike,
     BoxCount,
     BoxesCompared,
     BoxIs,
@@ -201,10 +202,19 @@ def _traits(add: Add) -> None:
         ("directly|right under|below", Relation.UNDER),
     ):
         add("LYING", f"{words} ANOUN", lambda noun, relation=relation: Beside(relation, noun))
-    add("LYING", "somewhere? above ANOUN in|of the same tower|box", lambda noun: Beside(Relation.ABOVE, noun))
-    add("LYING", "higher up than ANOUN in|of the same tower|box", lambda noun: Beside(Relation.ABOVE, noun))
-    add("LYING", "somewhere? below ANOUN in|of the same tower|box", lambda noun: Beside(Relation.BELOW, noun))
-    add("LYING", "lower down than ANOUN in|of the same tower|box", lambda noun: Beside(Relation.BELOW, noun))
+        add("LYING", f"{words} LIKE", lambda like, relation=relation: BesideLike(relation, *like))
+    for words, relation in (
+        ("somewhere? above", Relation.ABOVE),
+        ("higher up than", Relation.ABOVE),
+        ("somewhere? below", Relation.BELOW),
+        ("lower down than", Relation.BELOW),
+    ):
+        place = "in|of the same tower|box"
+        add("LYING", f"{words} ANOUN {place}", lambda noun, relation=relation: Beside(relation, noun))
+        add("LYING", f"{words} LIKE {place}", lambda like, relation=relation: BesideLike(relation, *like))
+    add("LIKE", "a|an|another ITEM of the same ATTRIBUTE", lambda _, attribute: (attribute, True))
+    add("LIKE", "a|an ITEM of a different ATTRIBUTE", lambda _, attribute: (attribute, False))
+    add("LIKE", "a|an ITEM of another ATTRIBUTE", lambda _, attribute: (attribute, False))
     add("PREDICATE", "touches|touch ANOUN", lambda noun: Beside(Relation.TOUCHING, noun))
     add("PREDICATE", "is|are|sits|sit|lies|lie|stands|stand|rests|rest LYING", lambda trait: trait)
     add("PREDICATE", "is|are not LYING", _denied)
@@ -230,6 +240,8 @@ def _denied(trait: Trait) -> Trait:
             return AtLevel(level, holds=False)
         case Beside(relation, noun):
             return Beside(relation, noun, holds=False)
+        case BesideLike(relation, attribute, same):
+            return BesideLike(relation, attribute, same, holds=False)
 
 
 def _conditions(add: Add) -> None:
@@ -308,7 +320,7 @@ def _items(add: Add) -> None:
     add("CLAUSE", "there is|are not any NOUN", lambda noun: ItemCount(NONE, noun))
     add("CLAUSE", "the PICTURE does not show|have|contain any NOUN", lambda _, noun: ItemCount(NONE, noun))
     add("CLAUSE", "the number of NOUN is RANGE", lambda noun, quantity: ItemCount(quantity, noun))
-    add("CLAUSE", "QN PREDICATE", lambda counted, trait: _count(*counted, trait))
+    add("CLAUSE", "QN PREDICATE", _counted)
     add("CLAUSE", "none of the NOUN PREDICATE", lambda noun, trait: _count(NONE, noun, trait))
     add("CLAUSE", "not a single NOUN PREDICATE", lambda noun, trait: _count(NONE, noun, trait))
     add(
@@ -321,6 +333,10 @@ def _items(add: Add) -> None:
     add("CLAUSE", "the one and only NOUN PREDICATE", _only_one)
     add("CLAUSE", "the number of NOUN is EVEN", Parity)
     add("CLAUSE", "THERE a|an EVEN number of NOUN", lambda _, even, noun: Parity(noun, even))
+
+
+def _counted(counted: Counted, trait: Trait) -> Clause:
+    return _count(*counted, trait)
 
 
 def _count(quantity: Quantity, noun: Noun, trait: Trait) -> Clause:

@@ -21,6 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape
 RULES = RULE_SETS["paper"]
 EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
 CHILDREN = 3
+TOUCHING_GAP = 1  # pixels between two items that touch, at most
 NEAR_GAPS = (2, 3, 4)  # pixels: almost touching, as the programs have it
 CLEAR_GAP = 9  # pixels: plainly apart
 TRIES = 30
@@ -159,9 +160,9 @@ def _some_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tupl
 
 def is_legible(box: Box) -> bool:
     """Whether it is plain for every item of the box if it touches a wall or another item, nearly does, or does not."""
-    gaps = [gap for item in box.items for gap in _wall_gaps(item)]
-    gaps += [_gap(one, other) for one, other in combinations(box.items, 2)]
-    return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP for gap in gaps)
+    walls = (gap for item in box.items for gap in _wall_gaps(item))
+    pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
+    return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP - TOUCHING_GAP for gap in (*walls, *pairs))
 
 
 def _wall_gaps(item: Item) -> tuple[int, int, int, int]:

@@ -8,6 +8,7 @@ from lilgym_mp.corpus.generator.meanings import (
     Attribute,
     AtWall,
     Beside,
+    BesideLike,
     BoxCount,
     BoxesCompared,
     BoxIs,
@@ -58,6 +59,7 @@ _RELATED = {
     Relation.BELOW: "get_box_all_above",
 }
 _SETS = {Attribute.COLOUR: "get_set_colors", Attribute.SHAPE: "get_set_shapes", Attribute.SIZE: "get_set_sizes"}
+_MEMBERS = {Attribute.COLOUR: "color", Attribute.SHAPE: "shape", Attribute.SIZE: "size"}
 _ORDERS = {Order.MORE: ">", Order.FEWER: "<", Order.EQUAL: "=="}
 
 
@@ -182,6 +184,10 @@ def _trait_test(trait: Trait, depth: int) -> str:
             return f"{_LEVELS[level]}({variable})"
         case Beside(relation, noun):
             return f"exist({_items(f'{_RELATED[relation]}({variable})', noun, depth + 1)})"
+        case BesideLike(relation, attribute, same):
+            other, member = VARIABLES[depth + 1], _MEMBERS[attribute]
+            test = f"{other}.{member} {'==' if same else '!='} {variable}.{member}"
+            return f"exist(filter_obj({_RELATED[relation]}({variable}), lambda {other}: {test}))"
 
 
 def _box(box: str, conditions: Conditions, towers: bool) -> str:

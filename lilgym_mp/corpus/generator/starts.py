@@ -11,8 +11,6 @@ from typing import NamedTuple
 from lilgym_mp.corpus.generator.scenes import EDIT_LIMIT, chains
 from lilgym_mp.scene import Scene
 
-FARTHEST = 4  # edits from the farthest start scenes to the other truth value
-
 Truth = Callable[[Scene], bool]
 Number = int  # of a scene in a stock
 
@@ -100,22 +98,6 @@ class Truths:
                     if self.values[one] != self.values[other] and any(self.stock.scenes[one].items()):
                         yield self._start(one, edits), self._start(other, edits)
 
-    def distant(self, rng: random.Random, label: bool) -> Iterator[Start]:
-        """Scenes with that label that the stock leads to the other truth value by 2 to FARTHEST edits, not fewer."""
-        for chain in self._shuffled_chains(rng):
-            path = [family.parent for family in chain]
-            for way in (path, path[::-1]):
-                yield from self._along(way, label)
-
-    def _along(self, way: Sequence[Number], label: bool) -> Iterator[Start]:
-        values = [self.values[number] for number in way]
-        for place, number in enumerate(way):
-            ahead = values[place : place + FARTHEST + 1]
-            if values[place] == label and (not label) in ahead and any(self.stock.scenes[number].items()):
-                edits = ahead.index(not label)
-                if edits > 1:
-                    yield self._start(number, edits)
-
     def _start(self, number: Number, edits: int) -> Start:
         return Start(self.stock.scenes[number], self.values[number], edits)
 
@@ -123,22 +105,16 @@ class Truths:
         return rng.sample(self.stock.chains, len(self.stock.chains))
 
 
-def start_scenes(truths: Truths, rng: random.Random, is_clear: Truth, *, distant: int = 0) -> list[Start]:
-    """A pair of neighbours and a pair of twins (or neighbours again), then `distant` scenes of each label if there are.
+def start_scenes(truths: Truths, rng: random.Random, is_clear: Truth) -> list[Start]:
+    """A pair of neighbours and a pair of twins (or neighbours again), the true scene of each pair first.
 
-    Only scenes that `is_clear` accepts; true before false; empty when there are not two such pairs.
+    Only scenes that `is_clear` accepts; empty when there are not two such pairs.
     """
     chosen: list[Start] = []
     for source in (truths.neighbours, truths.twins, truths.neighbours):
         if len(chosen) < 4:
             chosen += next(_fresh_pairs(source(rng), chosen, is_clear), ())
-    if len(chosen) < 4:
-        return []
-    for label in (True, False) if distant else ():
-        taken = {start.scene for start in chosen}
-        others = (start for start in truths.distant(rng, label) if start.scene not in taken and is_clear(start.scene))
-        chosen += islice(others, distant)
-    return chosen
+    return chosen if len(chosen) == 4 else []
 
 
 def _fresh_pairs(
