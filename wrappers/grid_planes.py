@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,7 @@ PLANE_COUNT = OCCUPANCY + 1
 
 _FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # of shape, colour and size
 _SIDES = np.array(SIZE_PIXELS)
+_CORNER_SIGNS = (1, -1, -1, 1)
 
 
 class Planes(SceneFormat):
@@ -67,20 +69,18 @@ class Planes(SceneFormat):
         shape = (size, PLANE_COUNT, self.rows, self.columns)
         column, row = cells[:, :1], cells[:, 1:]
         places = ((batch[:, None] * PLANE_COUNT + _FIRST_PLANES + looks) * self.rows + row) * self.columns + column
-        return np.bincount(places.ravel(), minlength=np.prod(shape)).astype(np.uint8).reshape(shape)
+        return np.bincount(places.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
 
     def _reached(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
         """(size, rows, columns) the cells that some item's bounding square reaches into."""
-        # Each rectangle as +1 and -1 at its corners; summing up along rows and columns fills it.
-        corners = np.zeros((size, self.rows + 1, self.columns + 1), np.int16)
-        for sign, row, column in (
-            (1, first[:, 1], first[:, 0]),
-            (-1, first[:, 1], last[:, 0] + 1),
-            (-1, last[:, 1] + 1, first[:, 0]),
-            (1, last[:, 1] + 1, last[:, 0] + 1),
-        ):
-            np.add.at(corners, (batch, row, column), sign)
-        return corners.cumsum(1).cumsum(2)[:, :-1, :-1] > 0
+        # Each rectangle as 1 and -1 at its corners; summing up along rows and columns fills it.
+        shape = (size, self.rows + 1, self.columns + 1)
+        rows = np.stack([first[:, 1], first[:, 1], last[:, 1] + 1, last[:, 1] + 1])
+        columns = np.stack([first[:, 0], last[:, 0] + 1, first[:, 0], last[:, 0] + 1])
+        places = (batch * shape[1] + rows) * shape[2] + columns
+        signs = np.repeat(_CORNER_SIGNS, len(batch))
+        corners = np.bincount(places.ravel(), signs, math.prod(shape)).reshape(shape)
+        return corners.cumsum(1).cumsum(2)[:, :-1, :-1] > 0.5
 
 
 class GridPlanes(EnvWrapper[Planes]):

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from lilgym_mp import wrappers
 
 N = 5
-STEPS = 40
+STEPS = 24
 
 STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "mask": [wrappers.action_mask_v0],
