@@ -57,8 +57,8 @@ def demonstrations(
         raise ValueError(f"episodes must be at least 1 or None, not {episodes}")
     played = [demonstration(report, dynamics) if report.solution.solved else None for report in reports]
     if episodes is not None:
-        drawn = np.random.default_rng(seed).integers(len(played), size=episodes)
-        played = [played[number] for number in drawn.tolist()]
+        drawn: list[int] = np.random.default_rng(seed).integers(len(played), size=episodes).tolist()
+        played = [played[number] for number in drawn]
     return [episode for episode in played if episode is not None]
 
 

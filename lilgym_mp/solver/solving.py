@@ -34,7 +34,7 @@ class Solver:
         self.dynamics = dynamics
         self._search = SEARCHES[type(dynamics.appearance)](dynamics.appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
-        if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:
+        if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
     def solve(self, task: Task) -> Solution:
