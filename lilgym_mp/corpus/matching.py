@@ -44,7 +44,8 @@ def matching_corpus(tasks: TaskSet) -> TaskSet:
     labelled: defaultdict[tuple[str, bool], set[Content]] = defaultdict(set)
     for flipit in load_tasks(origin.corpus, origin.appearance, FLIPIT, origin.split):
         labelled[flipit.statement, not flipit.target].add(content(flipit.start))
-    return TaskSet((_matching(task, frozenset(labelled[task.statement, task.target])) for task in tasks), origin)
+    matching = (_matching(task, frozenset(labelled[task.statement, task.target])) for task in tasks)
+    return TaskSet(matching, origin, {name: tasks.tags(name) for name in tasks.ids})
 
 
 def _matching(task: Task, goals: frozenset[Content]) -> MatchingTask:

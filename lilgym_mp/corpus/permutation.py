@@ -23,7 +23,9 @@ def with_permuted_boxes(tasks: TaskSet, *, distinct: bool = False) -> TaskSet:
     statement has another truth value are left out: it speaks of the boxes' order. `distinct` also leaves out those
     that give a start scene once more; without it each order is as likely as another in a uniform draw.
     """
-    return TaskSet((variant for task in tasks for variant in _variants(task, distinct=distinct)), tasks.provenance)
+    variants = [(task, variant) for task in tasks for variant in _variants(task, distinct=distinct)]
+    tags = {variant.id: tasks.tags(task.id) for task, variant in variants}
+    return TaskSet((variant for _, variant in variants), tasks.provenance, tags)
 
 
 def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:

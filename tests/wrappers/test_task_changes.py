@@ -69,6 +69,14 @@ def test_permuted__leaves_out_orders_that_change_the_truth(tmp_path: Path):
     assert permuted.ids == ("left-yes", "left-yes@021")
 
 
+def test_changed_tasks__keep_what_the_corpus_tells_of_them():
+    for start, change in (("flipit", with_permuted_boxes), ("scratch", matching_corpus)):
+        tasks = load_tasks("builtin", "tower", start, "dev")
+        changed = change(tasks)
+        assert any(tasks.tags(name) for name in tasks.ids)
+        assert all(changed.tags(name) == tasks.tags(name.split("@")[0]) for name in changed.ids)
+
+
 @pytest.mark.parametrize(("appearance", "distinct"), [("tower", 3904), ("scatter", 1878)])
 @pytest.mark.usefixtures("official_data")
 def test_permuted__official_statements_never_name_a_box(appearance: str, distinct: int):
