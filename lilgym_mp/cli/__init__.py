@@ -17,7 +17,7 @@ from lilgym_mp import __version__
 from lilgym_mp.cli.errors import CommandError
 
 # Modules of this package, in the order of --help.
-COMMANDS = ("demo", "play", "train", "evaluate", "solve", "demos", "data", "program")
+COMMANDS = ("demo", "play", "train", "evaluate", "solve", "demos", "data", "program", "bench")
 
 PROGRAM = "lilgym-mp"
 USAGE_ERROR = 2  # exit code of a mistake in what was asked for

@@ -1,0 +1,82 @@
+"""Memory of many batched environments beyond their images, and the time of `import lilgym_mp`.
+
+Each configuration is measured in a process of its own: resident memory with the package imported and the tasks
+loaded (which all environments share), then with the environments made, reset and played for some steps of random
+legal actions, less the bytes of the images that they hold (the batch's own and, with copies, the last one given away).
+Run: python benchmarks/memory.py [--num-envs 1024] [--corpus lilgym]
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from statistics import median
+from typing import Any
+
+CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
+IMPORTS = 7
+
+ENVIRONMENTS = """
+import gc, sys
+from pathlib import Path
+import gymnasium as gym
+import numpy as np
+import lilgym_mp
+from lilgym_mp.corpus import load_tasks
+
+def resident():
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+def play(env, steps):
+    chance = np.random.default_rng(0)
+    observations, _ = env.reset(seed=0)
+    for _ in range(steps):
+        masks = env.action_masks()
+        drawn = (chance.random(len(masks)) * masks.sum(1)).astype(np.int64)
+        observations = env.step((masks.cumsum(1, dtype=np.int32) > drawn[:, None]).argmax(1))[0]
+    return observations
+
+configuration, num_envs, steps, corpus = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
+name = f"lilgym_mp/{configuration}-v0"
+small = gym.make_vec(name, num_envs=1, corpus=corpus, copy=False)
+play(small, 1)
+before = resident()
+env = gym.make_vec(name, num_envs=num_envs, corpus=corpus, copy=False)
+env.reset(seed=0)
+images = env.reset()[0]["image"].nbytes
+print(resident() - before - images)
+play(env, steps)
+print(resident() - before - images)
+"""
+
+IMPORT = "from time import perf_counter as now; start = now(); import lilgym_mp; print(now() - start)"
+
+
+def _printed(program: str, *arguments: str) -> list[float]:
+    done = subprocess.run([sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(done.returncode)
+    return [float(line) for line in done.stdout.split()]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--num-envs", type=int, default=1024)
+    parser.add_argument("--steps", type=int, default=24)
+    parser.add_argument("--corpus", default="builtin")
+    given: Any = parser.parse_args()
+    for name in CONFIGURATIONS:
+        made, played = _printed(ENVIRONMENTS, name, str(given.num_envs), str(given.steps), given.corpus)
+        print(
+            f"{name}, corpus {given.corpus}: {given.num_envs:,} environments beyond their images:"
+            f" {made / 1e6:.1f} MB after reset, {played / 1e6:.1f} MB after {given.steps} steps with masks",
+            flush=True,
+        )
+    times = [_printed(IMPORT)[0] for _ in range(IMPORTS)]
+    print(f"import lilgym_mp: median {median(times):.2f} s of {IMPORTS} (lowest {min(times):.2f})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,219 @@
+"""Every way of running the environments, as something that plays a course and is timed.
+
+A step is one action of the MDP (of the turn-by-turn game: one agent's turn). The resets within are timed and count
+as no step; the one at the beginning, which seeds the generators, is not timed. Each opener is a context manager.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from lilgym_mp.benchmark.traces import Course, Trace, vector_trace
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.wrappers import stop_forcing_v0
+
+COPIES = 2_048  # observations copied in a play
+
+
+class Timed(NamedTuple):
+    """What was done, and how long it took."""
+
+    steps: int
+    seconds: float
+
+
+Play = Callable[[], Timed]
+Wrap = Callable[[Any], Any]
+
+
+def unwrapped(env: Any) -> Any:
+    return env
+
+
+@contextmanager
+def copying(course: Course, num_envs: int) -> Iterator[Play]:
+    """Copies of N images, which nobody who gives them away can do without."""
+    image = course.recorder.reset(seed=0)[0]["image"]
+    images = np.repeat(image[None], num_envs, 0)
+    count = -(-COPIES // num_envs)
+
+    def play() -> Timed:
+        copy = images.copy
+        started = perf_counter()
+        for _ in range(count):
+            copy()
+        return Timed(count * num_envs, perf_counter() - started)
+
+    yield play
+
+
+@contextmanager
+def single(course: Course, *, wrap: Wrap = unwrapped, masks: bool = False) -> Iterator[Play]:
+    """One environment from `gymnasium.make`; with `masks`, its mask is asked for before each action."""
+    env = wrap(course.make())
+    (script,) = course.scripts(1)
+    count = sum(len(episode.actions) for episode in script.episodes)
+    ask = getattr(env, "action_masks", env.unwrapped.action_masks) if masks else None
+
+    def play() -> Timed:
+        step, reset = env.step, env.reset
+        reset(seed=script.seed)
+        started = perf_counter()
+        for episode in script.episodes:
+            for action in episode.actions:
+                if ask is not None:
+                    ask()
+                step(action)
+            reset()
+        return Timed(count, perf_counter() - started)
+
+    yield play
+    env.close()
+
+
+def bare(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+    """Without Gymnasium's own wrappers."""
+    return env.unwrapped
+
+
+def batched_env(course: Course, num_envs: int, *, copy: bool = True) -> Any:
+    return gym.make_vec(course.environment_id, num_envs=num_envs, copy=copy, **course.arguments)
+
+
+def worker_env(course: Course, num_envs: int, *, processes: int, copy: bool = True) -> Any:
+    return WorkerVectorEnv(course.environment_id, num_envs, processes, copy=copy, **course.arguments)
+
+
+@contextmanager
+def vector(course: Course, num_envs: int, make: Callable[[Course, int], Any], *, masks: bool = False) -> Iterator[Play]:
+    """One of this package's vector environments."""
+    env = make(course, num_envs)
+    trace = vector_trace(course.scripts(num_envs), env.metadata["autoreset_mode"])
+    play = _stepped(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
+    try:
+        yield play
+    finally:
+        env.close()
+
+
+def _stepped(
+    trace: Trace, begin: Callable[[], object], step: Callable[[Any], object], ask: Callable[[], object] | None
+) -> Play:
+    def play() -> Timed:
+        begin()
+        started = perf_counter()
+        if ask is None:
+            for row in trace.rows:
+                step(row)
+        else:
+            for row in trace.rows:
+                ask()
+                step(row)
+        return Timed(trace.actions, perf_counter() - started)
+
+    return play
+
+
+def stop_forced(course: Course, num_envs: int) -> Any:
+    """The batched environment with stop forcing: masks then depend on whether STOP succeeds."""
+    return stop_forcing_v0(batched_env(course, num_envs))
+
+
+@contextmanager
+def sb3(course: Course, num_envs: int, backend: str, *, masks: bool = False, **options: Any) -> Iterator[Play]:
+    """A Stable-Baselines3 `VecEnv`, with monitor, as the trainer uses it."""
+    from lilgym_mp.sb3 import make_vec_env
+
+    if backend == "subproc" and "fork" in multiprocessing.get_all_start_methods():
+        options["start_method"] = "fork"  # its processes then start in a second, not in a minute; as fast afterwards
+    venv = make_vec_env(course.environment_id, num_envs, backend, **course.arguments, **options)
+    trace = vector_trace(course.scripts(num_envs), AutoresetMode.SAME_STEP)
+
+    def begin() -> None:
+        venv.seed(0)
+        venv.reset()
+
+    ask = (lambda: venv.env_method("action_masks")) if masks else None
+    try:
+        yield _stepped(trace, begin, venv.step, ask)
+    finally:
+        with suppress(OSError, EOFError):  # Ctrl-C reaches SB3's processes too, and they may be gone
+            venv.close()
+
+
+def game_settings(course: Course) -> dict[str, Any]:
+    """The proposer-verifier game in which every round takes one action of the MDP."""
+    where = {"appearance": course.appearance, "start": course.start}
+    return {**where, **course.arguments, "protocol": "joint", "ending": "either"}
+
+
+@contextmanager
+def parallel_game(course: Course) -> Iterator[Play]:
+    """PettingZoo's parallel form: the proposer plays the script, the verifier lets it go on."""
+    from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
+
+    env = parallel_env(**game_settings(course))
+    (script,) = course.scripts(1)
+    proposer, verifier = AGENTS
+    games = [(e.task, [{proposer: action, verifier: 0} for action in e.actions]) for e in script.episodes]
+    count = sum(len(pairs) for _, pairs in games)
+
+    def play() -> Timed:
+        started = perf_counter()
+        for task, pairs in games:
+            env.reset(options={"task": task})
+            for pair in pairs:
+                env.step(pair)
+        return Timed(count, perf_counter() - started)
+
+    yield play
+    env.close()
+
+
+@contextmanager
+def turn_game(course: Course, *, checked: bool) -> Iterator[Play]:
+    """PettingZoo's turn-by-turn form: each turn is a call of `step` and one of `last`."""
+    from lilgym_mp.envs.proposer_verifier import env as checked_env
+    from lilgym_mp.envs.proposer_verifier import raw_env
+
+    env = (checked_env if checked else raw_env)(**game_settings(course))
+    (script,) = course.scripts(1)
+    games = [(e.task, [turn for action in e.actions for turn in (action, 0)]) for e in script.episodes]
+    count = sum(len(turns) for _, turns in games)
+
+    def play() -> Timed:
+        started = perf_counter()
+        for task, turns in games:
+            env.reset(options={"task": task})
+            for action in turns:
+                env.step(action)
+                env.last()
+        return Timed(count, perf_counter() - started)
+
+    yield play
+    env.close()
+
+
+@contextmanager
+def batched_games(course: Course, num_envs: int, *, copy: bool) -> Iterator[Play]:
+    """N games in one process."""
+    from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames
+
+    games = BatchedGames(num_envs, copy=copy, **game_settings(course))
+    trace = vector_trace(course.scripts(num_envs), AutoresetMode.SAME_STEP)
+    proposer, verifier = AGENTS
+    going_on = np.zeros(num_envs, np.int64)
+
+    def step(row: Any) -> None:
+        games.step({proposer: row, verifier: going_on})
+
+    yield _stepped(trace, lambda: games.reset(seed=0), step, None)
+    games.close()

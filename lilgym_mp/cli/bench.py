@@ -1,0 +1,115 @@
+"""`lilgym-mp bench`: steps per second of every way to run the environments, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.choices import choose
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.evaluation.files import writable_directory, write_json, write_text, write_whole
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+
+OUTPUT = Path("runs", "bench")
+QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
+CHART = "benchmark_scaling.png"
+PICTURES = "pictures"  # beside the document that shows them
+INTERRUPTED = 130
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "bench",
+        help="steps per second of every way to run the environments",
+        description="Plays the same recorded actions in every way there is, in turns, and compares them with copying.",
+    )
+    parser.add_argument("--only", nargs="+", metavar="GROUP", help="single, batched, workers, sb3, pettingzoo, parts")
+    parser.add_argument(
+        "--configurations", nargs="+", metavar="NAME", help=f"any of {', '.join(CONFIGURATIONS)} (default: all)"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help=f"about a minute: fewer rounds, and {' and '.join(QUICK_CONFIGURATIONS)}"
+    )
+    parser.add_argument("--corpus", default="builtin", help='"builtin" (default), "lilgym" (official), or a path')
+    parser.add_argument("--output", type=Path, default=OUTPUT, metavar="DIR", help=f"default: {OUTPUT}")
+    parser.add_argument("--write-docs", type=Path, metavar="FILE", help="put the tables and the chart into a document")
+    parser.add_argument(
+        "--against", type=Path, metavar="PATH", help="a checkout of the lilGym release, to compare with"
+    )
+    parser.add_argument(
+        "--against-options", type=_json_object, default={}, metavar="JSON", help="keywords for the release's make"
+    )
+    parser.set_defaults(run=run)
+
+
+def _json_object(text: str) -> dict[str, Any]:
+    try:
+        options = json.loads(text)
+    except ValueError:
+        options = None
+    if not isinstance(options, dict):
+        raise argparse.ArgumentTypeError(f"""{text!r} must be a JSON object, such as '{{"name": 1}}'""")
+    return options
+
+
+def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Course, subjects
+    from lilgym_mp.benchmark.release import release_subject
+
+    names = args.configurations or (QUICK_CONFIGURATIONS if args.quick else CONFIGURATIONS)
+    for name in names:
+        choose("configuration", name, CONFIGURATIONS)
+    chosen = subjects(args.only or GROUPS)
+    if args.against is not None:
+        chosen.append(release_subject(args.against, args.against_options))
+    output = writable_directory(args.output)
+    if args.write_docs is not None:
+        _filled(args.write_docs, "")  # finds out now when the tables have no place
+    effort = EFFORTS["quick" if args.quick else "full"]
+    bench = Bench(effort)
+    for name in names:
+        if not bench.is_interrupted:
+            _tell(f"{name}: {len(chosen)} subjects, {effort.repeats} rounds ", end="")
+            bench.measure(Course(name, args.corpus, actions=effort.actions), chosen, lambda: _tell(".", end=""))
+            _tell("")
+    _write(bench, output, args.write_docs)
+    return INTERRUPTED if bench.is_interrupted else 0
+
+
+def _write(bench: Any, output: Path, document: Path | None) -> None:
+    """Prints the tables, and writes tables, JSON and chart: into `output`, and into the document."""
+    from lilgym_mp.benchmark.chart import scaling_chart
+    from lilgym_mp.benchmark.report import report_json, report_text
+
+    text = report_text(bench)
+    print(text)
+    write_text(output / "bench.md", text + "\n")
+    write_json(output / "bench.json", report_json(bench))
+    chart = scaling_chart(bench)
+    if chart is not None:
+        write_whole(output / CHART, lambda path: chart.save(path, format="PNG"))
+    if document is not None:
+        write_text(document, _filled(document, text))
+        if chart is not None:
+            pictures = writable_directory(document.parent / PICTURES)
+            write_whole(pictures / CHART, lambda path: chart.save(path, format="PNG"))
+    _tell(f"results: {output}" + (f", {document}" if document else ""))
+
+
+def _filled(document: Path, text: str) -> str:
+    """The document with the tables in it."""
+    from lilgym_mp.benchmark.report import DocumentError, in_document
+
+    try:
+        return in_document(document.read_text(encoding="utf-8"), text)
+    except OSError as fault:
+        raise CommandError(f"cannot read {document}: {fault.strerror or fault}") from None
+    except DocumentError as fault:
+        raise CommandError(f"{document}: {fault}") from None
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    print(text, end=end, file=sys.stderr, flush=True)
