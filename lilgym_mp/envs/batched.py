@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -376,9 +376,22 @@ def _only(values: NDArray[np.object_], where: BoolArray) -> NDArray[np.object_]:
 
 
 def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
-    """Gymnasium's `batch_space`, but with one Text space for all: its characters take room."""
-    parts = {
-        name: spaces.Tuple([space] * count) if isinstance(space, spaces.Text) else batch_space(space, count)
-        for name, space in single.spaces.items()
-    }
+    """Gymnasium's `batch_space`, but without what takes room: N equal Text spaces, and bounds for every pixel."""
+    parts: dict[str, spaces.Space[Any]] = {}
+    for name, space in single.spaces.items():
+        if isinstance(space, spaces.Text):
+            parts[name] = spaces.Tuple([space] * count)
+        elif isinstance(space, spaces.Box):
+            parts[name] = _batched_box(space, count)
+        else:
+            parts[name] = batch_space(space, count)
     return spaces.Dict(parts)
+
+
+def _batched_box(single: spaces.Box, count: int) -> spaces.Box:
+    """N of `single`, all with one and the same array of bounds; for 1,024 images that saves 117 MB."""
+    box = cast("spaces.Box", batch_space(single, 1))
+    shape = box._shape = (count, *single.shape)
+    for name in ("low", "high", "bounded_below", "bounded_above"):
+        setattr(box, name, np.broadcast_to(getattr(box, name), shape))
+    return box

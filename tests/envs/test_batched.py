@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.batched import BatchedEnv
@@ -188,6 +189,15 @@ def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
     env.step(np.array([0, 1]))
     _, rewards, terminated, _, infos = env.step(np.array([99, 1]))
     assert (rewards[0], terminated[0], infos["_task"].tolist()) == (0.0, False, [True, False])
+
+
+def test_observation_space__is_gymnasiums_but_its_bounds_take_no_room_for_each_environment() -> None:
+    env = BatchedEnv(5, appearance="tower", start="scratch")
+    image = env.observation_space["image"]
+    assert image == batch_space(env.single_observation_space["image"], 5)
+    assert all(getattr(image, name).strides[0] == 0 for name in ("low", "high", "bounded_below", "bounded_above"))
+    assert env.reset(seed=0)[0] in env.observation_space
+    assert image.sample().shape == (5, 50, 190, 3)
 
 
 def test_step__needs_a_reset_first() -> None:
