@@ -77,7 +77,7 @@ class Session:
             self._successes.append(info["is_success"])
             reason = f" ({info['invalid_reason']})" if "invalid_reason" in info else ""
             outcome = info["outcome"] + reason
-            self._news += f", {outcome.replace('_', ' ')}. Type next, back or quit."
+            self._news += f", {outcome.replace('_', ' ')}"
         self._film()
         self._show()
 
@@ -93,7 +93,8 @@ class Session:
         appearance = self._env.dynamics.appearance
         if isinstance(appearance, Scatter):
             picture = ruled(picture, appearance.grid)
-        self._say("\n".join([picture, *self._lines()]))
+        prompt = ["Type next, back or quit."] if self._episode_over else []
+        self._say("\n".join([picture, *self._lines(), *prompt]))
 
     def _film(self) -> None:
         self._frames.append(frame(self._env.scene, self._lines()))
@@ -105,7 +106,7 @@ class Session:
             raise CommandFault("this episode is over; type next or back")
         solution = Expert(self._env).plan()
         if solution.solved:
-            self._say(f"try: {command_of(solution.actions[0])}   ({solution.steps} actions to go)")
+            self._say(f"try: {command_of(solution.actions[0])}   (actions to go: {solution.steps})")
         else:
             self._say(f"no idea: {solution.reason}")
 

@@ -71,7 +71,7 @@ def test_play__nonsense_is_explained_and_costs_nothing(play: Play):
 
 def test_play__an_illegal_action_ends_the_episode_with_its_reason(play: Play):
     said = play(BLUE_TASK, "remove left", "add left blue", "back", "add left blue")
-    assert "remove left: reward -1.0, invalid action (empty tower). Type next, back or quit." in said
+    assert "remove left: reward -1.0, invalid action (empty tower)\nType next, back or quit." in said
     assert "this episode is over; type next for another task, back for its start, or quit" in said
     assert said.count('"I can see a blue block."') == 4
 

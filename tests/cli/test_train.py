@@ -87,7 +87,7 @@ def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
     assert main(["train", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
-    assert lines[-1].lstrip().startswith("640 of 640 steps, ")
+    assert lines[-1].startswith("640 of 640 steps, ")
 
 
 @pytest.mark.parametrize("backend", ["batched", "subproc"])
