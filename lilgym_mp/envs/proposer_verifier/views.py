@@ -85,6 +85,18 @@ class World:
         longest = max(len(words(task.statement)) for tasks in (self.tasks, self._training_tasks) for task in tasks)
         return -(-longest // LENGTH_STEP) * LENGTH_STEP
 
+    def statement_tokens(self, statement: str) -> NDArray[np.int64]:
+        """(statement_length,) the numbers of the statement's words, padded with 0; not to be written."""
+        tokens = self._tokens.get(statement)
+        if tokens is None:
+            tokens = self._tokens[statement] = self.vocabulary.encode(statement, self.statement_length)
+        return tokens
+
+    @cached_property
+    def _tokens(self) -> dict[str, NDArray[np.int64]]:
+        """What `statement_tokens` has made so far."""
+        return {}
+
     @cached_property
     def _training_tasks(self) -> TaskSet:
         origin = self.tasks.provenance
@@ -180,16 +192,11 @@ class TokensPart:
     lasts = True
 
     def __init__(self, world: World) -> None:
-        self._vocabulary, self._length = world.vocabulary, world.statement_length
-        self.space = spaces.Box(0, len(self._vocabulary) - 1, (self._length,), np.int64)
-        self._known: dict[str, NDArray[np.int64]] = {}
+        self._world = world
+        self.space = spaces.Box(0, len(world.vocabulary) - 1, (world.statement_length,), np.int64)
 
     def encode(self, state: GameState) -> Value:
-        statement = state.mdp.task.statement
-        known = self._known.get(statement)
-        if known is None:
-            known = self._known[statement] = self._vocabulary.encode(statement, self._length)
-        return known.copy()
+        return self._world.statement_tokens(state.mdp.task.statement).copy()
 
 
 class StatementTextPart:
