@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.rules import Dynamics, State
@@ -69,7 +69,7 @@ class Expert:
 
 def _playable(env: object) -> Plays:
     inner: Any = getattr(env, "unwrapped", env)
-    kind: type[Any] = type(inner)  # asked for `state`, which the environment itself has from its first reset only
+    kind = cast("Any", type(inner))  # asked for `state`, which the environment itself has from its first reset only
     if not isinstance(getattr(inner, "dynamics", None), Dynamics) or not hasattr(kind, "state"):
         raise TypeError(f"the expert needs an environment of lilgym_mp with `dynamics` and `state`, not {env!r}")
     return inner

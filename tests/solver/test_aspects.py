@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene import Box, Scene, Size
 from lilgym_mp.solver.aspects import Aspects, aspects
 from lilgym_mp.solver.sketches import Sketcher
 from tests.scenes import LARGE, B, K, Y, circle, loose_boxes, scatter_boxes, square
@@ -108,3 +108,20 @@ def test_classes__have_an_item_of_each_look():
         ("SQUARE", "LARGE"),
         ("TRIANGLE", "LARGE"),
     }
+
+
+def test_classes__are_all_known_before_any_item_is_seen():
+    """Or else a sketch could be refuted although an item of an unforeseen class would do."""
+    program = " or ".join(
+        f"exist(filter_obj(all_items, lambda x: {word}(x, Side.{side})))"
+        for word in ("is_touching_wall", "is_closely_touching_wall", "is_close_to_wall", "is_close_to_corner")
+        for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")
+    )
+    classes = Sketcher(of(program)).classes
+    known = len(classes)
+    for size in Size:
+        for x in range(-2, 100 - size.pixels + 3):
+            for y in (-2, -1, 0, 1, 4, 5, 8, 9, 35, 100 - size.pixels - 9, 100 - size.pixels - 4, 100 - size.pixels):
+                classes.of(square(x, y, size))
+                classes.of(square(y, x, size))
+    assert len(classes) == known

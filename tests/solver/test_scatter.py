@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lilgym_mp.actions import STOP, AddItem, RemoveItem
+from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import MatchingTask, content
 from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Scene
@@ -106,6 +107,17 @@ def test_unsolvable__is_not_claimed_where_success_is_not_the_programs_truth():
     solution = Solver(mdp("scatter")).solve(matching)
     assert solution.status is Status.NOT_FOUND
     assert "not the truth of its program" in solution.reason
+
+
+def test_proof__holds_against_trying_every_single_edit():
+    dynamics = mdp("scatter")
+    solver = Solver(dynamics)
+    checked = 0
+    for given in load_tasks("builtin", "scatter", "flipit", "dev"):
+        if solver.solve(given).least_edits > 1 and checked < 12:
+            checked += 1
+            assert edits_by_trial(dynamics, dynamics.start(given), 1) == (None, set()), given.id
+    assert checked == 12
 
 
 def test_solutions__are_the_same_every_time():
