@@ -154,36 +154,12 @@ def snapped(
 
 
 @cache
-def _blocking_templates() -> BoolArray:
-    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two overlap."""
+def clear_templates() -> BoolArray:
+    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two do not overlap."""
     codes = np.frombuffer(b"".join(map(b"".join, placement_tables().clearance)), np.uint8)
     codes = codes.reshape(KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
-    return np.ascontiguousarray((codes[:, :, inner, inner] == OVERLAPPING).transpose(1, 0, 2, 3))
-
-
-@cache
-def _clear_templates() -> BoolArray:
-    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two do not overlap."""
-    return ~_blocking_templates()
-
-
-def blocked_corners(items: Iterable[Item], kinds: slice = slice(None)) -> BoolArray:
-    """(kinds, 100, 100) by kind, x, y: whether an item of that kind placed there would overlap one of `items`."""
-    templates = _blocking_templates()[:, kinds]
-    blocked = np.zeros((templates.shape[1], BOX_SIDE, BOX_SIDE), np.bool_)
-    for item in items:
-        board_x, template_x = _window(item.x)
-        board_y, template_y = _window(item.y)
-        blocked[:, board_x, board_y] |= templates[item.kind, :, template_x, template_y]
-    return blocked
-
-
-def _window(centre: int) -> tuple[slice, slice]:
-    """The part of the box's axis within LARGEST_SIDE of `centre`, and the same part of a template's axis."""
-    start, stop = max(0, centre - LARGEST_SIDE), min(BOX_SIDE, centre + LARGEST_SIDE + 1)
-    shift = LARGEST_SIDE - centre
-    return slice(start, stop), slice(start + shift, stop + shift)
+    return np.ascontiguousarray((codes[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
 
 
 @cache
@@ -192,18 +168,6 @@ def inside_corners() -> BoolArray:
     last = BOX_SIDE - np.array(KIND_PIXELS)
     along = np.arange(BOX_SIDE) <= last[:, None]
     return along[:, :, None] & along[:, None, :]
-
-
-def covered_pixels(items: Iterable[Item]) -> BoolArray:
-    """(100, 100) by x, y: whether any of `items` covers part of that pixel of the box."""
-    covered = np.zeros((BOX_SIDE, BOX_SIDE), np.bool_)
-    shapes = placement_tables().pixel_areas > 0
-    for item in items:
-        left, top = max(0, -item.x), max(0, -item.y)
-        x, y = item.x + left, item.y + top
-        target = covered[x : item.x + item.side, y : item.y + item.side]
-        target |= shapes[item.kind, left : left + target.shape[0], top : top + target.shape[1]]
-    return covered
 
 
 @cache
@@ -272,7 +236,7 @@ def searched(
     beyond = BOX_SIDE - KIND_PIXELS[kind] + 1
     fitting = min(width, beyond - cell_x), min(height, beyond - cell_y)
     places = _search_places(kind, fitting, cell).copy()
-    clear = _clear_templates()
+    clear = clear_templates()
     for item in items:
         left, top = cell_x - item.x + LARGEST_SIDE, cell_y - item.y + LARGEST_SIDE
         if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:

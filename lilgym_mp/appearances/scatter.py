@@ -14,26 +14,23 @@ import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.placement import (
     OVERLAPPING,
     PlacementRules,
-    blocked_corners,
     cell_areas,
     check_apart,
-    covered_pixels,
     fits_box,
-    inside_corners,
     placement_tables,
-    search_offsets,
     searched,
     snapped,
 )
 from lilgym_mp.scene import (
+    BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
-    SEPARATOR_WIDTH,
     Box,
     Colour,
     Item,
@@ -54,6 +51,7 @@ Grid = tuple[int, int]
 
 LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
 _LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
+_LOOK_KINDS = np.array([shape * len(Size) + size for shape, _, size in LOOKS])
 
 
 class GridError(ValueError):
@@ -102,6 +100,7 @@ class Scatter:
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
     _first_remove: int = field(init=False, repr=False)
+    _numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
 
     def __post_init__(self) -> None:
@@ -113,9 +112,17 @@ class Scatter:
         object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
         object.__setattr__(self, "_columns", by_column)
         object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
+        object.__setattr__(self, "_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
         object.__setattr__(self, "_table", ())
         if self.action_count <= LARGEST_TABLE:
             object.__setattr__(self, "_table", tuple(map(self._decoded, range(self.action_count))))
+
+    def _box_numbers(self, box: int) -> tuple[slice, slice]:
+        """The numbers of the ADDs and of the REMOVEs in a box's cells."""
+        width, rows = self.cell[0], self.grid[1]
+        first, stop = (x // width * rows for x in (box * BOX_PITCH, box * BOX_PITCH + BOX_SIDE))
+        adds = slice(1 + first * len(LOOKS), 1 + stop * len(LOOKS))
+        return adds, slice(self._first_remove + first, self._first_remove + stop)
 
     @property
     def name(self) -> str:
@@ -236,45 +243,22 @@ class Scatter:
         return rules.searches_cell and not self.is_native
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
-        columns, rows = self.grid
         mask = np.zeros(self.action_count, np.bool_)
         mask[0] = True
-        adds = mask[1 : self._first_remove].reshape(columns, rows, len(Shape), len(Colour), len(Size))
-        removes = mask[self._first_remove :].reshape(columns, rows)
-        box_columns = BOX_SIDE // self.cell[0]
-        pitch = box_columns + SEPARATOR_WIDTH // self.cell[0]
-        for index, box in enumerate(scene.boxes):
-            here = slice(index * pitch, index * pitch + box_columns)
-            kinds, removable = self._legal_in_box(box, rules)
-            adds[here] = kinds[:, :, :, None, :]
-            removes[here] = removable
+        for box, (adds, removes) in zip(scene.boxes, self._numbers, strict=True):
+            mask[adds], mask[removes] = self._legal_in_box(box, rules)
         return mask
 
     def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
-        """(box columns, rows, shapes, sizes) and (box columns, rows): where ADD and REMOVE are valid."""
-        key = (self.grid, self._searches(rules))
+        """Whether each ADD and each REMOVE in the box's cells is valid, in the order of their numbers."""
+        searches = self._searches(rules)
+        key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
-            removable = np.asarray(self._by_cell(covered_pixels(box.items)).any((1, 3)))
-            found = box.memo[key] = self._addable(box, rules), removable
+            legality = box_legality(*self.cell, searches=searches)
+            addable = legality.addable(box.items).transpose(2, 1, 0)
+            found = box.memo[key] = addable[:, :, _LOOK_KINDS].ravel(), legality.removable(box.items).ravel()
         return found
-
-    def _addable(self, box: Box, rules: PlacementRules) -> BoolArray:
-        width, height = self.cell
-        free = ~blocked_corners(box.items)
-        at_corner = free[:, ::width, ::height]
-        inside = inside_corners()
-        if self._searches(rules):
-            allowed = self._by_cell(free & inside) & search_offsets(width, height)[:, None, :, None, :]
-            at_corner = at_corner | allowed.any((2, 4))
-        legal = at_corner & inside[:, ::width, ::height]
-        by_kind = legal.reshape(len(Shape), len(Size), *legal.shape[1:])
-        return np.ascontiguousarray(by_kind.transpose(2, 3, 0, 1))
-
-    def _by_cell(self, pixels: BoolArray) -> BoolArray:
-        """(..., 100, 100) to (..., box columns, cell width, rows, cell height)."""
-        width, height = self.cell
-        return pixels.reshape(*pixels.shape[:-2], BOX_SIDE // width, width, BOX_SIDE // height, height)
 
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):
