@@ -81,7 +81,7 @@ BY_THEMSELVES = (
 
 
 @given(st.tuples(*[scatter_boxes() | loose_boxes] * 3), st.sampled_from(BY_THEMSELVES))
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_sketch__has_the_programs_truth(boxes: tuple[Box, Box, Box], source: str):
     program = compile_program(source)
     sketcher = Sketcher(aspects(program.tree))

@@ -17,21 +17,27 @@ from lilgym_mp.task import Task
 Captured = pytest.CaptureFixture[str]
 
 
-def test_solve__tells_shares_and_writes_solutions(tmp_path: Path, capsys: Captured):
+def test_solve__tells_shares_and_writes_solutions(corpus: str, tmp_path: Path, capsys: Captured):
     out = tmp_path / "solutions.json"
-    assert main(["solve", "TowerFlipIt", "--limit", "12", "--jobs", "1", "--replay", "--out", str(out)]) == 0
+    assert main(["solve", "--corpus", corpus, "--jobs", "1", "--replay", "--out", str(out)]) == 0
     told = capsys.readouterr()
-    assert "corpus builtin, rules paper, horizon 12, grid 19x5" in told.out
-    assert "| TowerFlipIt dev | 12 | 12 (100.00 %) | 12 |" in told.out
-    assert "TowerFlipIt dev: 12 of 12 solutions succeed in the environment" in told.out
-    assert "12 of 12 tasks of TowerFlipIt dev" in told.err
+    assert f"corpus {corpus}, rules paper, horizon 12, grid 19x5" in told.out
+    for name, count in (("TowerScratch dev", 3), ("ScatterFlipIt dev", 9)):
+        assert f"| {name} | {count} | {count} (100.00 %) | {count} |" in told.out
+        assert f"{name}: {count} of {count} solutions succeed in the environment" in told.out
+        assert f"{count} of {count} tasks of {name}" in told.err
     data = json.loads(out.read_text())
-    assert data["summaries"]["TowerFlipIt dev"]["solved"] == 12
+    assert data["summaries"]["ScatterFlipIt dev"]["solved"] == 9
     assert {record["status"] for record in data["tasks"]} == {"solved"}
 
 
-def test_solve__lists_what_has_no_solution(capsys: Captured):
-    assert main(["solve", "TowerScratch", "--horizon", "1", "--limit", "4", "--jobs", "1"]) == 0
+def test_solve__takes_the_first_tasks_only_where_told_to(corpus: str, capsys: Captured):
+    assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--limit", "2"]) == 0
+    assert "| TowerFlipIt train | 2 | 2 (100.00 %) | 2 |" in capsys.readouterr().out
+
+
+def test_solve__lists_what_has_no_solution(corpus: str, capsys: Captured):
+    assert main(["solve", "TowerScratch", "--corpus", corpus, "--horizon", "1", "--jobs", "1"]) == 0
     assert "unsolvable, no scene within 0 edits has that value" in capsys.readouterr().out
 
 
@@ -53,10 +59,10 @@ def test_solve__names_the_mistake(options: list[str], message: str, capsys: Capt
     assert told.out == ""
 
 
-def test_demos__are_the_same_from_one_process_and_from_two(tmp_path: Path, capsys: Captured):
+def test_demos__are_the_same_from_one_process_and_from_two(corpus: str, tmp_path: Path, capsys: Captured):
+    command = ["demos", "ScatterScratch", "--corpus", corpus, "--episodes", "7", "--seed", "3"]
     for jobs in ("1", "2"):
-        place = str(tmp_path / f"{jobs}.npz")
-        assert main(["demos", "ScatterScratch", "--episodes", "7", "--seed", "3", "--jobs", jobs, "--out", place]) == 0
+        assert main([*command, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.npz")]) == 0
     assert "7 demonstrations of" in capsys.readouterr().out
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
     with np.load(tmp_path / "1.npz") as read:
@@ -82,21 +88,23 @@ def test_demos__name_the_mistake(
     assert not list(tmp_path.iterdir())
 
 
-def test_demos__leave_nothing_when_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_demos__leave_nothing_when_the_disk_is_full(
+    corpus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+):
     def fail(path: Path, *_: object) -> None:
         path.write_bytes(b"some")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("lilgym_mp.cli.demos.write_npz", fail)
     place = tmp_path / "demos.npz"
-    assert main(["demos", "TowerScratch", "--jobs", "1", "--out", str(place)]) == 2
+    assert main(["demos", "TowerScratch", "--corpus", corpus, "--jobs", "1", "--out", str(place)]) == 2
     assert f"cannot write {place}: No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
-def test_solve__says_that_a_process_was_ended(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_solve__says_that_a_process_was_ended(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
-    assert main(["solve", "TowerScratch", "--jobs", "2"]) == 2
+    assert main(["solve", "TowerScratch", "--corpus", corpus, "--jobs", "2"]) == 2
     assert "a process was ended from outside" in capsys.readouterr().err
 
 

@@ -1,0 +1,58 @@
+"""A small corpus of our own, so that solving a whole split is quick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import write_corpus
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
+
+TOWERS = (scene(), scene(tower(B), tower(K, Y), tower(B, B, K)), scene(tower(Y), tower(Y), tower(Y)))
+SCATTERED = (
+    scene(),
+    scene([circle(0, 0, LARGE, B), square(40, 40, colour=K)], [triangle(5, 60, SMALL, Y)], [square(80, 80, colour=B)]),
+    scene([circle(0, 70, LARGE, Y)], [circle(33, 33, colour=B), circle(70, 0, LARGE, B)], [triangle(50, 50, LARGE, K)]),
+)
+MEANINGS = (
+    ("tower", "A blue block is there.", "exist(filter_color(all_items, Color.BLUE))", TOWERS),
+    ("tower", "Two towers have two blocks.", "count(filter_obj(all_boxes, lambda b: count(b) == 2)) == 2", TOWERS),
+    ("tower", "Each tower has black on top.", "count(filter_obj(all_items, lambda x: is_top(x) and is_black(x))) == 3",
+     TOWERS),
+    ("scatter", "Three circles are blue.", "count(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x))) == 3",
+     SCATTERED),
+    ("scatter", "A small thing lies in a corner.",
+     "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x)))", SCATTERED),
+    ("scatter", "Black is below yellow.",
+     "exist(filter_obj(all_items, lambda x: is_yellow(x) and exist(filter_color(get_below(x), Color.BLACK))))",
+     SCATTERED),
+)  # fmt: skip
+
+
+def entry(number: int, split: str, appearance: str, statement: str, program: str, starts: tuple[Scene, ...]) -> Any:
+    name = f"{split}-{number}"
+    flips = [
+        {"id": f"{name}-{place}", "label": Task("", "", program, True, start).truth(start), "scene": start.to_json()}
+        for place, start in enumerate(starts)
+    ]
+    return {
+        "id": name,
+        "appearance": appearance,
+        "split": split,
+        "statement": statement,
+        "program": program,
+        "starts": flips,
+    }
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The path of the corpus: three statements an appearance, with three starts, in train and in dev."""
+    path: Path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
+    entries = [entry(number, split, *meaning) for split in ("train", "dev") for number, meaning in enumerate(MEANINGS)]
+    write_corpus(path, "own", "MIT", entries)
+    return str(path)
