@@ -111,14 +111,14 @@ def _shrunk(pixels: UInt8Array, shrink: int) -> UInt8Array:
     return (total // shrink**2).astype(np.uint8)
 
 
-class _Stamp(NamedTuple):
+class Stamp(NamedTuple):
     """A look at even or odd coordinates, on the smallest patch of whole blocks that holds it."""
 
     sprite: UInt8Array  # (height, width, 3) alone in its box
     counts: UInt8Array  # (height, width) pixels of its colour in each block, times its colour's weight
 
 
-class _Palette(NamedTuple):
+class Palette(NamedTuple):
     """What a block looks like by the weighted counts of its coloured pixels; counts of several items add up."""
 
     weights: Mapping[Colour, int]
@@ -126,28 +126,27 @@ class _Palette(NamedTuple):
 
 
 @cache
-def _palette(shrink: int) -> _Palette:
+def palette(shrink: int) -> Palette:
     base = shrink**2 + 1  # a block has 0 to shrink**2 pixels of each colour
     weights = {colour: base**colour for colour in Colour}
-    codes = np.arange(shrink**2 * max(weights.values()) + 1)
-    counts = {colour: codes // weight % base for colour, weight in weights.items()}
-    bare = shrink**2 - np.stack(list(counts.values())).sum(0)  # negative for codes that do not occur
-    total = bare[:, None] * np.array(BOX_RGB)
-    for colour, count in counts.items():
-        total += count[:, None] * np.array(COLOUR_RGB[colour])
-    return _Palette(weights, (total // shrink**2).clip(0, 255).astype(np.uint8))
+    codes = np.arange(shrink**2 * max(weights.values()) + 1, dtype=np.int64)[:, None]
+    counts = np.concatenate([codes // weight % base for weight in weights.values()], axis=1)  # (codes, colours)
+    bare = shrink**2 - counts.sum(axis=1, keepdims=True)  # negative for codes that do not occur
+    painted = counts @ np.array([COLOUR_RGB[colour] for colour in weights], np.int64)
+    total = painted + bare * np.array(BOX_RGB, np.int64)
+    return Palette(weights, (total // shrink**2).clip(0, 255).astype(np.uint8))
 
 
 @cache
-def _stamp(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Stamp:
+def stamp(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
     side = KIND_PIXELS[kind]
     width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
     drawn = np.zeros((height, width), np.uint8)
     drawn[odd_y : odd_y + side, odd_x : odd_x + side] = _mask(kind)
     blocks = drawn.reshape(height // shrink, shrink, width // shrink, shrink).sum((1, 3), dtype=np.uint8)
-    palette = _palette(shrink)
-    counts = blocks * np.uint8(palette.weights[colour])
-    return _Stamp(palette.colours[counts], counts)
+    weights, colours = palette(shrink)
+    counts = blocks * np.uint8(weights[colour])
+    return Stamp(colours[counts], counts)
 
 
 @cache
@@ -169,7 +168,7 @@ def _draws_over(kind: int, other: int, dx: int, dy: int) -> bool:
     return bool((ours & theirs).any())
 
 
-class _Blit(NamedTuple):
+class Blit(NamedTuple):
     """Pixels to put somewhere in a box."""
 
     place: tuple[slice, slice]  # rows and columns of the box's part of the image
@@ -183,8 +182,8 @@ class _Patch(NamedTuple):
     top: int
     right: int
     bottom: int
-    alone: _Blit
-    bare: _Blit  # without the item
+    alone: Blit
+    bare: Blit  # without the item
 
 
 @lru_cache(maxsize=PATCH_CACHE)
@@ -196,12 +195,12 @@ def _patch(item: Item, shrink: int) -> _Patch | None:
     if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
         return None
     place = slice(top // shrink, bottom // shrink), slice(left // shrink, right // shrink)
-    sprite = _stamp(item.kind, item.colour, x % 2, y % 2, shrink).sprite
+    sprite = stamp(item.kind, item.colour, x % 2, y % 2, shrink).sprite
     blank = _blank(shrink)[: sprite.shape[0], : sprite.shape[1]]
-    return _Patch(left, top, right, bottom, _Blit(place, sprite), _Blit(place, blank))
+    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank))
 
 
-def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> _Blit | None:
+def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> Blit | None:
     """The box's picture, with `items`, on the patch of `item`, which need not be one of them.
 
     None when some item there reaches out of the box or is drawn over by another: then order matters.
@@ -224,7 +223,7 @@ def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> _Blit | None:
     return _composed(alone.place, there, shrink)
 
 
-def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) -> _Blit | None:
+def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) -> Blit | None:
     """Items that may share blocks, together; None as in `_patch_blit`."""
     rows, columns = place
     counts = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
@@ -235,15 +234,15 @@ def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) ->
         for other in items[:number]:
             if _draws_over(kind, other.kind, other.x - x, other.y - y):
                 return None
-        stamp = _stamp(kind, item.colour, x % 2, y % 2, shrink).counts
+        own = stamp(kind, item.colour, x % 2, y % 2, shrink).counts
         row, column = (y - y % 2) // shrink - rows.start, (x - x % 2) // shrink - columns.start
-        part = counts[max(0, row) : row + stamp.shape[0], max(0, column) : column + stamp.shape[1]]
+        part = counts[max(0, row) : row + own.shape[0], max(0, column) : column + own.shape[1]]
         skipped_rows, skipped_columns = max(0, -row), max(0, -column)
-        part += stamp[skipped_rows : skipped_rows + part.shape[0], skipped_columns : skipped_columns + part.shape[1]]
-    return _Blit(place, _palette(shrink).colours.take(counts, axis=0))
+        part += own[skipped_rows : skipped_rows + part.shape[0], skipped_columns : skipped_columns + part.shape[1]]
+    return Blit(place, palette(shrink).colours.take(counts, axis=0))
 
 
-def _box_blits(box: Box, shrink: int) -> tuple[_Blit, ...] | None:
+def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
     key = ("blits", shrink)
     memo = box.memo
@@ -304,7 +303,7 @@ class Canvas:
         return True
 
     def _replace(self, index: int, box: Box) -> bool:
-        blits = _box_blits(box, self._shrink)
+        blits = box_blits(box, self._shrink)
         if blits is None:
             return False
         pixels = self._boxes[index]

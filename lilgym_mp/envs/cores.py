@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from lilgym_mp.appearances import Tower
+from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, Int64Array
+from lilgym_mp.envs.scatter_arrays import ScatterArrays
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
+
+FEWEST_SCATTER_ARRAYS = 48  # environments: fewer are faster one after another
 
 
 class Core(Protocol):
@@ -45,8 +48,11 @@ class Core(Protocol):
 
 def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> Core:
     """The fastest core for the appearance."""
-    core = TowerArrays if isinstance(dynamics.appearance, Tower) else EpisodeLoop
-    return core(dynamics, tasks, block, image_size)
+    if isinstance(dynamics.appearance, Tower):
+        return TowerArrays(dynamics, tasks, block, image_size)
+    if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_SCATTER_ARRAYS:
+        return ScatterArrays(dynamics, tasks, block, image_size)
+    return EpisodeLoop(dynamics, tasks, block, image_size)
 
 
 class EpisodeLoop:

@@ -1,0 +1,191 @@
+"""Pictures of many Scatter scenes at once.
+
+A picture is kept as counts as well: for each of its pixels, how much of it each colour covers, as one code. Items
+that share no native pixel add up in it, so an item comes and goes by adding and subtracting its own counts, whatever
+lies around it, and the pixels then follow from a table of codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances.scatter import LOOKS
+from lilgym_mp.envs.block import Int64Array
+from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH
+from lilgym_mp.render import Blit, Canvas, UInt8Array, box_blits, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Box, Scene
+
+PATCH_PIXELS = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
+TAKEN = len(LOOKS)
+
+
+class Change(NamedTuple):
+    """Items that come or go. All arrays (k,)."""
+
+    rows: Int64Array  # 3 * environment + box
+    places: Int64Array
+    stamps: Int64Array  # number in LOOKS, plus TAKEN where the item goes
+
+
+class ScatterPainter:
+    """Keeps images equal to `draw`.
+
+    `show` and `change` are for items inside their box that draw no pixel in common, `redraw` is for any.
+    """
+
+    def __init__(self, images: UInt8Array, image_size: str) -> None:
+        """Makes the images (N, height, width, 3) show empty scenes."""
+        self._images = images
+        self._image_size = image_size
+        self._shrink = shrink_of(image_size)
+        self._background = draw(Scene.empty(), image_size)
+        images[:] = self._background
+        self._canvases: dict[int, Canvas] = {}  # of scenes shown by `redraw`
+        side = BOX_SIDE // self._shrink
+        self._counts = np.zeros((len(images) * BOX_COUNT, side, side), np.uint8)
+        self._sheet = _sheet(image_size)
+        self._pairs = _pixel_pairs(self._shrink)
+        patch = PATCH_PIXELS // self._shrink
+        width = images.shape[2]
+        self._count_rows = _windows(self._counts, patch)
+        self._pixel_rows = _windows(images.reshape(-1, 3), patch)
+        rows, image_lefts = np.arange(patch), BOX_PITCH // self._shrink * np.arange(BOX_COUNT)
+        pixels_before = np.arange(len(images))[:, None] * images.shape[1] * width + image_lefts
+        self._first_pixels = pixels_before.ravel()  # (3 N,) of each box's top-left pixel
+        self._row_offsets = rows * side, rows * width, rows * self._sheet.pitch
+        self._box_pixels = side * side
+
+    def show(self, number: int, scene: Scene) -> bool:
+        """Makes an environment's image show `scene`; False, and nothing done, where only `redraw` can."""
+        blits = [box_blits(box, self._shrink) for box in scene.boxes]
+        if None in blits:
+            return False
+        self._canvases.pop(number, None)
+        image = self._images[number]
+        image[:] = self._background
+        first = number * BOX_COUNT
+        self._counts[first : first + BOX_COUNT] = 0
+        for index, (box, patches) in enumerate(zip(scene.boxes, blits, strict=True)):
+            if patches:
+                left = index * BOX_PITCH // self._shrink
+                pixels, counts = image[:, left : left + BOX_SIDE // self._shrink], self._counts[first + index]
+                for place, patch in patches:
+                    pixels[place] = patch
+                for place, patch in _box_counts(box, self._shrink):
+                    counts[place] = patch
+        return True
+
+    def redraw(self, number: int, scene: Scene) -> None:
+        """Makes an environment's image show any scene; until the next `show`, only `redraw` may change it."""
+        if number not in self._canvases:
+            self._canvases[number] = Canvas(self._image_size, self._images[number])
+        self._canvases[number].show(scene)
+
+    def change(self, changes: Sequence[Change]) -> None:
+        """Puts items into boxes and takes items away: at most one in each environment."""
+        sheet = self._sheet
+        rows, places, stamps = (np.concatenate(parts) for parts in zip(*changes, strict=True))
+        count_offsets, pixel_offsets, sheet_offsets = self._row_offsets
+        first_stamps = sheet.places[places] + stamps * sheet.stamp_size
+        first_counts = rows * self._box_pixels + sheet.counts[places]
+        first_pixels = self._first_pixels[rows] + sheet.pixels[places]
+        windows = first_counts[:, None] + count_offsets  # (k, patch)
+        change = sheet.rows[first_stamps[:, None] + sheet_offsets]
+        counts = self._count_rows[windows].view(np.uint8) + change.view(np.uint8)  # (k, patch ** 2)
+        self._count_rows[windows] = counts.view(change.dtype)
+        pixels = self._pairs.take(counts.view(np.uint16)).view(np.uint16).reshape(-1, 4)
+        compact = np.empty((len(pixels), 3), np.uint16)
+        for part in range(3):
+            compact[:, part] = pixels[:, part]
+        lines = compact.view(np.uint8).reshape(-1).view(self._pixel_rows.dtype)
+        self._pixel_rows[first_pixels[:, None] + pixel_offsets] = lines.reshape(windows.shape)
+
+
+def _windows(array: UInt8Array, length: int) -> NDArray[Any]:
+    """Every run of `length` entries of a contiguous array, overlapping: (pixels, 3) or (..., counts)."""
+    step = 3 if array.shape[-1] == 3 else 1
+    run = np.dtype((np.void, length * step))
+    return np.ndarray((array.size // step - length + 1,), run, array, strides=(step,))
+
+
+def _box_counts(box: Box, shrink: int) -> Sequence[Blit]:
+    """What to put on the counts of an empty box. Kept in the box's memo."""
+    key = ("counts", shrink)
+    if key not in box.memo:
+        whole = np.zeros((BOX_SIDE // shrink, BOX_SIDE // shrink), np.uint8)
+        places: list[tuple[slice, slice]] = []
+        for item in box.items:
+            counts = stamp(item.kind, item.colour, item.x % 2, item.y % 2, shrink).counts
+            top, left = (item.y - item.y % 2) // shrink, (item.x - item.x % 2) // shrink
+            places.append((slice(top, top + counts.shape[0]), slice(left, left + counts.shape[1])))
+            whole[places[-1]] += counts
+        box.memo[key] = tuple(Blit(place, whole[place].copy()) for place in places)
+    return box.memo[key]
+
+
+class _Sheet(NamedTuple):
+    """Every stamp on a canvas of its own, and where to read and write by place.
+
+    A patch that would leave the box lies further left or up, and reads the stamp from as much further there.
+    """
+
+    rows: NDArray[Any]  # every run of a patch's width in the canvases, which lie one after another
+    stamp_size: int  # counts in a stamp's canvases
+    pitch: int  # counts in a canvas's row
+    places: Int64Array  # by place: where the patch starts in a stamp's canvases
+    counts: Int64Array  # by place: where it starts in a box's counts
+    pixels: Int64Array  # by place: where it starts in the image, from the box's first pixel
+
+
+@cache
+def _sheet(image_size: str) -> _Sheet:
+    shrink = shrink_of(image_size)
+    side, width, patch = BOX_SIDE // shrink, image_shape(image_size)[1], PATCH_PIXELS // shrink
+    margin = side - patch
+    pitch = margin + patch
+    stamps = np.zeros((2, len(LOOKS), 2, 2, pitch, pitch), np.uint8)  # added or taken, look, odd x, odd y
+    for look, (_, colour, _) in enumerate(LOOKS):
+        for odd_x in (0, 1):
+            for odd_y in (0, 1):
+                counts = stamp(int(KINDS[look]), colour, odd_x, odd_y, shrink).counts
+                rows, columns = counts.shape
+                stamps[0, look, odd_x, odd_y, margin : margin + rows, margin : margin + columns] = counts
+    stamps[1] = -stamps[0]
+    along = np.arange(BOX_SIDE)
+    starts = np.minimum((along - along % 2) // shrink, margin)
+    shifts = (along - along % 2) // shrink - starts
+    origin = margin - shifts
+    by_x = 2 * (along % 2) * pitch**2 + origin
+    by_y = (along % 2) * pitch**2 + origin * pitch
+    return _Sheet(
+        rows=_windows(stamps, patch),
+        stamp_size=4 * pitch**2,
+        pitch=pitch,
+        places=_by_place(by_x, by_y),
+        counts=_by_place(starts, starts * side),
+        pixels=_by_place(starts, starts * width),
+    )
+
+
+def _by_place(by_x: Int64Array, by_y: Int64Array) -> Int64Array:
+    """(BOX_SIDE * PLACE_PITCH,) by place, the sum of what x and y contribute."""
+    table = np.zeros((BOX_SIDE, PLACE_PITCH), np.int64)
+    table[:, :BOX_SIDE] = by_x[:, None] + by_y
+    return table.ravel()
+
+
+@cache
+def _pixel_pairs(shrink: int) -> NDArray[np.uint64]:
+    """The six bytes of two neighbouring pixels, and two spare ones, by their counts read as one number of 16 bits."""
+    colours = palette(shrink).colours
+    first, second = np.meshgrid(np.arange(len(colours)), np.arange(len(colours)), indexing="ij")
+    numbers = np.stack([first, second], axis=-1).astype(np.uint8).view(np.uint16)[..., 0]
+    pairs = np.zeros((int(numbers.max()) + 1, 8), np.uint8)
+    pairs[numbers, :3] = colours[first]
+    pairs[numbers, 3:6] = colours[second]
+    return pairs.view(np.uint64)[:, 0]

@@ -1,0 +1,229 @@
+"""Stepping many episodes by arrays is stepping them one after another, to the bit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import product
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from hypothesis import given
+
+from lilgym_mp.actions import AddItem, RemoveItem
+from lilgym_mp.appearances import InvalidReason, Scatter, make_appearance
+from lilgym_mp.appearances.placement import is_free, placement_tables
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.corpus.tasks import Provenance
+from lilgym_mp.envs import cores
+from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
+from lilgym_mp.envs.cores import Core, EpisodeLoop, make_core
+from lilgym_mp.envs.scatter_arrays import ScatterArrays
+from lilgym_mp.envs.tower_arrays import TowerArrays
+from lilgym_mp.observation import item_capacity
+from lilgym_mp.render import draw
+from lilgym_mp.rules import Dynamics, make_dynamics
+from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.task import Task
+from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower, triangle
+
+COUNT = 9
+REMOVE_SHARE, STOP_SHARE, ANY_SHARE = 0.2, 0.05, 0.1
+COPIED = ("image", "task", "steps", "verdict", "invalid")
+
+
+def task_set(starts: list[Scene]) -> TaskSet:
+    """A task with a start scene each, of a statement that is true of some."""
+    program = "count(filter_color(all_items, Color.BLUE)) > 1"
+    tasks = [Task(f"t{n}", "Blue is here twice.", program, n % 2 == 0, start) for n, start in enumerate(starts)]
+    return TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+
+
+def random_box(chance: np.random.Generator) -> Box:
+    """Up to ten items that do not overlap."""
+    items: list[Item] = []
+    for _ in range(chance.integers(10)):
+        size = Size(int(chance.integers(3)))
+        x, y = chance.integers(0, BOX_SIDE - size.pixels, 2, endpoint=True).tolist()
+        item = Item(x, y, Shape(int(chance.integers(3))), Colour(int(chance.integers(3))), size)
+        if is_free(item.kind, x, y, items):
+            items.append(item)
+    return Box(tuple(items))
+
+
+def random_starts(appearance: str) -> list[Scene]:
+    chance = np.random.default_rng(0)
+    if appearance == "scatter":
+        return [Scene.empty(), *(Scene((random_box(chance),) * 2 + (Box(),)) for _ in range(12))]
+    colours = [[Colour(c) for c in chance.integers(3, size=chance.integers(5)).tolist()] for _ in range(36)]
+    return [Scene.empty(), *(scene(*(tower(*box) for box in colours[n : n + 3])) for n in range(0, 36, 3))]
+
+
+class Side:
+    """One core with its block."""
+
+    def __init__(self, core: type[Core], dynamics: Dynamics, tasks: TaskSet, image_size: str = "half") -> None:
+        capacity = item_capacity(tasks, dynamics)
+        actions = dynamics.appearance.action_count
+        self.block = Block.new(block_forms(COUNT, image_size, actions, capacity, AutoresetMode.NEXT_STEP))
+        self.core = core(dynamics, tasks, self.block, image_size)  # type: ignore[call-arg]
+
+    def write_all(self) -> None:
+        self.core.write_masks()
+        self.core.write_goals()
+        self.core.write_items()
+
+
+def assert_equal(one: Side, other: Side) -> None:
+    for side in (one, other):
+        side.write_all()
+    for name in (*COPIED, "mask", "goal", "items"):
+        assert np.array_equal(getattr(one.block, name), getattr(other.block, name)), name
+    for number in range(COUNT):
+        assert one.core.state(number) == other.core.state(number)
+
+
+def an_action(dynamics: Dynamics, mask: np.ndarray, chance: np.random.Generator) -> int:
+    """Mostly a legal one, often a REMOVE; sometimes any, or STOP."""
+    kind = chance.random()
+    if kind < STOP_SHARE:
+        return 0
+    if kind < STOP_SHARE + ANY_SHARE:
+        return int(chance.integers(len(mask)))
+    legal = np.flatnonzero(mask)
+    if isinstance(dynamics.appearance, Scatter):
+        removes = legal[legal > dynamics.appearance.action_count * 27 // 28]
+        if len(removes) and chance.random() < REMOVE_SHARE:
+            legal = removes
+    return int(chance.choice(legal))
+
+
+def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int) -> Counter[int]:
+    """Plays both alike, some environments or all, restarting those that end and some that do not.
+
+    Gives how often each reason to be invalid was met.
+    """
+    chance = np.random.default_rng(1)
+    every = np.arange(COUNT)
+    ends = np.array([verdict.terminated or verdict.truncated for verdict in dynamics.verdicts])
+    met: Counter[int] = Counter()
+    beginning = every
+    for _ in range(steps):
+        tasks = chance.integers(task_count, size=len(beginning))
+        which = None if chance.random() < 0.3 else np.flatnonzero(chance.random(COUNT) < 0.7)
+        for side in (one, other):
+            side.core.start(beginning, tasks)
+        assert_equal(one, other)
+        actions = [an_action(dynamics, mask, chance) for mask in one.block.mask]
+        for side in (one, other):
+            side.block.action[:] = actions
+            side.core.step(which)
+        played = every if which is None else which
+        met.update(one.block.invalid[played].tolist())
+        ended = played[ends[one.block.verdict[played]]]
+        beginning = np.union1d(ended, np.flatnonzero(chance.random(COUNT) < 0.02))
+    assert_equal(one, other)
+    return met
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+def test_tower_arrays__equal_the_loop_over_long_runs(rules: str) -> None:
+    dynamics = make_dynamics(make_appearance("tower"), rules)
+    tasks = task_set(random_starts("tower"))
+    play(Side(EpisodeLoop, dynamics, tasks), Side(TowerArrays, dynamics, tasks), dynamics, len(tasks), 300)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize(
+    ("grid", "image_size", "steps"),
+    [
+        ((19, 5), "half", 150),
+        ((19, 5), "native", 60),
+        ((38, 10), "half", 60),
+        ((19, 1), "half", 60),
+        ((95, 4), "half", 20),
+    ],
+    ids=str,
+)
+def test_scatter_arrays__equal_the_loop_over_long_runs(
+    grid: tuple[int, int], image_size: str, steps: int, rules: str
+) -> None:
+    dynamics = make_dynamics(make_appearance("scatter", grid), rules)
+    tasks = task_set(random_starts("scatter"))
+    sides = Side(EpisodeLoop, dynamics, tasks, image_size), Side(ScatterArrays, dynamics, tasks, image_size)
+    met = play(*sides, dynamics, len(tasks), steps)
+    if steps >= 150:
+        expected = set(InvalidReason) - {InvalidReason.FULL_TOWER, InvalidReason.EMPTY_TOWER}
+        assert {INVALID_REASONS[number] for number in met if number != NO_REASON} == expected
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+def test_scatter_arrays__equal_the_loop_at_native_resolution(rules: str) -> None:
+    dynamics = make_dynamics(make_appearance("scatter", (380, 100)), rules)
+    tasks = task_set(random_starts("scatter"))
+    play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 3)
+
+
+def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one() -> None:
+    for rules in ("paper", "release"):
+        dynamics = make_dynamics(make_appearance("scatter"), rules, 1)
+        tasks = task_set(random_starts("scatter"))
+        play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 20)
+
+
+@pytest.mark.parametrize(
+    ("there", "action"),
+    [
+        (square(66, 6, SMALL), AddItem(2, 0, Shape.TRIANGLE, B, LARGE)),
+        (circle(3, 37), AddItem(0, 3, Shape.CIRCLE, K, LARGE)),
+    ],
+    ids=["above", "left"],
+)
+def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(there: Item, action: AddItem) -> None:
+    dynamics = make_dynamics(make_appearance("scatter"), "release")
+    start = scene([there])
+    tasks = task_set([start])
+    arrays, loop = Side(ScatterArrays, dynamics, tasks), Side(EpisodeLoop, dynamics, tasks)
+    item = dynamics.appearance.apply(start, action, dynamics.rules.placement).scene.boxes[0].items[-1]
+    assert min(item.x, item.y) < 0
+    for side in (arrays, loop):
+        side.core.start(np.arange(COUNT), np.zeros(COUNT, np.int64))
+        for each in (action, RemoveItem(3, 0), AddItem(9, 2, Shape.CIRCLE, Y, SMALL)):
+            side.block.action[:] = dynamics.appearance.encode(each)
+            side.core.step(None)
+    assert_equal(arrays, loop)
+    assert np.array_equal(arrays.block.image[0], draw(arrays.core.state(0).scene, "half"))
+
+
+def test_scatter_arrays__play_on_from_items_that_overlap() -> None:
+    dynamics = make_dynamics(make_appearance("scatter"), "release")
+    tasks = task_set([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
+    play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 30)
+
+
+@given(box=scatter_boxes())
+def test_items_that_do_not_overlap__look_the_same_in_any_order(box: Box) -> None:
+    """The arrays' pictures rest on it."""
+    assert np.array_equal(draw(scene(box.items)), draw(scene(box.items[::-1])))
+
+
+def test_touching_items__look_the_same_in_any_order() -> None:
+    for new, other in product([circle, square, triangle], repeat=2):
+        there = other(35, 35, LARGE, K)
+        for x, y in product(range(14, 67), repeat=2):
+            item = new(x, y, MEDIUM, B)
+            if 0 < placement_tables().clearance_code(item.kind, x, y, there) < 3:
+                assert np.array_equal(draw(scene([there, item])), draw(scene([item, there])))
+
+
+def test_make_core__chooses_by_appearance_and_number() -> None:
+    scatter, tower_dynamics = make_dynamics(make_appearance("scatter")), make_dynamics(make_appearance("tower"))
+    tasks = task_set([Scene.empty()])
+
+    def chosen(dynamics: Dynamics, count: int) -> type:
+        block = Block.new(block_forms(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
+        return type(make_core(dynamics, tasks, block, "half"))
+
+    few, many = cores.FEWEST_SCATTER_ARRAYS - 1, cores.FEWEST_SCATTER_ARRAYS
+    assert [chosen(scatter, few), chosen(scatter, many)] == [EpisodeLoop, ScatterArrays]
+    assert [chosen(tower_dynamics, 1), chosen(tower_dynamics, many)] == [TowerArrays, TowerArrays]
