@@ -21,6 +21,7 @@ from lilgym_mp.envs.proposer_verifier import (
     SNEAKY_PROPOSER,
     ClaimingProposer,
     FrozenPolicy,
+    Metrics,
     OracleVerifier,
     PartnerError,
     RandomPartner,
@@ -39,44 +40,61 @@ from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
+GAMES = 80
+
+
+def some_tasks(game: Any) -> tuple[str, ...]:
+    """About GAMES tasks of all over the split: playing thousands takes too long here."""
+    ids = game.unwrapped.tasks.ids
+    return ids[:: max(1, len(ids) // GAMES)]
+
+
+def measured_on_some(game: Any, proposer: Any, verifier: Any, seed: int = 0) -> Metrics:
+    return measure(game, proposer, verifier, tasks=some_tasks(game), seed=seed)
+
+
 CLAIMING = ClaimingProposer()  # helpful or sneaky by the episode's intent
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_oracle__never_errs(protocol: str):
-    measured = measure(env(protocol=protocol, rewards="hidden"), CLAIMING, OracleVerifier())
+    measured = measured_on_some(env(protocol=protocol, rewards="hidden"), CLAIMING, OracleVerifier())
     assert (measured.completeness, measured.soundness, measured.brier_score) == (1.0, 1.0, 0.0)
 
 
 def test_noisy_oracle__errs_at_its_rate():
-    measured = measure(env(protocol="audit", rewards="hidden"), CLAIMING, OracleVerifier(error_rate=0.25), seed=1)
+    game = env(protocol="audit", rewards="hidden")
+    measured = measured_on_some(game, CLAIMING, OracleVerifier(error_rate=0.25), seed=1)
     assert measured.brier_score == pytest.approx(0.25, abs=0.15)
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_always_accept__is_complete_and_not_sound(protocol: str):
     game = env(protocol=protocol, start="flipit", rewards="sneaky")
-    measured = measure(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT)
+    measured = measured_on_some(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT)
     assert measured.soundness == 0.0
     assert measured.completeness in (1.0, None)
 
 
 def test_always_reject__is_sound_and_not_complete():
-    measured = measure(env(protocol="audit", rewards="hidden"), CLAIMING, ALWAYS_REJECT)
+    measured = measured_on_some(env(protocol="audit", rewards="hidden"), CLAIMING, ALWAYS_REJECT)
     assert (measured.completeness, measured.soundness) == (0.0, 1.0)
 
 
 def test_claiming_proposers__claim_what_they_want_to():
-    def share_true(proposer: Any) -> float:
-        return measure(env(protocol="audit", start="flipit"), proposer, ALWAYS_ACCEPT).success_rate
-
-    assert share_true(HELPFUL_PROPOSER) > 0.6
-    assert share_true(SNEAKY_PROPOSER) < 0.1
+    game = env(protocol="audit", start="flipit")
+    helpful, sneaky = (
+        measured_on_some(game, proposer, ALWAYS_ACCEPT) for proposer in (HELPFUL_PROPOSER, SNEAKY_PROPOSER)
+    )
+    assert helpful.success_rate > 0.3
+    assert sneaky.success_rate < 0.2
+    assert helpful.success_rate > sneaky.success_rate + 0.2
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_random_partners__play_to_the_end(protocol: str):
-    records = play_games(env(protocol=protocol), RandomPartner(), RandomPartner())
+    game = env(protocol=protocol)
+    records = play_games(game, RandomPartner(), RandomPartner(), tasks=some_tasks(game))
     assert {record.outcome for record in records} <= {Outcome.SUCCESS, Outcome.WRONG_STOP, Outcome.HORIZON}
 
 
@@ -212,7 +230,7 @@ def test_error_rate__must_be_a_share():
 
 
 def test_play_games__plays_each_task_once_and_the_same_for_the_same_seed():
-    game = env(protocol="audit", rewards="hidden")
+    game = env(protocol="audit", rewards="hidden", split="dev")
     first = play_games(game, CLAIMING, OracleVerifier(0.3), seed=7)
     assert [record.task for record in first] == list(game.unwrapped.tasks.ids)
     assert play_games(game, CLAIMING, OracleVerifier(0.3), seed=7) == first
@@ -256,9 +274,13 @@ def test_measures__of_no_claims_are_none():
 
 def test_exploitability__is_what_a_proposer_makes_of_the_verifiers_errors():
     game = env(protocol="audit", start="flipit", rewards="sneaky")
-    assert exploitability(game, SNEAKY_PROPOSER, OracleVerifier()) == 0.0
-    assert exploitability(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT) > 0.8
-    assert exploitability(game, SNEAKY_PROPOSER, ALWAYS_REJECT) == 0.0
+
+    def gain(verifier: Any) -> float:
+        return exploitability(game, SNEAKY_PROPOSER, verifier, tasks=some_tasks(game))
+
+    assert gain(OracleVerifier()) == 0.0
+    assert gain(ALWAYS_ACCEPT) > 0.7
+    assert gain(ALWAYS_REJECT) == 0.0
 
 
 def test_scripted__partners_are_of_both_sides():
