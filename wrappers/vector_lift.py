@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -16,11 +16,16 @@ from lilgym_mp.wrappers.gymnasium_lift import only_one
 from lilgym_mp.wrappers.moment import BoolArray, Int64Array, StatesMoment, World, WrongEnvironment, scene_of
 from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
+if TYPE_CHECKING:
+    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
+else:
+    AnyVectorWrapper = VectorWrapper  # takes no parameters in Gymnasium 1.2
+
 LAST, WHERE_LAST = "final_obs", "_final_obs"  # Gymnasium's names in infos of mode SAME_STEP
 LAST_INFO = "final_info"
 
 
-class VectorEnvWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorEnvWrapper(AnyVectorWrapper):
     """What every factory makes of a batched or worker environment; masks pass through it."""
 
     def __init__(
