@@ -92,10 +92,10 @@ def learner(envs: int, rollout: int, seed: int) -> MaskablePPO:
     )
 
 
-def judged(verifier: Partner, split: str, seed: int, games_a_task: int) -> Metrics:
-    """A verifier's measures over every task of a split."""
+def judged(verifier: Partner, split: str, seed: int, most_tasks: int | None) -> Metrics:
+    """A verifier's measures over the tasks of a split, one game each."""
     game = games(split)
-    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids * games_a_task, seed=seed)
+    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids[:most_tasks], seed=seed)
 
 
 def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
@@ -126,14 +126,14 @@ def curve(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def trained(model: MaskablePPO, steps: int, every: int, seed: int, games_a_task: int) -> list[dict[str, Any]]:
+def trained(model: MaskablePPO, steps: int, every: int, seed: int, most_tasks: int | None) -> list[dict[str, Any]]:
     """Trains for `steps`, measuring before, every `every` steps and at the end."""
     rows: list[dict[str, Any]] = []
     while not rows or model.num_timesteps < steps:
         if rows:
             model.learn(min(every, steps - model.num_timesteps), reset_num_timesteps=False)
         for split in ("train", "dev"):
-            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed, games_a_task)
+            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed, most_tasks)
             rows.append(row(model.num_timesteps, split, metrics))
             print(f"{model.num_timesteps:8} steps  {split:5}  {told(metrics)}", flush=True)
     return rows
@@ -158,20 +158,20 @@ def save(model: MaskablePPO, rows: list[dict[str, Any]], out: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=150_000, help="verdicts to learn from; one a game")
-    parser.add_argument("--every", type=int, default=15_000, help="steps between measures")
+    parser.add_argument("--steps", type=int, default=200_000, help="verdicts to learn from; one a game")
+    parser.add_argument("--every", type=int, default=20_000, help="steps between measures")
     parser.add_argument("--envs", type=int, default=16)
     parser.add_argument("--rollout", type=int, default=2048, help="verdicts between updates")
-    parser.add_argument("--games-a-task", type=int, default=4, help="when measuring")
+    parser.add_argument("--tasks", type=int, help="at most so many of each split when measuring; all by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="directory for curve.csv, curve.svg and verifier.zip")
     given = parser.parse_args()
     if given.out is not None:
         given.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed, given.games_a_task))}")
+    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed, given.tasks))}")
     model = learner(given.envs, given.rollout, given.seed)
-    rows = trained(model, given.steps, given.every, given.seed, given.games_a_task)
+    rows = trained(model, given.steps, given.every, given.seed, given.tasks)
     if given.out is not None:
         save(model, rows, given.out)
 

@@ -34,7 +34,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_audit__trains_a_verifier_and_writes_its_curve(run: Run, tmp_path: Path):
     printed = run(
-        "proposer_verifier_audit.py", "--steps", "32", "--rollout", "32", "--games-a-task", "1", "--out", str(tmp_path)
+        "proposer_verifier_audit.py", "--steps", "32", "--rollout", "32", "--tasks", "20", "--out", str(tmp_path)
     )
     assert "always accepting" in printed
     assert "completeness" in printed
