@@ -91,7 +91,8 @@ def test_evaluate__policies_see_what_the_environments_show():
     env = TOWER.make("dev")
     evaluate(look, TOWER, "dev", batch_size=10)
     first, _ = env.reset(options={"task": env.evaluation_tasks()[0]})
-    assert [len(observations.statements) for observations in seen] == [10, 10, 5]
+    assert sum(len(observations.statements) for observations in seen) == len(env.evaluation_tasks())
+    assert all(len(observations.images) == len(observations.statements) <= 10 for observations in seen)
     assert np.array_equal(seen[0].images[0], first["image"])
     assert (seen[0].statements[0], seen[0].targets[0]) == (first["statement"], first["target"])
 

@@ -185,9 +185,9 @@ def test_begin__a_place_that_cannot_be_written_is_refused(tmp_path: Path):
         begin_run(tmp_path / "file" / "run", TOWER, SMALL)
 
 
-def test_begin__recoloured_tasks_are_written_and_learnt_from(tmp_path: Path):
-    run = begin_run(tmp_path, TOWER, Recipe(recolour=True))
-    assert len(run.tasks) > len(load_tasks("builtin", "tower", "scratch", "train"))
+def test_begin__recoloured_tasks_are_written_and_learnt_from(tmp_path: Path, own: str):
+    run = begin_run(tmp_path, Settings("TowerScratch", corpus=own), Recipe(recolour=True))
+    assert len(run.tasks) > len(load_tasks(own, "tower", "scratch", "train"))
     assert run.tasks.provenance.path == str(tmp_path / "training_tasks.jsonl")
     assert open_run(tmp_path, {}, untrained=True).tasks.ids == run.tasks.ids
 
@@ -221,10 +221,10 @@ def test_train__saves_every_so_many_steps(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
-def test_train__every_configuration_with_stop_forcing_gives_an_agent(tmp_path: Path, name: str):
+def test_train__every_configuration_with_stop_forcing_gives_an_agent(tmp_path: Path, own: str, name: str):
     recipe = Recipe(envs=2, rollout=16, batch_size=16, epochs=1, stop_forcing=True, recolour=True)
-    run = trained(tmp_path, 16, recipe, Settings(name))
-    episodes = evaluate(run.agent(), Settings(name, horizon=2), "dev")
+    run = trained(tmp_path, 16, recipe, Settings(name, corpus=own))
+    episodes = evaluate(run.agent(), Settings(name, corpus=own, horizon=2), "dev")
     assert {episode.outcome for episode in episodes} <= {"success", "wrong_stop", "horizon"}
 
 
