@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +17,8 @@ from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.text import Reply
 
 Make = Callable[..., gym.Env[Any, Any]]
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "language_model_agent.py"
 
 TOWER_TEXT = """\
 Statement: There are exactly two blocks.
@@ -117,6 +122,18 @@ def test_reply__that_names_none_gives_the_default(make: Make, reply: str):
 def test_default__must_be_an_action(make: Make):
     with pytest.raises(ValueError, match="default must be the number or the name of an action, not 99"):
         TextObservation(make("TowerScratch"), default=99)
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_example__plays_with_a_stub_for_a_model(
+    configuration: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    options = ["--id", f"lilgym_mp/{configuration}-v0", "--episodes", "2", "--steps", "3"]
+    monkeypatch.setattr(sys, "argv", [str(EXAMPLE), *options])
+    runpy.run_path(str(EXAMPLE), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["episode 0", "episode 1"]
+    assert all(line.endswith("0 replies named no action") for line in lines)
 
 
 def test_space__holds_the_longest_texts(make: Make):
