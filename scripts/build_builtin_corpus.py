@@ -47,7 +47,7 @@ PAGE = ROOT / "docs" / "corpus.md"
 NAME, LICENCE = "lilgym_mp builtin corpus", "MIT"
 SEED = 2023
 SIZES = {"train": 1000, "dev": 150, "test": 300}  # statements of an appearance
-LEVEL_SHARES = {"tower": (25, 30, 20, 15, 10), "scatter": (20, 30, 25, 15, 10)}  # percent of the generated ones
+LEVEL_SHARES = {"tower": (28, 32, 20, 12, 8), "scatter": (22, 32, 24, 13, 9)}  # percent of the generated ones
 STOCK_SIZE = 250  # chains of scenes
 MOST_OF_A_FORM = 8  # statements of one split
 MOST_WORDINGS = 3  # of one program
@@ -148,7 +148,7 @@ class Builder:
         """That many sound statements; what one level lacks the next makes up for."""
         missing = 0
         for level, wanted in level_numbers(self.appearance, number).items():
-            rng = random.Random(f"{SEED} {self.appearance} {split} {level}")
+            rng = random.Random(f"{SEED} {self.appearance} {level}")  # for all splits, so that they share forms
             found = list(self.of_level(level, split, wanted + missing, chosen, rng))
             missing += wanted - len(found)
             yield from found
@@ -158,13 +158,14 @@ class Builder:
 
     def of_level(self, level: int, split: str, number: int, chosen: Selection, rng: random.Random) -> Iterator[Built]:
         """That many statements, or fewer when the level has no more."""
+        choices = random.Random(f"{SEED} {self.appearance} {split} {level}")
         for draft in islice(drafts(self.appearance, level, rng), DRAFTS * number):
             if number == 0:
                 return
             if split_of(draft.program) != split or not chosen.wants(draft, split):
                 continue
-            entry = proven(draft, self.stock, rng)
-            built = None if entry is None else self.built(entry, split, rng)
+            entry = proven(draft, self.stock, choices)
+            built = None if entry is None else self.built(entry, split, choices)
             if built is None:
                 chosen.refuse(draft)
             else:

@@ -104,6 +104,16 @@ def test_task_set__is_a_sequence_that_survives_pickling(tower_starts: TaskSet):
     assert copied.by_id("blue-no") == tower_starts.by_id("blue-no")
 
 
+def test_tags__are_the_entrys_for_its_task_and_for_those_of_its_starts(entries: Entries, written: Writer):
+    entries[0]["tags"] = ["easy", "level 1"]
+    path = written(entries)
+    assert load_tasks(path, "tower", "scratch", "train").tags("blue") == ("easy", "level 1")
+    assert load_tasks(path, "tower", "flipit", "train").tags("blue-no") == ("easy", "level 1")
+    assert load_tasks(path, "tower", "flipit", "train").tags("pair-no") == ()
+    with pytest.raises(ValueError, match="no task 'bleu'"):
+        load_tasks(path, "tower", "scratch", "train").tags("bleu")
+
+
 def test_contexts__starts_of_one_statement_and_target_count_once(entries: Entries, written: Writer):
     entries[0]["starts"].append({**entries[0]["starts"][0], "id": "blue-again"})
     assert contexts(load_tasks(written(entries), "tower", "flipit", "train")) == 3

@@ -11,20 +11,24 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from lilgym_mp.corpus.generator.interpretation import OTHER_READINGS, PRECISE, Reading, holds
 from lilgym_mp.corpus.generator.levels import random_meaning
-from lilgym_mp.corpus.generator.meanings import Clause
+from lilgym_mp.corpus.generator.meanings import Clause, relabelled
 from lilgym_mp.corpus.generator.reading import meanings
 from lilgym_mp.corpus.generator.scenes import is_legible
 from lilgym_mp.corpus.generator.sources import program_source
 from lilgym_mp.corpus.generator.starts import Start, Stock, Truths, start_scenes
 from lilgym_mp.corpus.generator.wording import random_style, statement
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import Colour, Scene, Shape
+
+Member = TypeVar("Member")
 
 RAREST = 0.004  # share of the stock's scenes that must have each truth value
+COMMON_LEVEL = 3  # up to here statements of one form are drafted together, so that train and dev share forms
+OF_ONE_FORM = 3  # more of a form, at most
 PROBES = 24  # scenes on which a statement is read back
 
 
@@ -48,10 +52,19 @@ class Entry:
 
 
 def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
-    """Endless random statements of a level."""
+    """Endless random statements of a level; up to COMMON_LEVEL each followed by some of its form."""
     while True:
         meaning = random_meaning(appearance, level, rng)
-        yield worded(meaning, appearance, level, rng)
+        manner = rng.getrandbits(64)
+        yield worded(meaning, appearance, level, random.Random(manner))
+        for _ in range(OF_ONE_FORM if level <= COMMON_LEVEL else 0):
+            other = relabelled(meaning, _exchange(list(Colour), rng), _exchange(list(Shape), rng))
+            if other != meaning:
+                yield worded(other, appearance, level, random.Random(manner))
+
+
+def _exchange(members: list[Member], rng: random.Random) -> dict[Member, Member]:
+    return dict(zip(members, rng.sample(members, len(members)), strict=True))
 
 
 def worded(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:

@@ -28,7 +28,7 @@ from lilgym_mp.task import Task
 PREFIX = "generated"
 SIZES = {"train": 250, "dev": 50, "test": 100}  # statements
 SPLIT_SHARES = {"train": 7, "dev": 1, "test": 2}  # of all programs
-STOCK_SIZE = 40  # chains of scenes
+STOCK_SIZE = 32  # chains of scenes
 WORDINGS = 3  # of one program, at most
 TRIVIAL_SHARE = 0.05  # of the statements may be true of the empty scene
 CACHED_CORPORA = 16
@@ -86,12 +86,13 @@ def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
 @lru_cache(maxsize=CACHED_CORPORA)
 def generated_entries(recipe: Recipe, appearance: str, split: str) -> tuple[Entry, ...]:
     """The sound statements of a generated corpus's split."""
-    rng = random.Random(f"{recipe.seed} {recipe.level} {appearance} {split}")
+    rng = random.Random(f"{recipe.seed} {recipe.level} {appearance}")  # for all splits, so that they share forms
     stock = Stock.made(appearance, rng, STOCK_SIZE)
+    choices = random.Random(rng.getrandbits(64))
     chosen = Selection()
     for draft in drafts(appearance, recipe.level, rng):
         if split_of(draft.program) == split and chosen.wants(draft):
-            entry = proven(draft, stock, rng)
+            entry = proven(draft, stock, choices)
             if entry is not None:
                 chosen.add(entry)
         if len(chosen.entries) == SIZES[split]:

@@ -196,6 +196,8 @@ def _clash(one: Condition, other: Condition) -> bool:
         return one.level is other.level
     if {type(one), type(other)} == {Ends, SameEnds}:
         return True
+    if {type(one), type(other)} == {Has, Varied}:
+        return Has(Quantity(1, 1), ANYTHING) in (one, other)
     if isinstance(one, Sharing) or isinstance(other, Sharing):
         return True
     return type(one) is type(other)

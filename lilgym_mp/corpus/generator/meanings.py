@@ -6,11 +6,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 from lilgym_mp.scene import Colour, Shape, Size
+
+Part = TypeVar("Part")
 
 
 class Wall(StrEnum):
@@ -355,3 +358,25 @@ Simple = (
     | Extreme
 )
 Clause = Simple | Joined
+
+
+def relabelled(part: Part, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Part:
+    """The same meaning of other colours and shapes: said in the same words it has the same form."""
+    return cast("Part", _relabelled(part, colours, shapes))
+
+
+def _relabelled(part: Any, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> object:
+    match part:
+        case Colour():
+            return colours[part]
+        case Shape():
+            return shapes[part]
+        case frozenset():
+            return frozenset(_relabelled(inner, colours, shapes) for inner in cast("frozenset[object]", part))
+        case tuple() if not isinstance(part, Quantity):
+            return tuple(_relabelled(inner, colours, shapes) for inner in cast("tuple[object, ...]", part))
+        case _ if is_dataclass(part):
+            values = (_relabelled(getattr(part, field.name), colours, shapes) for field in fields(part))
+            return type(part)(*values)
+        case _:
+            return part

@@ -312,7 +312,7 @@ class Phrases:
         return f"{article(self.style.item)} of {self.pick('a different', 'another')} {name}"
 
     def related(self, relation: Relation, other: str) -> str:
-        same = "in the same tower" if self.style.item == "block" else "in the same box"
+        same = f"in the same {self.style.tower}" if self.style.item == "block" else "in the same box"
         match relation:
             case Relation.TOUCHING:
                 return self.pick(f"touching {other}", f"in contact with {other}")

@@ -209,7 +209,7 @@ def _traits(add: Add) -> None:
         ("somewhere? below", Relation.BELOW),
         ("lower down than", Relation.BELOW),
     ):
-        place = "in|of the same tower|box"
+        place = "in the same tower|stack|box"
         add("LYING", f"{words} ANOUN {place}", lambda noun, relation=relation: Beside(relation, noun))
         add("LYING", f"{words} LIKE {place}", lambda like, relation=relation: BesideLike(relation, *like))
     add("LIKE", "a|an|another ITEM of the same ATTRIBUTE", lambda _, attribute: (attribute, True))

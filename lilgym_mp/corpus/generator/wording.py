@@ -381,15 +381,15 @@ class Sentences(Phrases):
             before, after = self.number(first.quantity.low) + "-block ", rest
         elif towers and isinstance(first, Purely) and len(first.look.colours) == 1 and self.chance(0.5):
             before, after = self.colours(first.look.colours) + " ", rest
-        tail = f" {self.attributed(after, words.plural)}" if after else ""
+        tail = f" {self.attributed(after, words.plural, towers)}" if after else ""
         if words.text == "a":
             return Phrase(article(before + noun) + tail, plural=False)
         return Phrase(f"{words.text} {before}{noun}{tail}", words.plural)
 
-    def attributed(self, conditions: Conditions, plural: bool) -> str:
+    def attributed(self, conditions: Conditions, plural: bool, towers: bool) -> str:
         """The conditions after the noun: "with two circles", "that has no square"."""
         first = conditions[0]
-        if len(conditions) == 1 and _is_height(first) and self.chance(0.4):
+        if towers and len(conditions) == 1 and _is_height(first) and self.chance(0.4):
             assert isinstance(first, Has)
             return self.tall(first.quantity, plural)
         if all(isinstance(condition, Ends) for condition in conditions) and not plural and self.chance(0.3):
@@ -533,7 +533,7 @@ class Sentences(Phrases):
                 lambda: ", or ".join(self.clause(part) for part in clauses),
             ]
         counts = [part for part in clauses if isinstance(part, ItemCount) and not part.noun.traits]
-        if len(counts) == len(clauses):
+        if len(counts) == len(clauses) and not any(_is_upper_bound(part.quantity) for part in counts):
             frames += [lambda: self.together(counts, every)] * 4
         return frames
 
@@ -567,6 +567,11 @@ def _is_height(condition: Condition) -> bool:
             return low == high and low > 0 and noun == ANYTHING
         case _:
             return False
+
+
+def _is_upper_bound(quantity: Quantity) -> bool:
+    """Whether it is "at most two", which would seem to bound everything listed after it."""
+    return quantity.low == 0 and quantity != NONE
 
 
 def _denies(clause: Clause) -> bool:

@@ -1,0 +1,151 @@
+"""What docs/corpus.md tells of the builtin corpus in figures; scripts/build_builtin_corpus.py writes it there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lilgym_mp.corpus import words
+from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.generator import Start
+from lilgym_mp.corpus.generator.reading import meanings
+from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
+from lilgym_mp.corpus.records import SPLITS
+
+BEGIN, END = "<!-- figures by scripts/build_builtin_corpus.py: begin -->", "<!-- figures: end -->"
+MOST_STEPS = 12
+
+
+@dataclass(frozen=True)
+class Built:
+    """An entry of the file, and what the report tells of it."""
+
+    split: str
+    statement: str
+    program: str
+    level: int  # 0: hand-written
+    steps: int  # to success from the empty scene, STOP included
+    steps_proven: bool  # to be the fewest
+    starts: tuple[Start, ...]
+    start_steps: tuple[int, ...]  # by start
+    starts_proven: int  # how many of them are proven to be the fewest
+    mistyped: bool = False
+
+
+def write_report(built: Mapping[str, Sequence[Built]], corpus: Path, page: Path) -> None:
+    """Replace the figures in the page. Raises ValueError when it lacks the marks around them."""
+    text = page.read_text(encoding="utf-8")
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"{page}: lacks the line {BEGIN!r} or {END!r}")
+    page.write_text(f"{before}{BEGIN}\n{figures(built, corpus)}\n{END}{after}", encoding="utf-8")
+
+
+def figures(built: Mapping[str, Sequence[Built]], corpus: Path) -> str:
+    """All tables, in Markdown."""
+    size = f"The file has {corpus.stat().st_size:,} bytes."
+    tables = (_sizes(built), _overlaps(built), _lengths(built), _phenomena(built), _makings(built))
+    return "\n\n".join((size, *tables))
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *([str(cell) for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _columns(built: Mapping[str, Sequence[Built]]) -> dict[str, list[Built]]:
+    return {
+        f"{appearance.capitalize()} {split}": [entry for entry in entries if entry.split == split]
+        for appearance, entries in built.items()
+        for split in SPLITS
+    }
+
+
+def _sizes(built: Mapping[str, Sequence[Built]]) -> str:
+    columns = _columns(built)
+    rows: dict[str, list[object]] = {
+        "statements": [len(entries) for entries in columns.values()],
+        "start scenes": [sum(len(entry.starts) for entry in entries) for entries in columns.values()],
+        "forms": [len(_forms(entries)) for entries in columns.values()],
+        "different words": [len(_words(entries)) for entries in columns.values()],
+        "words a statement, mean (most)": [_word_counts(entries) for entries in columns.values()],
+        "different programs": [len({entry.program for entry in entries}) for entries in columns.values()],
+        "true of the empty scene": [sum(entry.steps == 1 for entry in entries) for entries in columns.values()],
+    }
+    every = {appearance: len(_forms(entries)) for appearance, entries in built.items()}
+    text = ", ".join(f"{number} in {appearance.capitalize()}" for appearance, number in every.items())
+    return f"{_table(['', *columns], ([name, *row] for name, row in rows.items()))}\n\nForms over all splits: {text}."
+
+
+def _word_counts(entries: Sequence[Built]) -> str:
+    counts = [len(words(entry.statement)) for entry in entries]
+    return f"{sum(counts) / len(counts):.1f} ({max(counts)})"
+
+
+def _forms(entries: Iterable[Built]) -> set[str]:
+    return {statement_form(entry.statement) for entry in entries}
+
+
+def _words(entries: Iterable[Built]) -> set[str]:
+    return {word for entry in entries for word in words(entry.statement)}
+
+
+def _overlaps(built: Mapping[str, Sequence[Built]]) -> str:
+    rows: list[list[object]] = []
+    for appearance, entries in built.items():
+        train = [entry for entry in entries if entry.split == "train"]
+        forms, known, programs = _forms(train), _words(train), {entry.program for entry in train}
+        for split in ("dev", "test"):
+            mine = [entry for entry in entries if entry.split == split]
+            seen = sum(statement_form(entry.statement) in forms for entry in mine)
+            same = sum(entry.program in programs for entry in mine)
+            rows.append([f"{appearance.capitalize()} {split}", seen, len(mine) - seen, same, len(_words(mine) - known)])
+    head = ["", "form seen in train", "form unseen", "program seen in train", "words not in train"]
+    return _table(head, rows)
+
+
+def _lengths(built: Mapping[str, Sequence[Built]]) -> str:
+    rows: list[list[object]] = []
+    for appearance, entries in built.items():
+        scratch = Counter(entry.steps for entry in entries)
+        flipit = Counter(steps for entry in entries for steps in entry.start_steps)
+        proven = {
+            "Scratch": sum(entry.steps_proven for entry in entries),
+            "FlipIt": sum(entry.starts_proven for entry in entries),
+        }
+        for name, counts in (("Scratch", scratch), ("FlipIt", flipit)):
+            steps = [counts[number] for number in range(1, MOST_STEPS + 1)]
+            share = f"{100 * proven[name] / sum(counts.values()):.1f} %"
+            rows.append([f"{appearance.capitalize()}{name}", *steps, share])
+    head = ["actions, STOP included", *map(str, range(1, MOST_STEPS + 1)), "proven shortest"]
+    return _table(head, rows)
+
+
+def _phenomena(built: Mapping[str, Sequence[Built]]) -> str:
+    counts = {
+        appearance: Counter(found for entry in entries for found in phenomena(entry.program))
+        for appearance, entries in built.items()
+    }
+    head = ["statements that show", *(appearance.capitalize() for appearance in built)]
+    return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in built)] for phenomenon in Phenomenon))
+
+
+def _makings(built: Mapping[str, Sequence[Built]]) -> str:
+    levels = sorted({entry.level for entries in built.values() for entry in entries})
+    rows: list[list[object]] = [
+        [
+            "hand-written" if level == 0 else f"level {level}",
+            *(sum(e.level == level for e in es) for es in built.values()),
+        ]
+        for level in levels
+    ]
+    rows.append(["mistyped", *(sum(entry.mistyped for entry in entries) for entries in built.values())])
+    rows.append(["hand-written that the grammar reads", *(sum(map(_read_by_hand, es)) for es in built.values())])
+    return _table(["statements", *(appearance.capitalize() for appearance in built)], rows)
+
+
+def _read_by_hand(entry: Built) -> bool:
+    return entry.level == 0 and bool(meanings(entry.statement))

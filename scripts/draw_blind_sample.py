@@ -1,0 +1,74 @@
+"""Draw statements of the builtin corpus with one start scene each, for somebody to judge who has not seen them.
+
+Writes DIR/statements.txt (number, statement, the scene in words), DIR/NUMBER.png (the scene as a picture, for a reader
+who can look at it) and, to be kept from the reader, DIR/labels.json ({number: {"id", "label"}}).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+from pathlib import Path
+
+from PIL import Image
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.render import draw
+from lilgym_mp.scene import BOX_SIDE, Box, Item, Scene
+from lilgym_mp.task import Task
+
+BOX_NAMES = ("left", "middle", "right")
+SIZE_WORDS = ("small", "medium", "large")
+
+
+def described(scene: Scene) -> str:
+    """One line a box; distances in pixels from the box's left wall and floor, whose sides are 100."""
+    lines = (f"  {name} box: {_contents(box)}" for name, box in zip(BOX_NAMES, scene.boxes, strict=True))
+    return "\n".join(lines)
+
+
+def _contents(box: Box) -> str:
+    lowest_first = sorted(box.items, key=lambda item: (-item.y - item.side, item.x))
+    return "; ".join(map(_item, lowest_first)) or "empty"
+
+
+def _item(item: Item) -> str:
+    right, top = item.x + item.side, BOX_SIDE - item.y
+    look = f"{SIZE_WORDS[item.size]} {item.colour.name.lower()} {item.shape.name.lower()}"
+    return f"{look} (x {item.x} to {right}, height {top - item.side} to {top})"
+
+
+def sample(appearance: str, number: int, rng: random.Random) -> list[Task]:
+    """That many FlipIt tasks of all splits, each of another statement."""
+    tasks = [task for split in SPLITS for task in load_tasks("builtin", appearance, "flipit", split)]
+    by_statement: dict[str, list[Task]] = {}
+    for task in tasks:
+        by_statement.setdefault(task.statement, []).append(task)
+    return [rng.choice(by_statement[statement]) for statement in rng.sample(sorted(by_statement), number)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--number", type=int, default=100, help="of statements (default: %(default)s)")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="directory to write to")
+    args = parser.parse_args()
+    rng = random.Random(args.seed)
+    share = args.number // len(APPEARANCES)
+    tasks = [task for appearance in APPEARANCES for task in sample(appearance, share, rng)]
+    rng.shuffle(tasks)
+    args.output.mkdir(parents=True, exist_ok=True)
+    texts = [f"{n}. {task.statement}\n{described(task.start)}\n" for n, task in enumerate(tasks, start=1)]
+    (args.output / "statements.txt").write_text("\n".join(texts), encoding="utf-8")
+    labels = {n: {"id": task.id, "label": not task.target} for n, task in enumerate(tasks, start=1)}
+    (args.output / "labels.json").write_text(json.dumps(labels, indent=1) + "\n", encoding="utf-8")
+    for n, task in enumerate(tasks, start=1):
+        Image.fromarray(draw(task.start)).save(args.output / f"{n}.png")
+    print(f"{len(tasks)} statements with scenes in {args.output}")
+
+
+if __name__ == "__main__":
+    main()
