@@ -63,25 +63,38 @@ class BoxLegality:
         self._left_clear = lru_cache(REMEMBERED)(self._new_clear)
         self._covered = lru_cache(REMEMBERED)(self._new_covered)
 
-    def addable(self, items: Iterable[Item]) -> BoolArray:
-        """(kinds, rows, columns) whether an item of each kind can be added to each cell, beside `items`."""
-        free = self._allowed.copy()
+    def room(self, items: Iterable[Item]) -> Words:
+        """(kinds, words, 100) a new array of bits by column: where a corner may be without overlap with `items`."""
+        room = self._allowed.copy()
         for item in items:
-            place, clear = self._left_clear(item.kind, item.x, item.y)
-            here = free[place]
-            here &= clear
+            self.fill(room, item)
+        return room
+
+    def fill(self, room: Words, item: Item) -> None:
+        """Takes out of `room` where a corner would make an item overlap `item`."""
+        place, clear = self._left_clear(item.kind, item.x, item.y)
+        here = room[place]
+        here &= clear
+
+    def addable(self, room: Words) -> BoolArray:
+        """(..., columns, rows, kinds) whether an item can be added to each cell, from room (..., kinds, words, 100)."""
         columns, rows = self._grid
-        by_column = np.bitwise_or.reduce(free.reshape(KIND_COUNT, -1, columns, self._cell[0]), axis=3)
-        return by_column.reshape(KIND_COUNT, rows, -1, columns).any(axis=2)
+        outer = room.shape[:-3]
+        by_column = np.bitwise_or.reduce(room.reshape(*outer, KIND_COUNT, rows, -1, columns, self._cell[0]), axis=-1)
+        return np.moveaxis(by_column.any(axis=-2), (-1, -2, -3), (-3, -2, -1))
 
     def removable(self, items: Iterable[Item]) -> BoolArray:
-        """(columns, rows) whether one of `items` covers part of each cell."""
+        """(columns, rows) a new array: whether one of `items` covers part of each cell."""
         found = np.zeros(self._grid, np.bool_)
         for item in items:
-            place, covers = self._covered(item.kind, item.x, item.y)
-            here = found[place]
-            here |= covers
+            self.cover(found, item)
         return found
+
+    def cover(self, removable: BoolArray, item: Item) -> None:
+        """Adds the cells that `item` covers part of to `removable`."""
+        place, covers = self._covered(item.kind, item.x, item.y)
+        here = removable[place]
+        here |= covers
 
     def _new_clear(self, kind: int, x: int, y: int) -> tuple[Place, Words]:
         """The words around an item of `kind` at (x, y), and their bits that it leaves clear."""

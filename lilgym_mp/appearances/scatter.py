@@ -14,7 +14,7 @@ import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
-from lilgym_mp.appearances.legality import box_legality
+from lilgym_mp.appearances.legality import BoxLegality, box_legality
 from lilgym_mp.appearances.placement import (
     OVERLAPPING,
     PlacementRules,
@@ -51,7 +51,7 @@ Grid = tuple[int, int]
 
 LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
 _LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
-_LOOK_KINDS = np.array([shape * len(Size) + size for shape, _, size in LOOKS])
+LOOK_KINDS = np.array([shape * len(Size) + size for shape, _, size in LOOKS])
 
 
 class GridError(ValueError):
@@ -100,7 +100,7 @@ class Scatter:
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
     _first_remove: int = field(init=False, repr=False)
-    _numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
+    box_numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
 
     def __post_init__(self) -> None:
@@ -112,7 +112,7 @@ class Scatter:
         object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
         object.__setattr__(self, "_columns", by_column)
         object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
-        object.__setattr__(self, "_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
+        object.__setattr__(self, "box_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
         object.__setattr__(self, "_table", ())
         if self.action_count <= LARGEST_TABLE:
             object.__setattr__(self, "_table", tuple(map(self._decoded, range(self.action_count))))
@@ -245,7 +245,7 @@ class Scatter:
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         mask = np.zeros(self.action_count, np.bool_)
         mask[0] = True
-        for box, (adds, removes) in zip(scene.boxes, self._numbers, strict=True):
+        for box, (adds, removes) in zip(scene.boxes, self.box_numbers, strict=True):
             mask[adds], mask[removes] = self._legal_in_box(box, rules)
         return mask
 
@@ -255,10 +255,14 @@ class Scatter:
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
-            legality = box_legality(*self.cell, searches=searches)
-            addable = legality.addable(box.items).transpose(2, 1, 0)
-            found = box.memo[key] = addable[:, :, _LOOK_KINDS].ravel(), legality.removable(box.items).ravel()
+            legality = self.legality(rules)
+            addable = legality.addable(legality.room(box.items))
+            found = box.memo[key] = addable[..., LOOK_KINDS].ravel(), legality.removable(box.items).ravel()
         return found
+
+    def legality(self, rules: PlacementRules) -> BoxLegality:
+        """What `legal_mask` asks about a box."""
+        return box_legality(*self.cell, searches=self._searches(rules))
 
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):

@@ -16,6 +16,7 @@ from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, OVERLAP
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, BoolArray, Int64Array
+from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_painter import TAKEN, Change, ScatterPainter
 from lilgym_mp.envs.scatter_tables import (
     EMPTY_SLOT,
@@ -108,10 +109,11 @@ class ScatterArrays:
         self._looks = np.full((BOX_COUNT * count, capacity + 1), NO_LOOK)
         self._counts = np.zeros(BOX_COUNT * count, np.int64)
         self._loose = np.zeros(count, np.bool_)  # whether only `_scenes` tells of an environment's scene
-        self._items: list[tuple[Item, ...]] = [()] * (BOX_COUNT * count)
+        self._items: list[tuple[Item, ...]] = [()] * (BOX_COUNT * count)  # of each box
         self._scenes = [Scene.empty()] * count
         self._stale = np.zeros(count, np.bool_)  # whether `_scenes` lags behind `_items`
         self._painter = ScatterPainter(block.image, image_size)
+        self._masks: ScatterMasks | None = None  # made when they are first asked for
         columns, rows = appearance.grid
         width, height = appearance.cell
         boxes, xs = np.divmod(np.arange(columns) * width, BOX_PITCH)
@@ -133,16 +135,16 @@ class ScatterArrays:
     def _put(self, number: int, scene: Scene) -> None:
         """Makes `scene` that of an environment."""
         self._scenes[number] = scene
+        first = number * BOX_COUNT
+        self._items[first : first + BOX_COUNT] = [box.items for box in scene.boxes]
         loose = not self._painter.show(number, scene)
         self._loose[number] = loose
         if loose:
             self._painter.redraw(number, scene)
             return
-        first = number * BOX_COUNT
         self._slots[first : first + BOX_COUNT] = EMPTY_SLOT
         self._looks[first : first + BOX_COUNT] = NO_LOOK
         for row, box in enumerate(scene.boxes, first):
-            self._items[row] = box.items
             count = self._counts[row] = len(box.items)
             if count:
                 self._slots[row, :count], self._looks[row, :count] = _slots_and_looks(box)
@@ -275,6 +277,7 @@ class ScatterArrays:
         if applies and edit.invalid is None:
             self._scenes[number] = edit.scene
             self._loose[number] = True
+            self._items[number * BOX_COUNT : (number + 1) * BOX_COUNT] = [box.items for box in edit.scene.boxes]
             self._painter.redraw(number, edit.scene)
         return _reason(edit)
 
@@ -291,8 +294,9 @@ class ScatterArrays:
         return self._scenes[number]
 
     def write_masks(self) -> None:
-        for number, mask in enumerate(self._block.mask):
-            mask[:] = self._appearance.legal_mask(self._scene(number), self._dynamics.rules.placement)
+        if self._masks is None:
+            self._masks = ScatterMasks(self._appearance, self._dynamics.rules.placement, self._block.mask)
+        self._masks.refresh(self._items)
 
     def write_goals(self) -> None:
         self._block.goal[:] = [self._solved(number) for number in range(len(self._scenes))]
