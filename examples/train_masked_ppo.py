@@ -49,7 +49,7 @@ def main() -> None:
         batch_size=256,
         n_epochs=4,
         learning_rate=2e-3,
-        ent_coef=0.02,
+        ent_coef=0.1,
         policy_kwargs={"make_network": partial(ActorCritic, appearance, len(vocabulary))},
         seed=args.seed,
         device="cpu",

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("--steps must be at least 1")
     place = writable_directory(_empty(args.out) if args.out else next_free(PLACE))
     settings = Settings(CONFIGURATION)
-    begun = begin_run(place / "agent", settings, Recipe(seed=args.seed, stop_forcing=True, recolour=True))
+    begun = begin_run(place / "agent", settings, Recipe(seed=args.seed, stop_forcing=True))
     before = Contestant("untrained agent", begun.agent(), _details(begun))
     print(f"training on {CONFIGURATION}, builtin corpus: {len(begun.tasks)} tasks, {args.steps:,} steps")
     with TrainingDisplay(0, args.steps) as display:

@@ -27,7 +27,7 @@ class Recipe:
     gamma: float = _setting(0.99, "discount a step")
     gae_lambda: float = _setting(0.95, "of generalised advantage estimation")
     clip: float = _setting(0.2, "how far the probability ratio may leave 1")
-    entropy: float = _setting(0.02, "coefficient of the policy's entropy")
+    entropy: float = _setting(0.1, "coefficient of the policy's entropy")
     value: float = _setting(0.5, "coefficient of the value loss")
     gradient_norm: float = _setting(0.5, "longest gradient, longer ones are scaled down")
 
