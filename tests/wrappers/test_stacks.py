@@ -6,6 +6,7 @@ import pickle
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -149,8 +150,8 @@ def stacks(draw: st.DrawFn) -> Stack:
 
 @settings(max_examples=40)
 @given(stack=stacks(), appearance=st.sampled_from(["Tower", "Scatter"]), seed=st.integers(0, 1000))
-def test_random_stack__stays_within_its_spaces(stack: Stack, appearance: str, seed: int):
-    env = stacked(gym.make(f"lilgym_mp/{appearance}Scratch-v0"), stack)
+def test_random_stack__stays_within_its_spaces(corpus: Path, stack: Stack, appearance: str, seed: int):
+    env = stacked(gym.make(f"lilgym_mp/{appearance}Scratch-v0", corpus=str(corpus)), stack)
     env.action_space.seed(seed)
     observation, _ = env.reset(seed=seed)
     assert observation in env.observation_space

@@ -191,6 +191,15 @@ def test_change_of_tasks__reaches_a_batch_and_its_workers(corpus: Path):
         workers.close()
 
 
+def test_nlvr_reward__of_a_batch_of_scatter(corpus: Path):
+    """The corpus's scene labelled true for "round" is not the circle alone."""
+    batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/ScatterScratch-v0", num_envs=1, corpus=str(corpus)))
+    batch.reset(options={"task": "round"})
+    batch.step(batch.unwrapped.encode_actions([[1, 8, 2, 0, 0, 0]]))
+    assert batch.goal_reached().tolist() == [False]
+    assert batch.step([STOP])[1].tolist() == [-1.0]
+
+
 def test_nlvr_reward__of_a_batch(corpus: Path):
     batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, corpus=str(corpus)))
     batch.reset(options={"task": "blue"})
