@@ -94,6 +94,7 @@ class Bench:
         total = Timed(0, 0.0)
         while total.seconds < self.effort.seconds:
             steps, seconds = play()
+            assert steps, "a play without a step would be repeated for ever"
             total = Timed(total.steps + steps, total.seconds + seconds)
         return total.steps / total.seconds
 

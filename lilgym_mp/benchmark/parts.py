@@ -18,12 +18,14 @@ Part = Callable[[State], object]
 
 
 def _in_play(course: Course, make_part: Callable[[Dynamics], Part], *, every: int = 1) -> Play:
-    """The time that a part takes in the states of every n-th episode, each scene met for the first time."""
+    """The time that a part takes in every n-th episode's states, each scene met for the first time."""
     env = course.recorder
     dynamics, decode = env.dynamics, env.dynamics.appearance.decode
     part = make_part(dynamics)
     (script,) = course.scripts(1)
-    games = [(env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::every]]
+    games = [
+        (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
+    ]
 
     def play() -> Timed:
         seconds, count = 0.0, 0

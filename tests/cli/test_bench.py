@@ -1,0 +1,305 @@
+"""`lilgym-mp bench`: that it measures what it says. How fast things are is no test's business."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from PIL import Image
+
+from lilgym_mp.benchmark import Bench, Course, Effort, goals, players, subjects
+from lilgym_mp.benchmark.catalogue import LIMIT, Subject
+from lilgym_mp.benchmark.chart import COLOURS, scaling_chart
+from lilgym_mp.benchmark.players import Play, Timed
+from lilgym_mp.benchmark.release import ReleaseError, release_subject
+from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, in_document, report_text
+from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
+from lilgym_mp.cli import main
+
+SHORT = Effort(2, 1e-9, 110)
+
+RELEASE = """
+import gymnasium as gym
+
+print("a word of greeting")
+
+class Environment(gym.Env):
+    def __init__(self, horizon=5):
+        self.horizon = horizon
+
+    def reset(self, seed=None, options=None):
+        self.steps = 0
+        return 0, {}
+
+    def step(self, action):
+        self.steps += 1
+        return 0, 0.0, action[0] == 0, self.steps == self.horizon, {}
+
+gym.register("TowerFlipIt-v0", entry_point=Environment, disable_env_checker=True)
+"""
+
+
+@pytest.fixture(scope="module", params=["TowerFlipIt", "ScatterFlipIt"])
+def course(request: pytest.FixtureRequest) -> Course:
+    return Course(request.param, actions=110)
+
+
+@pytest.fixture
+def release(tmp_path: Path) -> Path:
+    """A checkout that looks like the release, of an environment that ends after five steps."""
+    package = tmp_path / "release" / "lilgym"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(RELEASE)
+    return package.parent
+
+
+def test_script__is_random_legal_edits_and_a_stop_the_same_each_time(course: Course) -> None:
+    (script,) = course.scripts(1)
+    assert [len(episode.actions) for episode in script.episodes] == [1] + [EPISODE_ACTIONS] * 9
+    assert all(episode.actions[-1] == 0 and 0 not in episode.actions[:-1] for episode in script.episodes)
+    assert Course(course.configuration, actions=110).scripts(1) == [script]
+
+
+def test_scripts__end_their_first_episodes_after_different_numbers_of_steps(course: Course) -> None:
+    firsts = [len(script.episodes[0].actions) for script in course.scripts(16)]
+    assert sorted(set(firsts)) == list(range(1, EPISODE_ACTIONS + 1))
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_trace__is_played_by_a_batch_without_a_single_invalid_action(course: Course, mode: AutoresetMode) -> None:
+    env: Any = gym.make_vec(course.environment_id, num_envs=12, autoreset_mode=mode, **course.arguments)
+    trace = vector_trace(course.scripts(12), mode)
+    env.reset(seed=0)
+    ends = 0
+    for row in trace.rows:
+        _, _, terminated, truncated, infos = env.step(row)
+        told = infos.get("final_info", infos)
+        assert "invalid_reason" not in told
+        ends += int((terminated | truncated).sum())
+    assert ends == trace.ends
+
+
+def test_trace__counts_actions_but_not_the_calls_that_begin_an_episode() -> None:
+    scripts = [
+        Script(0, (Episode("a", (5, 0)), Episode("b", (6, 0)))),
+        Script(1, (Episode("c", (0,)), Episode("d", (7, 8, 9, 0)))),
+    ]
+    next_step = vector_trace(scripts, AutoresetMode.NEXT_STEP)
+    assert np.array(next_step.rows).T.tolist() == [[5, 0, 0, 6, 0, 0], [0, 0, 7, 8, 9, 0]]
+    assert (next_step.actions, next_step.ends) == (9, 4)
+    same_step = vector_trace(scripts, AutoresetMode.SAME_STEP)
+    assert np.array(same_step.rows).T.tolist() == [[5, 0, 6, 0], [0, 7, 8, 9]]
+    assert (same_step.actions, same_step.ends) == (8, 3)
+
+
+def test_games__take_each_action_of_the_script() -> None:
+    course = Course("TowerFlipIt", actions=110)
+    with players.parallel_game(course) as play:
+        rounds = play().steps
+    with players.turn_game(course, checked=True) as play:
+        assert play().steps == 2 * rounds == 2 * sum(len(e.actions) for e in course.scripts(1)[0].episodes)
+
+
+def _subject_names() -> list[str]:
+    return [f"{subject.name} {subject.num_envs}" for subject in subjects()]
+
+
+def test_subjects__have_names_of_their_own_and_lines_in_the_chart() -> None:
+    assert len(set(_subject_names())) == len(_subject_names())
+    assert COLOURS.keys() <= {subject.name for subject in subjects()}
+
+
+@pytest.mark.parametrize("goal", goals.GOALS, ids=lambda goal: goal.what)
+def test_goal__is_about_something_that_is_measured(goal: goals.Goal) -> None:
+    bench = Bench(SHORT)
+    bench.measure(Course("ScatterFlipIt", actions=11), [_fake(subject) for subject in subjects()], lambda: None)
+    assert goal.value(bench, "ScatterFlipIt") == pytest.approx(_expected(goal))
+
+
+def _expected(goal: goals.Goal) -> float:
+    return {"steps/s": 1000.0, "us": 1000.0, "times": 1.0}[goal.unit]
+
+
+def _fake(subject: Subject, rate: float = 1000.0) -> Subject:
+    """The subject, as fast as said."""
+    return Subject(subject.group, subject.name, subject.num_envs, partial(_pretend, rate=rate), subject.is_part)
+
+
+@contextmanager
+def _pretend(course: Course, rate: float) -> Iterator[Play]:
+    yield lambda: Timed(int(rate), 1.0)
+
+
+@pytest.mark.parametrize(("rate", "says"), [(300e3, "aim met"), (200e3, "must met"), (100e3, "missed")])
+def test_verdict__says_which_bound_was_met(rate: float, says: str) -> None:
+    bench = Bench(SHORT)
+    chosen = [_fake(subject, rate) for subject in subjects(["single"])]
+    bench.measure(Course("TowerScratch", actions=11), chosen, lambda: None)
+    assert [(verdict.goal.what, verdict.says) for verdict in goals.verdicts(bench)] == [
+        ("single, gym.make, Tower", says)
+    ]
+
+
+def test_ratio__is_to_copying_in_the_same_round() -> None:
+    copies, steps = iter([8, 4, 2]), iter([4, 4, 1])
+    bench = Bench(Effort(2, 0.5))
+    bench.measure(
+        Course("TowerScratch", actions=11),
+        [_counted(LIMIT, "memory copy", lambda: next(copies)), _counted("single", "single", lambda: next(steps))],
+        lambda: None,
+    )
+    ours = bench.results[1]
+    assert ours.rates == [4.0, 1.0]
+    assert bench.of_copying(ours) == (4 / 4 + 1 / 2) / 2
+
+
+def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
+    @contextmanager
+    def opened(course: Course) -> Iterator[Play]:
+        yield lambda: Timed(count(), 1.0)
+
+    return Subject(group, name, 1, opened)
+
+
+def test_missing_package__is_noted_and_the_rest_measured() -> None:
+    @contextmanager
+    def opened(course: Course) -> Iterator[Play]:
+        raise ModuleNotFoundError("no SB3", name="stable_baselines3.common")
+        yield
+
+    bench = Bench(SHORT)
+    rest = _fake(subjects(["single"])[0])
+    bench.measure(Course("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, opened), rest], lambda: None)
+    assert bench.notes == ["not measured: sb3 (needs stable_baselines3.common)"]
+    assert [one.subject for one in bench.results] == [rest]
+
+
+def test_interrupted__keeps_the_rounds_that_are_done() -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    bench = Bench(SHORT)
+    bench.measure(Course("TowerScratch", actions=11), [_fake(subjects(["single"])[0])], interrupt)
+    assert bench.is_interrupted
+    assert [len(one.rates) for one in bench.results] == [1]
+    assert "Interrupted" in report_text(bench)
+
+
+def test_chart__has_a_panel_for_each_configuration() -> None:
+    bench = Bench(SHORT)
+    for name in ("TowerScratch", "ScatterScratch"):
+        bench.measure(Course(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
+    chart = scaling_chart(bench)
+    assert chart is not None
+    assert chart.width == 2 * 760
+
+
+def test_document__holds_the_new_tables_where_the_old_were() -> None:
+    assert in_document(f"Before\n{BEGIN}\nold\n{END}\nafter\n", "new") == f"Before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
+    with pytest.raises(DocumentError, match="begin"):
+        in_document("no marks", "new")
+
+
+def test_release__is_played_in_its_own_process(release: Path) -> None:
+    course = Course("TowerFlipIt", actions=33)
+    with release_subject(release, {"horizon": 3}).open(course) as play:
+        assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that this release ends early
+
+
+@pytest.mark.parametrize(
+    ("configuration", "options", "message"),
+    [
+        ("ScatterFlipIt", {}, "no environment ScatterFlipIt was registered .* there are: TowerFlipIt-v0"),
+        ("TowerFlipIt", {"speed": 9}, "speed"),
+    ],
+)
+def test_release__says_why_it_cannot_be_played(
+    release: Path, configuration: str, options: dict[str, int], message: str
+) -> None:
+    subject = release_subject(release, options)
+    with pytest.raises(ReleaseError, match=message), subject.open(Course(configuration, actions=11)):
+        pass
+
+
+def test_release__that_does_not_run_is_told_of(release: Path) -> None:
+    (release / "lilgym" / "__init__.py").write_text("raise SystemExit(3)")
+    subject = release_subject(release, {})
+    with pytest.raises(ReleaseError, match="exit code 3"), subject.open(Course("TowerFlipIt", actions=11)):
+        pass
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The quick effort, quicker still."""
+    monkeypatch.setattr("lilgym_mp.benchmark.EFFORTS", {"quick": SHORT})
+
+
+@pytest.mark.usefixtures("short")
+def test_bench__writes_tables_json_chart_and_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = tmp_path / "benchmarks.md"
+    document.write_text(f"# Benchmarks\n{BEGIN}\n{END}\n")
+    output = tmp_path / "out"
+    command = ["bench", "--quick", "--only", "single", "batched", "parts", "--configurations", "TowerScratch"]
+    assert main([*command, "--output", str(output), "--write-docs", str(document)]) == 0
+    printed = capsys.readouterr().out
+    assert "### TowerScratch" in printed
+    assert "batched 64, copied, Tower" in printed
+    assert printed.strip() in document.read_text()
+    written = json.loads((output / "bench.json").read_text())
+    names = {(result["name"], result["num_envs"]): result for result in written["results"]}
+    assert len(names["batched, no copy", 64]["rates"]) == SHORT.repeats
+    assert names["memory copy", 64]["of_copying"] is None
+    for picture in (output, tmp_path / "pictures"):
+        with Image.open(picture / "benchmark_scaling.png") as chart:
+            assert chart.format == "PNG"
+
+
+@pytest.mark.usefixtures("short")
+def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rate = Bench._rate
+    calls = iter(range(100))
+
+    def interrupted(self: Bench, play: Play) -> float:
+        if next(calls) == 9:
+            raise KeyboardInterrupt
+        return rate(self, play)
+
+    monkeypatch.setattr(Bench, "_rate", interrupted)
+    command = ["bench", "--quick", "--only", "single", "--output", str(tmp_path)]
+    assert main(command) == 130
+    written = json.loads((tmp_path / "bench.json").read_text())
+    assert written["is_interrupted"]
+    assert {result["configuration"] for result in written["results"]} == {"TowerFlipIt"}
+    assert len(written["results"]) == 8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--only", "speed"], "unknown group 'speed'; choose from batched, copy, parts"),
+        (["--configurations", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
+        (["--against", "nowhere"], "no lilGym release in nowhere: there is no such directory"),
+        (["--against", "."], "name the checkout that has the package 'lilgym' in it"),
+        (["--against-options", "[1]"], "must be a JSON object"),
+        (["--write-docs", "missing.md"], "cannot read missing.md"),
+        (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),
+    ],
+)
+def test_bench__refuses_what_it_cannot_do(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["bench", *arguments]) == 2
+    assert message in capsys.readouterr().err
