@@ -103,10 +103,9 @@ def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
 
 
 def curve(rows: list[dict[str, Any]]) -> str:
-    """The measures on the train split as an SVG picture."""
+    """The measures as an SVG picture: whole lines for the train split, dashed ones for dev."""
     width, height, left, top = 640, 320, 60, 30
-    points = [entry for entry in rows if entry["split"] == "train"]
-    most = max(entry["steps"] for entry in points) or 1
+    most = max(entry["steps"] for entry in rows) or 1
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + 2 * left}" height="{height + 90}"'
         ' font-family="sans-serif" font-size="14"><rect width="100%" height="100%" fill="white"/>'
@@ -116,10 +115,15 @@ def curve(rows: list[dict[str, Any]]) -> str:
         lines.append(f'<line x1="{left}" x2="{left + width}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>')
         lines.append(f'<text x="{left - 10}" y="{y + 5:.0f}" text-anchor="end">{tenth / 10:.1f}</text>')
     for number, (key, colour) in enumerate({"completeness": "#0f83ff", "soundness": "#c22"}.items()):
-        places = (
-            f"{left + width * entry['steps'] / most:.1f},{top + height * (1 - entry[key]):.1f}" for entry in points
-        )
-        lines.append(f'<polyline fill="none" stroke="{colour}" stroke-width="2" points="{" ".join(places)}"/>')
+        for split, dashes in {"train": "none", "dev": "6 4"}.items():
+            places = (
+                f"{left + width * entry['steps'] / most:.1f},{top + height * (1 - (entry[key] or 0)):.1f}"
+                for entry in rows
+                if entry["split"] == split
+            )
+            points = " ".join(places)
+            look = f'fill="none" stroke="{colour}" stroke-width="2" stroke-dasharray="{dashes}"'
+            lines.append(f'<polyline {look} points="{points}"/>')
         lines.append(f'<text x="{left + 170 * number}" y="{height + 80}" fill="{colour}">{key}</text>')
     lines.append(f'<text x="{left + width}" y="{height + 55}" text-anchor="end">{most:,} games judged</text>')
     lines.append(f'<text x="{left}" y="{height + 55}">0</text></svg>')

@@ -28,7 +28,7 @@ GAME: dict[str, Any] = {
     "appearance": "tower",
     "start": "scratch",
     "protocol": "audit",
-    "rewards": {PROPOSER: {"hidden": 1.0, "mdp": 0.5}, VERIFIER: "correctness"},
+    "rewards": {PROPOSER: {"hidden": 1.0, "mdp": 0.2}, VERIFIER: "correctness"},
     "false_reject_cost": 8.0,  # true claims are rare at first: rejecting everything must not pay
     "views": "structured",
     "reveal_truth": True,
