@@ -26,7 +26,7 @@ SPLIT = "dev"
 DEFAULT_STEPS = 100_000
 BACKEND = "batched"
 SAVE_EVERY = 20_000  # steps
-RANDOM_PASSES = 20  # visits to each task by the policies that draw at random
+PASSES = 10  # visits to each task, as all draw their actions
 FILMED = 9  # episodes
 PLACE = Path("runs") / "demo"
 
@@ -56,30 +56,30 @@ def run(args: argparse.Namespace) -> int:
     place = writable_directory(_empty(args.out) if args.out else next_free(PLACE))
     settings = Settings(CONFIGURATION)
     begun = begin_run(place / "agent", settings, Recipe(seed=args.seed, stop_forcing=True))
-    before = Contestant("untrained agent", begun.agent(), _details(begun))
+    before = _contestant("untrained agent", begun)
     print(f"training on {CONFIGURATION}, builtin corpus: {len(begun.tasks)} tasks, {args.steps:,} steps")
     with TrainingDisplay(0, args.steps) as display:
         trained = train(begun, args.steps, backend=BACKEND, save_every=SAVE_EVERY, on_update=display)
     if trained.steps < args.steps:
         raise KeyboardInterrupt
-    after = Contestant("trained agent", trained.agent(), _details(trained))
+    after = _contestant("trained agent", trained)
     _report(place, settings, args.seed, (before, after), {task.statement for task in trained.tasks})
     return 0
 
 
-def _details(run: Run) -> dict[str, Any]:
-    return {"actions": "greedy", "steps": run.steps, "trained_with": run.identity.to_json()}
+def _contestant(name: str, run: Run) -> Contestant:
+    details = {"actions": "sampled", "steps": run.steps, "trained_with": run.identity.to_json()}
+    return Contestant(name, run.agent(greedy=False), details)
 
 
 def _report(place: Path, settings: Settings, seed: int, agents: Sequence[Contestant], seen: set[str]) -> None:
     """Evaluates the agents, the last being the trained one, beside random play; writes and shows what came of it."""
-    once = Trial(settings, SPLIT, seed)
-    often = Trial(settings, SPLIT, seed, passes=RANDOM_PASSES)
-    of_agents, of_chance = list(once.results(agents, seen)), list(often.results(BASELINES, seen))
-    summary = "\n\n".join([f"Agents: {once}", f"Random play: {often}", table([*of_agents, *of_chance]), LEGEND])
-    write_json(place / "results.json", results_json({"agents": (once, of_agents), "random play": (often, of_chance)}))
+    trial = Trial(settings, SPLIT, seed, passes=PASSES)
+    results = list(trial.results((*agents, *BASELINES), seen))
+    summary = "\n\n".join([str(trial), table(results), LEGEND])
+    write_json(place / "results.json", results_json({"demo": (trial, results)}))
     write_text(place / "results.md", f"{summary}\n")
-    film_grid(place / "rollouts.gif", settings, SPLIT, _to_film(of_agents[-1].episodes))
+    film_grid(place / "rollouts.gif", settings, SPLIT, _to_film(results[len(agents) - 1].episodes))
     print(
         f"\n{summary}\n\nresults:  {place / 'results.md'}, {place / 'results.json'}\n"
         f"rollouts: {place / 'rollouts.gif'}\n"
@@ -88,9 +88,9 @@ def _report(place: Path, settings: Settings, seed: int, agents: Sequence[Contest
 
 
 def _to_film(episodes: Sequence[Episode]) -> list[Episode]:
-    """Episodes from all over the split, whether they succeed or not."""
-    every = max(1, len(episodes) // FILMED)
-    return list(episodes[::every][:FILMED])
+    """Episodes of the first pass, from all over the split, whether they succeed or not."""
+    tasks = len(episodes) // PASSES
+    return list(episodes[: tasks : max(1, tasks // FILMED)][:FILMED])
 
 
 def _empty(path: Path) -> Path:

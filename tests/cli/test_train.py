@@ -15,7 +15,8 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.demo import RANDOM_PASSES, next_free
+from lilgym_mp.cli.demo import PASSES, next_free
+from lilgym_mp.evaluation import Settings
 from tests.own_corpus import write_own_corpus
 
 LilGym = Callable[..., str]
@@ -181,9 +182,10 @@ def test_demo__leaves_results_films_and_the_agent(lilgym: LilGym, tmp_path: Path
     assert [row.split("|")[1].strip() for row in rows[2:]] == [
         *("untrained agent", "trained agent", "random legal", "random unmasked"),
     ]
-    written = json.loads((place / "results.json").read_text())["trials"]
-    agent = written["agents"]["policies"]["trained agent"]["episodes"]
-    assert len(written["random play"]["policies"]["random legal"]["episodes"]) == RANDOM_PASSES * len(agent)
+    policies = json.loads((place / "results.json").read_text())["trials"]["demo"]["policies"]
+    tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
+    for policy in policies.values():
+        assert [episode["task_id"] for episode in policy["episodes"]] == [*tasks] * PASSES
     with Image.open(place / "rollouts.gif") as film:
         assert getattr(film, "n_frames", 1) > 1
 
