@@ -29,7 +29,8 @@ PREFIX = "generated"
 SIZES = {"train": 250, "dev": 50, "test": 100}  # statements
 SPLIT_SHARES = {"train": 7, "dev": 1, "test": 2}  # of all programs
 STOCK_SIZE = 32  # chains of scenes
-WORDINGS = 3  # of one program, at most
+WORDINGS = 3  # of one program, at most, while there are programs enough
+PATIENCE = 3_000  # drafts, after which a small level may have WORDINGS more of each program
 TRIVIAL_SHARE = 0.05  # of the statements may be true of the empty scene
 CACHED_CORPORA = 16
 NAME = "lilgym_mp generated corpus"
@@ -90,8 +91,9 @@ def generated_entries(recipe: Recipe, appearance: str, split: str) -> tuple[Entr
     stock = Stock.made(appearance, rng, STOCK_SIZE)
     choices = random.Random(rng.getrandbits(64))
     chosen = Selection()
-    for draft in drafts(appearance, recipe.level, rng):
-        if split_of(draft.program) == split and chosen.wants(draft):
+    for number, draft in enumerate(drafts(appearance, recipe.level, rng)):
+        wordings = WORDINGS * (1 + number // PATIENCE)
+        if split_of(draft.program) == split and chosen.wants(draft, wordings):
             entry = proven(draft, stock, choices)
             if entry is not None:
                 chosen.add(entry)
@@ -109,10 +111,10 @@ class Selection:
         self._wordings: Counter[str] = Counter()
         self._trivial = 0
 
-    def wants(self, draft: Draft) -> bool:
+    def wants(self, draft: Draft, most_wordings: int) -> bool:
         return (
             normalised(draft.statement) not in self._seen
-            and self._wordings[draft.program] < WORDINGS
+            and self._wordings[draft.program] < most_wordings
             and (not is_trivial(draft) or self._trivial < TRIVIAL_SHARE * len(self.entries))
         )
 
