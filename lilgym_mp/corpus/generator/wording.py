@@ -105,8 +105,8 @@ class Sentences(Phrases):
                 return self.each_tower_frames(conditions)
             case BoxIs():
                 return self.named_box_frames(clause)
-            case Every(noun, trait):
-                return self.every_frames(clause, noun, trait)
+            case Every():
+                return self.every_frames(clause)
             case NotEvery(noun, trait):
                 return [
                     lambda: f"not every {self.noun(noun, False)} {self.predicate(trait, False)}",
@@ -235,8 +235,8 @@ class Sentences(Phrases):
             ]
         return [told]
 
-    def every_frames(self, clause: Every, noun: Noun, trait: object) -> list[Frame]:
-        predicate = clause.trait
+    def every_frames(self, clause: Every) -> list[Frame]:
+        noun, predicate = clause.noun, clause.trait
         frames: list[Frame] = [
             lambda: f"{self.pick('every', 'each')} {self.noun(noun, False)} {self.predicate(predicate, False)}",
             lambda: f"all of the {self.noun(noun, True)} {self.predicate(predicate, True)}",
@@ -344,11 +344,8 @@ class Sentences(Phrases):
             frames.append(lambda: f"none of the {several} {self.have(conditions, False)}")
         if quantity == SOME and len(conditions) == 1 and isinstance(conditions[0], Has) and conditions[0].quantity.low:
             has = conditions[0]
-            inside = "some"
             frames.append(
-                lambda: (
-                    f"{self.pick('in', 'inside')} {inside} {word} {self.there(self.quantified(has.quantity, has.noun))}"
-                )
+                lambda: f"{self.pick('in', 'inside')} some {word} {self.there(self.quantified(has.quantity, has.noun))}"
             )
         return frames
 
