@@ -1,7 +1,7 @@
 """Many episodes of one MDP at once: `rules.Dynamics` over the arrays of a `Block`.
 
-`EpisodeLoop` steps one state after another and serves every appearance; `tower_arrays.TowerArrays` does the same
-with array operations.
+`EpisodeLoop` steps one state after another and serves every appearance; `tower_arrays.TowerArrays` and, for many
+environments, `scatter_arrays.ScatterArrays` do the same with array operations.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Core(Protocol):
 
 
 def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> Core:
-    """The fastest core for the appearance."""
+    """The fastest core for the appearance and number of environments."""
     if isinstance(dynamics.appearance, Tower):
         return TowerArrays(dynamics, tasks, block, image_size)
     if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_SCATTER_ARRAYS:
