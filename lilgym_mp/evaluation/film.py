@@ -47,7 +47,7 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
     """The start and each action of an episode, played again."""
     env.reset(options={"task": episode.task_id})
     appearance = env.dynamics.appearance
-    task = f"\"{episode.statement}\" Make it {str(episode.target).lower()}."
+    task = f'"{episode.statement}" Make it {str(episode.target).lower()}.'
     yield Moment(draw(env.scene), task, "start", PENDING_RGB)
     for number, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(action)
