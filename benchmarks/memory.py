@@ -1,8 +1,8 @@
 """Memory of many batched environments beyond their images, and the time of `import lilgym_mp`.
 
-Each configuration is measured in a process of its own: resident memory with the package imported and the tasks
-loaded (which all environments share), then with the environments made, reset and played for some steps of random
-legal actions, less the bytes of the images that they hold (the batch's own and, with copies, the last one given away).
+Each configuration is measured in a process of its own: resident memory with the package imported, the tasks loaded
+and the caches filled by as many steps of a smaller batch (all environments share those), then with the environments
+made and played for some steps, without asking for masks and with it, less the bytes of the images.
 Run: python benchmarks/memory.py [--num-envs 1024] [--corpus lilgym]
 """
 
@@ -18,37 +18,39 @@ CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
 IMPORTS = 7
 
 ENVIRONMENTS = """
-import gc, sys
+import ctypes, gc, sys
 from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import lilgym_mp
-from lilgym_mp.corpus import load_tasks
 
 def resident():
     gc.collect()
+    getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # freed memory goes back, where the C library can do that
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
-def play(env, steps):
+def play(env, steps, with_masks):
     chance = np.random.default_rng(0)
-    observations, _ = env.reset(seed=0)
+    env.reset(seed=0)
     for _ in range(steps):
-        masks = env.action_masks()
-        drawn = (chance.random(len(masks)) * masks.sum(1)).astype(np.int64)
-        observations = env.step((masks.cumsum(1, dtype=np.int32) > drawn[:, None]).argmax(1))[0]
-    return observations
+        if with_masks:
+            masks = env.action_masks()
+            drawn = (chance.random(len(masks)) * masks.sum(1)).astype(np.int64)
+            actions = (masks.cumsum(1, dtype=np.int32) > drawn[:, None]).argmax(1)
+        else:
+            actions = chance.integers(env.single_action_space.n, size=env.num_envs)
+        env.step(actions)
 
 configuration, num_envs, steps, corpus = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 name = f"lilgym_mp/{configuration}-v0"
-small = gym.make_vec(name, num_envs=1, corpus=corpus, copy=False)
-play(small, 1)
+small = gym.make_vec(name, num_envs=64, corpus=corpus, copy=False)
+play(small, num_envs * steps // 64, True)
 before = resident()
 env = gym.make_vec(name, num_envs=num_envs, corpus=corpus, copy=False)
-env.reset(seed=0)
-images = env.reset()[0]["image"].nbytes
-print(resident() - before - images)
-play(env, steps)
-print(resident() - before - images)
+images = env.reset(seed=0)[0]["image"].nbytes
+for with_masks in (False, True):
+    play(env, steps, with_masks)
+    print(resident() - before - images)
 """
 
 IMPORT = "from time import perf_counter as now; start = now(); import lilgym_mp; print(now() - start)"
@@ -68,10 +70,10 @@ def main() -> None:
     parser.add_argument("--corpus", default="builtin")
     given: Any = parser.parse_args()
     for name in CONFIGURATIONS:
-        made, played = _printed(ENVIRONMENTS, name, str(given.num_envs), str(given.steps), given.corpus)
+        bare, masked = _printed(ENVIRONMENTS, name, str(given.num_envs), str(given.steps), given.corpus)
         print(
             f"{name}, corpus {given.corpus}: {given.num_envs:,} environments beyond their images:"
-            f" {made / 1e6:.1f} MB after reset, {played / 1e6:.1f} MB after {given.steps} steps with masks",
+            f" {bare / 1e6:.1f} MB, with masks {masked / 1e6:.1f} MB",
             flush=True,
         )
     times = [_printed(IMPORT)[0] for _ in range(IMPORTS)]
