@@ -27,6 +27,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--configuration", default="TowerScratch")
     parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--envs", type=int, default=32)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
@@ -39,14 +40,14 @@ def main() -> None:
         MaskedActorCritic,
         make_vec_env(
             settings.id,
-            n_envs=32,
+            n_envs=args.envs,
             wrap=partial(stop_forcing_v0, mode="mask"),  # PPO+SF of the paper; leave it out for plain PPO
             vocabulary=vocabulary,
             length=length,
             **settings.arguments("train"),
         ),
         n_steps=64,
-        batch_size=256,
+        batch_size=min(256, 64 * args.envs),
         n_epochs=4,
         learning_rate=2e-3,
         ent_coef=0.1,

@@ -1,0 +1,114 @@
+"""The examples run short and do what they promise; those of the game and of texts have their tests beside these."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import runpy
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+EXAMPLES = TESTS.parent / "examples"
+TESTED_ELSEWHERE = {  # example: the file of tests that runs it
+    "language_model_agent.py": "wrappers/test_text.py",
+    "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
+    "proposer_verifier_both_learn.py": "envs/proposer_verifier/test_examples.py",
+    "self_play_sneaky_and_helpful.py": "envs/proposer_verifier/test_examples.py",
+    "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
+}
+SECONDS = 300  # for one process; a local Ray takes its time on a busy machine
+
+Run = Callable[..., str]
+
+
+def _needs(name: str, module: str, extra: str) -> None:
+    if importlib.util.find_spec(module) is None:
+        pytest.skip(f"{module} is not installed: examples/{name} needs the extra `{extra}`")
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs an example in this process and gives what it prints."""
+
+    def run_example(name: str, *arguments: str) -> str:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run_example
+
+
+@pytest.fixture
+def run_apart(tmp_path: Path) -> Run:
+    """Runs an example in a process of its own and gives what it prints."""
+
+    def run_example(name: str, *arguments: str) -> str:
+        done = subprocess.run(
+            [sys.executable, EXAMPLES / name, *arguments],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(EXAMPLES.parent)},
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run_example
+
+
+def test_every_example__is_run_by_a_test() -> None:
+    untested = [
+        path.name
+        for path in EXAMPLES.glob("*.py")
+        if f'"{path.name}"' not in (TESTS / TESTED_ELSEWHERE.get(path.name, Path(__file__).name)).read_text()
+    ]
+    assert not untested
+
+
+def test_first_steps__plays_and_leaves_a_picture(run: Run, tmp_path: Path) -> None:
+    if not (EXAMPLES / "first_steps.py").exists():
+        pytest.skip("examples/first_steps.py is not there")
+    assert "reward" in run("first_steps.py", "--steps", "2")
+    assert (tmp_path / "first_steps.png").stat().st_size > 0
+
+
+def test_train_masked_ppo__compares_what_it_trained(run: Run) -> None:
+    _needs("train_masked_ppo.py", "sb3_contrib", "sb3")
+    assert "trained agent" in run("train_masked_ppo.py", "--steps", "64", "--envs", "1")
+
+
+@pytest.mark.parametrize("options", [(), ("--masked",)])
+def test_sb3_ppo__learns_the_same_over_sb3s_processes_and_over_a_batch(run: Run, options: tuple[str, ...]) -> None:
+    _needs("sb3_ppo.py", "sb3_contrib", "sb3")
+    short = ("--steps", "32", "--envs", "2", "--rollout", "16", "--backends", "subproc", "batched")
+    printed = run("sb3_ppo.py", *short, *options)
+    returns = re.findall(r"PPO over (\w+) +32 steps .* episodes ([-+.\d]+)$", printed, re.MULTILINE)
+    assert [backend for backend, _ in returns] == ["subproc", "batched"]
+    assert returns[0][1] == returns[1][1]
+
+
+def test_torchrl__collects_legal_actions_only(run_apart: Run) -> None:
+    _needs("torchrl_rollout.py", "torchrl", "torchrl")
+    printed = run_apart("torchrl_rollout.py", "--steps", "64", "--envs", "2", "--batch", "64", "--width", "8")
+    assert "legal actions 100%" in printed
+
+
+def test_rllib_two_policies__both_learn_on_a_local_ray(run_apart: Run) -> None:
+    _needs("rllib_two_policies.py", "ray", "rllib")
+    printed = run_apart("rllib_two_policies.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "1")
+    assert re.search(r"64 steps  mean return  proposer_0 \S+  verifier_0 \S+$", printed, re.MULTILINE)
+
+
+def test_rllib_single_agent__learns_on_a_local_ray(run_apart: Run) -> None:
+    _needs("rllib_single_agent.py", "ray", "rllib")
+    printed = run_apart("rllib_single_agent.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "0")
+    assert "steps  mean return" in printed
