@@ -37,7 +37,7 @@ try:
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[torchrl]"')
 
-PARTS = ["items", "statement", "target"]
+PARTS = ["item_array", "statement", "target"]
 MASK = "action_mask"
 
 
@@ -83,7 +83,7 @@ class LegalPolicy(nn.Module):
 
 def actor_and_critic(env: EnvBase, width: int) -> tuple[ProbabilisticActor, ValueOperator]:
     spec = env.observation_spec
-    items, words = spec["items"].shape.numel(), int(spec["statement"].space.high.max()) + 1
+    items, words = spec["item_array"].shape.numel(), int(spec["statement"].space.high.max()) + 1
     policy = TensorDictModule(
         LegalPolicy(Network(items, words, env.action_spec.space.n, width)),
         in_keys=[*PARTS, MASK],

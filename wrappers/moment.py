@@ -19,7 +19,7 @@ from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 BoolArray = NDArray[np.bool_]
 Int64Array = NDArray[np.int64]
 
-IMAGE, ITEMS, PLANES = "image", "items", "planes"  # the observation's parts that show the scene
+IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # the observation's parts that show the scene
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 

@@ -45,7 +45,7 @@ class Items(SceneFormat):
 class StructuredObservation(EnvWrapper[Items]):
     """Replaces "image" by the items themselves.
 
-    "items": int16 (3, C, 5), for each box, left to right, its items' x, y (pixels from the box's top-left corner),
+    "item_array": int16 (3, C, 5), for each box, left to right, its items' x, y (pixels from the box's top-left corner),
     shape, colour and size, in the order they came, -1 in empty slots; C, the most items that a box can come to
     have, depends on the corpus and the horizon. "present": int8 (3, C), 1 where there is an item.
     `keep_image` leaves "image" beside them.

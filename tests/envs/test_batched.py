@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import tracemalloc
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -252,10 +255,9 @@ def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) 
         env.reset(**arguments)
 
 
-def test_batched__memory_stays_the_same_over_a_long_run() -> None:
-    import tracemalloc
-
-    env = batch(SCATTER, 16, copy=False)
+@pytest.mark.parametrize("count", [16, 64])
+def test_batched__memory_stays_the_same_over_a_long_run(count: int, own_corpus: Path) -> None:
+    env = batch(SCATTER, count, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)
     generator = np.random.default_rng(0)
 

@@ -36,14 +36,14 @@ def seen(env: gym.Env[Any, Any], task: str = "round-yes") -> Any:
 
 def test_structured__lists_the_items_box_by_box(make: Make):
     observation = seen(StructuredObservation(make("ScatterFlipIt")))
-    assert observation["items"][1, :3].tolist() == [CIRCLE, TRIANGLE, [-1] * 5]
+    assert observation["item_array"][1, :3].tolist() == [CIRCLE, TRIANGLE, [-1] * 5]
     assert observation["present"].sum(axis=1).tolist() == [0, 2, 0]
-    assert set(observation) == {"items", "present", "statement", "target"}
+    assert set(observation) == {"item_array", "present", "statement", "target"}
 
 
 def test_structured__has_room_for_every_item_that_play_can_add(make: Make):
     env = StructuredObservation(make("ScatterFlipIt"))
-    assert env.observation_space["items"].shape == (3, 2 + HORIZON, 5)
+    assert env.observation_space["item_array"].shape == (3, 2 + HORIZON, 5)
 
 
 def test_structured__holds_items_that_the_release_puts_outside_a_box(make: Make):
@@ -58,7 +58,7 @@ def test_structured__holds_items_that_the_release_puts_outside_a_box(make: Make)
             observation, _, terminated, truncated, _ = env.step(action)
             assert observation in env.observation_space
             ended = terminated or truncated
-            outside |= bool((observation["items"][..., :2][observation["present"] == 1] < 0).any())
+            outside |= bool((observation["item_array"][..., :2][observation["present"] == 1] < 0).any())
     assert outside
 
 

@@ -75,7 +75,7 @@ def test_format__changes_what_each_agent_sees(settings: dict[str, Any]):
         assert observations[agent] in game.observation_space(agent)
     game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
     observations = game.step({PROPOSER: STOP, VERIFIER: ACCEPT})[0]
-    assert observations[PROPOSER]["observation"]["items"][0, 0].tolist() == [40, 80, 1, 2, 1]
+    assert observations[PROPOSER]["observation"]["item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
 def test_format__shows_no_scene_to_an_agent_that_must_not_see_it(settings: dict[str, Any]):
