@@ -24,7 +24,7 @@ class Effort(NamedTuple):
     actions: int = ACTIONS  # of a course's play
 
 
-EFFORTS: Mapping[str, Effort] = {"full": Effort(9, 0.1), "quick": Effort(3, 0.02, ACTIONS // 4)}
+EFFORTS: Mapping[str, Effort] = {"full": Effort(9, 0.1), "quick": Effort(3, 0.01, ACTIONS // 8)}
 
 
 @dataclass
