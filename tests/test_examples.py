@@ -75,8 +75,6 @@ def test_every_example__is_run_by_a_test() -> None:
 
 
 def test_first_steps__plays_and_leaves_a_picture(run: Run, tmp_path: Path) -> None:
-    if not (EXAMPLES / "first_steps.py").exists():
-        pytest.skip("examples/first_steps.py is not there")
     assert "reward" in run("first_steps.py", "--steps", "2")
     assert (tmp_path / "first_steps.png").stat().st_size > 0
 

@@ -50,5 +50,6 @@ def test_self_play__plays_and_reports(run: Run):
     assert "soundness" in printed
 
 
+@pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # of SuperSuit's class
 def test_supersuit__plays_or_says_what_is_missing(run: Run):
     assert "steps of 2 agents" in run("supersuit_ppo.py", "--steps", "64", "--games", "2")
