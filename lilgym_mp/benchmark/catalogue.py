@@ -104,8 +104,8 @@ def _sb3() -> list[Subject]:
         *(subject("workers", count, num_workers=2) for count in WORKER_BATCHES),
         *(subject("dummy", count) for count in (8, 64)),
         *(subject("subproc", count) for count in (8, 64)),
-        subject("batched", 64, masks=True),
-        subject("subproc", 64, masks=True),
+        *(subject("batched", count, masks=True) for count in (8, 64)),
+        subject("subproc", 8, masks=True),
     ]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.benchmark.goals import verdicts
-from lilgym_mp.benchmark.measuring import Bench, Measurement
+from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Measurement
 from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.evaluation.report import aligned, software
 
@@ -44,10 +44,11 @@ def report_text(bench: Bench) -> str:
 def circumstances(bench: Bench) -> str:
     """When, where and under which load."""
     begin, end = bench.load_averages
+    command = "lilgym-mp bench" + " --quick" * (bench.effort == EFFORTS["quick"])
     texts = [
         f"Measured {datetime.now(UTC):%Y-%m-%d %H:%M} UTC on {_processor()}, {usable_cores()} cores,"
         f" Python {platform.python_version()}; load average {begin:.1f} at the beginning and {end:.1f} at the end;"
-        f" {bench.effort.repeats} rounds.",
+        f" `{command}`, {bench.effort.repeats} rounds.",
     ]
     if bench.is_interrupted:
         texts.append("**Interrupted: not everything was measured.**")
