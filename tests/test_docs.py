@@ -11,19 +11,15 @@ ROOT = Path(__file__).parent.parent
 DOCUMENTS = ("README.md", "docs/fidelity.md", "docs/vectorised.md")
 
 
-def blocks() -> list[tuple[str, str]]:
-    found: list[tuple[str, str]] = []
-    for name in DOCUMENTS:
-        texts = re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
-        found += [(f"{name} {number}", text) for number, text in enumerate(texts, start=1)]
-    return found
-
-
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
-@pytest.mark.parametrize(("name", "text"), blocks(), ids=[name for name, _ in blocks()])
-def test_code_block__runs(name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
+    assert texts
     monkeypatch.chdir(tmp_path)
-    exec(compile(text, name, "exec"), {"__name__": "__main__"})
+    names = {"__name__": "__main__"}
+    for number, text in enumerate(texts, start=1):
+        exec(compile(text, f"{name}, block {number}", "exec"), names)
 
 
 def test_links_between_documents__lead_somewhere() -> None:

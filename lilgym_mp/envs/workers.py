@@ -65,7 +65,7 @@ _WRITES = {"mask": Order.MASK, "goal": Order.GOAL, "items": Order.ITEMS}
 _WRITTEN = {order: what for what, order in _WRITES.items()}
 
 _WORDS = ALIGNMENT // 8  # 64-bit words of a cache line
-_lock = threading.Lock()
+_lock = threading.RLock()
 
 
 def _fence() -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import gymnasium as gym
@@ -194,21 +195,22 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
     script = tmp_path / "loop.py"
     script.write_text(LOOP)
     before = set(os.listdir("/dev/shm"))
-    caller = subprocess.Popen(
-        [sys.executable, script, start_method, "once" if how == "exception" else "forever"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert caller.stdout is not None
-    pids = tuple(map(int, caller.stdout.readline().split()))
-    assert len(pids) == 2
-    if how == "Ctrl-C":
-        os.killpg(caller.pid, signal.SIGINT)
-    elif how == "killed":
-        caller.kill()
-    _, complaint = caller.communicate(timeout=60)
+    command = [sys.executable, script, start_method, "once" if how == "exception" else "forever"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as caller:
+        try:
+            assert caller.stdout is not None
+            pids = tuple(map(int, caller.stdout.readline().split()))
+            assert len(pids) == 2
+            if how == "Ctrl-C":
+                os.killpg(caller.pid, signal.SIGINT)
+            elif how == "killed":
+                caller.kill()
+            _, complaint = caller.communicate(timeout=60)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(caller.pid, signal.SIGKILL)
     assert_gone(pids)
     assert set(os.listdir("/dev/shm")) <= before
     assert "lilgym_mp worker" not in complaint  # no traceback of a worker
