@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.render import UInt8Array, image_shape
+from lilgym_mp.rules import Situation
 
 BoolArray = NDArray[np.bool_]
 Int8Array = NDArray[np.int8]
@@ -25,6 +26,9 @@ Float64Array = NDArray[np.float64]
 INVALID_REASONS = tuple(InvalidReason)  # by number in `Block.invalid`
 REASON_NUMBERS = {reason: number for number, reason in enumerate(INVALID_REASONS)}
 NO_REASON = -1
+# Plain numbers for arrays: NumPy asks an enum's member for attributes through Python code, which takes microseconds and
+# in which a Ctrl-C would be lost.
+RIGHT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(situation) for situation in Situation)
 ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
 
 

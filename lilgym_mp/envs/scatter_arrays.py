@@ -15,7 +15,17 @@ from lilgym_mp.appearances import Edit, InvalidReason, Scatter
 from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, OVERLAPPING
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, BoolArray, Int64Array
+from lilgym_mp.envs.block import (
+    INVALID_EDIT,
+    NO_REASON,
+    REASON_NUMBERS,
+    RIGHT_STOP,
+    VALID_EDIT,
+    WRONG_STOP,
+    Block,
+    BoolArray,
+    Int64Array,
+)
 from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_painter import TAKEN, Change, ScatterPainter
 from lilgym_mp.envs.scatter_tables import (
@@ -33,7 +43,7 @@ from lilgym_mp.envs.scatter_tables import (
     unpacked,
 )
 from lilgym_mp.observation import EMPTY, item_array
-from lilgym_mp.rules import Dynamics, Situation, State
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Size
 
 KEPT_ITEMS = 16_384
@@ -155,7 +165,7 @@ class ScatterArrays:
         actions = block.action[which]
         steps = block.steps[which] + 1
         last = steps >= self._dynamics.horizon
-        applies = self._applies[2 * Situation.VALID_EDIT + last]
+        applies = self._applies[2 * VALID_EDIT + last]
         reasons = np.full(len(which), NO_REASON)
         edits, stops, loose = self._decoded(which, actions), actions == 0, self._loose[which]
         removes = edits.looks == NO_LOOK
@@ -169,10 +179,10 @@ class ScatterArrays:
             self._painter.change(changes)
         for place in np.flatnonzero(loose & ~stops).tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
-        situations = np.where(reasons == NO_REASON, Situation.VALID_EDIT, Situation.INVALID_EDIT)
+        situations = np.where(reasons == NO_REASON, VALID_EDIT, INVALID_EDIT)
         for place in np.flatnonzero(stops).tolist():
             solved = self._solved(int(which[place]))
-            situations[place] = Situation.RIGHT_STOP if solved else Situation.WRONG_STOP
+            situations[place] = RIGHT_STOP if solved else WRONG_STOP
         block.steps[which] = steps
         block.verdict[which] = 2 * situations + last
         block.invalid[which] = reasons

@@ -10,10 +10,19 @@ from numpy.typing import NDArray
 
 from lilgym_mp.appearances.tower import BLOCK_X, EDIT_REASONS, LEVEL_Y, tower_tables
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, Int64Array
+from lilgym_mp.envs.block import (
+    INVALID_EDIT,
+    NO_REASON,
+    REASON_NUMBERS,
+    RIGHT_STOP,
+    VALID_EDIT,
+    WRONG_STOP,
+    Block,
+    Int64Array,
+)
 from lilgym_mp.observation import Int16Array, item_array
 from lilgym_mp.render import UInt8Array, draw, shrink_of
-from lilgym_mp.rules import Dynamics, Situation, State
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Box, Colour, Item, Scene, Shape, Size
 
 _REASONS = np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS])  # by column of `TowerTables.after`
@@ -53,15 +62,15 @@ class TowerArrays:
         boxes, edits = tables.action_box[actions], tables.action_edit[actions]
         before = self._boxes[which, boxes]
         after = tables.after[before, edits]
-        situations = np.where(after < 0, Situation.INVALID_EDIT, Situation.VALID_EDIT)
+        situations = np.where(after < 0, INVALID_EDIT, VALID_EDIT)
         for place in np.flatnonzero(actions == 0).tolist():
             solved = self._solved(int(which[place]))
-            situations[place] = Situation.RIGHT_STOP if solved else Situation.WRONG_STOP
+            situations[place] = RIGHT_STOP if solved else WRONG_STOP
         steps = block.steps[which] + 1
         verdicts = 2 * situations + (steps >= self._dynamics.horizon)
         block.steps[which] = steps
         block.verdict[which] = verdicts
-        block.invalid[which] = np.where(situations == Situation.INVALID_EDIT, _REASONS[edits], NO_REASON)
+        block.invalid[which] = np.where(situations == INVALID_EDIT, _REASONS[edits], NO_REASON)
         applied = np.flatnonzero(self._applies[verdicts])
         which, boxes, after = which[applied], boxes[applied], after[applied]
         self._painter.paint(which, boxes, before[applied], after)

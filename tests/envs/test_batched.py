@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import sys
 import tracemalloc
 from pathlib import Path
+from types import FrameType
 
 import gymnasium as gym
 import numpy as np
@@ -273,3 +275,26 @@ def test_batched__memory_stays_the_same_over_a_long_run(count: int, own_corpus: 
     growth = tracemalloc.get_traced_memory()[0] - first
     tracemalloc.stop()
     assert growth < 2_000_000
+
+
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+@pytest.mark.parametrize("count", [4, 64])
+def test_step__asks_no_enum_for_attributes_since_numpy_would_lose_an_interrupt_there(id: str, count: int) -> None:
+    env = batch(id, count)
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+    actions = [random_actions(env.action_masks(), generator) for _ in range(3)]
+    env.step(actions[0])  # programs are compiled now
+    asked: list[str] = []
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and frame.f_code.co_name == "__getattr__" and frame.f_code.co_filename.endswith("enum.py"):
+            asked.append(str(frame.f_locals.get("name")))
+
+    sys.setprofile(note)
+    try:
+        for chosen in actions:
+            env.step(chosen)
+    finally:
+        sys.setprofile(None)
+    assert not asked
