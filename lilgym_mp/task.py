@@ -27,4 +27,4 @@ class Task:
 
     def solved_by(self, scene: Scene) -> bool:
         """Whether STOP succeeds in `scene`."""
-        return self.truth(scene) == self.target
+        return compile_program(self.program)(scene) == self.target

