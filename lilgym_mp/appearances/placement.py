@@ -53,12 +53,11 @@ class PlacementTables:
     outlines: Sequence[Ring]  # by kind: relative to the bounding square's centre
     pixel_areas: NDArray[np.int64]  # (9, 30, 30) by kind, x, y: area of the shape in that pixel, in AREA_UNITs
 
-    def clearance_code(self, kind: int, x: int, y: int, other: Item) -> int:
-        """How a new item of `kind` at (x, y) lies to `other`: OVERLAPPING, 1 + distance, or FIRST_TOO_FAR."""
-        return self.closest(kind, x, y, (other,))[0]
-
     def closest(self, kind: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
-        """The smallest clearance code of a new item of `kind` at (x, y), and the first of `items` with it, if near."""
+        """How a new item of `kind` at (x, y) lies to the closest of `items`, and which that is, the first if several are.
+
+        OVERLAPPING, or 1 + truncated distance; FIRST_TOO_FAR and None when none is near.
+        """
         by_kind = self.clearance[kind]
         smallest = FIRST_TOO_FAR
         closest = None
