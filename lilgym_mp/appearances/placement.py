@@ -54,7 +54,7 @@ class PlacementTables:
     pixel_areas: NDArray[np.int64]  # (9, 30, 30) by kind, x, y: area of the shape in that pixel, in AREA_UNITs
 
     def closest(self, kind: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
-        """How a new item of `kind` at (x, y) lies to the closest of `items`, and which that is, the first if several are.
+        """How a new item of `kind` at (x, y) lies to the closest of `items`, and which that is (the first, if several).
 
         OVERLAPPING, or 1 + truncated distance; FIRST_TOO_FAR and None when none is near.
         """

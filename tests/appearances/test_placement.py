@@ -86,7 +86,7 @@ def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_kind: i
     places = [(OLDER_AT[0] + dx, OLDER_AT[1] + dy) for dx in SPAN for dy in SPAN]
     for kind in KINDS:
         codes = codes_of(placed(kind), outlines)
-        assert [tables.clearance_code(kind, x, y, older) for x, y in places] == codes.tolist()
+        assert [tables.closest(kind, x, y, (older,))[0] for x, y in places] == codes.tolist()
         near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
         moves = [tables.move(kind, *places[index], older, frame_x=0) for index in near]
         assert np.array_equal(moves, moves_of(placed(kind)[near], outlines[near]))
@@ -99,7 +99,7 @@ def test_offsets_outside_the_table__are_too_far(kind: int):
     for step in (-OFFSET_LIMIT - 1, OFFSET_LIMIT + 1):
         for dx, dy in ((step, 0), (0, step)):
             x, y = OLDER_AT[0] + dx, OLDER_AT[1] + dy
-            assert placement_tables().clearance_code(kind, x, y, older) == FIRST_TOO_FAR
+            assert placement_tables().closest(kind, x, y, (older,)) == (FIRST_TOO_FAR, None)
             assert shapely.distance(script.kind_polygon(kind, x, y), outline) >= 5
 
 
@@ -127,7 +127,7 @@ def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tupl
 
 def test_random_places__overlap_distance_and_move_equal_shapelys_in_every_box():
     tables, placements = placement_tables(), random_placements()
-    codes = np.array([tables.clearance_code(*placement) for placement in placements])
+    codes = np.array([tables.closest(kind, x, y, (older,))[0] for kind, x, y, older in placements])
     near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
     assert len(near) > RANDOM_PLACEMENTS / 5
     for frame_x in (0, BOX_PITCH, 2 * BOX_PITCH):

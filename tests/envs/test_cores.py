@@ -212,7 +212,7 @@ def test_touching_items__look_the_same_in_any_order() -> None:
         there = other(35, 35, LARGE, K)
         for x, y in product(range(14, 67), repeat=2):
             item = new(x, y, MEDIUM, B)
-            if 0 < placement_tables().clearance_code(item.kind, x, y, there) < 3:
+            if 0 < placement_tables().closest(item.kind, x, y, (there,))[0] < 3:
                 assert np.array_equal(draw(scene([there, item])), draw(scene([item, there])))
 
 
