@@ -212,16 +212,35 @@ def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
     return np.ascontiguousarray((2 * inside >= half_items) | (2 * inside >= half_cell))
 
 
+def _as_bits(flags: BoolArray, pitch: int) -> int:
+    """Flags (columns, rows) as one number, whose bit column * pitch + row tells of each."""
+    padded = np.zeros((len(flags), pitch), np.bool_)
+    padded[:, : flags.shape[1]] = flags
+    return int.from_bytes(np.packbits(padded, bitorder="little").tobytes(), "little")
+
+
+def _search_pitch(cell_height: int) -> int:
+    """Bits for a column, so many that what is shifted out of a column's cell never reaches into the next one's."""
+    return cell_height + 2 * LARGEST_SIDE
+
+
 @cache
-def _search_places(kind: int, fitting: tuple[int, int], cell: tuple[int, int]) -> BoolArray:
-    """(cell width, cell height): where in a cell the search may place an item when nothing else is there.
+def _search_bits(kind: int, fitting: tuple[int, int], cell: tuple[int, int]) -> int:
+    """Where in a cell the search may place an item when nothing else is there.
 
     `fitting`: how many columns and rows of the cell are such that the item stays in the box.
     """
     places = search_offsets(*cell)[kind].copy()
     places[max(0, fitting[0]) :] = False
     places[:, max(0, fitting[1]) :] = False
-    return places
+    return _as_bits(places, _search_pitch(cell[1]))
+
+
+@cache
+def _overlap_bits(cell_height: int) -> Sequence[Sequence[int]]:
+    """(9, 9) by other kind and new kind: at which offsets from -30 the two overlap, in x and y."""
+    pitch = _search_pitch(cell_height)
+    return [[_as_bits(~clear, pitch) for clear in by_new] for by_new in clear_templates()]
 
 
 def searched(
@@ -232,19 +251,19 @@ def searched(
     Columns from left to right, and rows from top to bottom within a column.
     """
     width, height = cell
+    pitch = _search_pitch(height)
     beyond = BOX_SIDE - KIND_PIXELS[kind] + 1
-    fitting = min(width, beyond - cell_x), min(height, beyond - cell_y)
-    places = _search_places(kind, fitting, cell).copy()
-    clear = clear_templates()
+    free = _search_bits(kind, (min(width, beyond - cell_x), min(height, beyond - cell_y)), cell)
+    overlaps = _overlap_bits(height)
     for item in items:
-        left, top = cell_x - item.x + LARGEST_SIDE, cell_y - item.y + LARGEST_SIDE
+        left, top = cell_x - item[0] + LARGEST_SIDE, cell_y - item[1] + LARGEST_SIDE
         if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:
-            template = clear[item.kind, kind, max(0, left) : left + width, max(0, top) : top + height]
-            first_x, first_y = max(0, -left), max(0, -top)
-            places[first_x : first_x + template.shape[0], first_y : first_y + template.shape[1]] &= template
-    first = int(places.argmax())
-    offset_x, offset_y = divmod(first, height)
-    return (cell_x + offset_x, cell_y + offset_y) if places[offset_x, offset_y] else None
+            taken, shift = overlaps[item[2] * 3 + item[4]][kind], left * pitch + top
+            free &= ~(taken >> shift if shift >= 0 else taken << -shift)
+    if not free:
+        return None
+    offset_x, offset_y = divmod((free & -free).bit_length() - 1, pitch)
+    return cell_x + offset_x, cell_y + offset_y
 
 
 def check_apart(items: Sequence[Item]) -> None:
