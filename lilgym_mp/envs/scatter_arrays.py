@@ -1,7 +1,8 @@
 """Many Scatter scenes at once: a core whose items are numbers, over the tables that the appearance itself reads.
 
 What array operations do not settle (a search in the cell, a tie between nearest points, a scene with items that
-overlap or lie outside their box, as the release's rules allow) is the appearance's own to apply, one at a time.
+overlap or lie outside their box, as the release's rules allow) is left to the appearance's own functions, one at a
+time.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Edit, InvalidReason, Scatter
-from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, OVERLAPPING
+from lilgym_mp.appearances.placement import FIRST_TOO_FAR, OVERLAPPING, placement_tables, searched
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import (
@@ -27,19 +29,21 @@ from lilgym_mp.envs.block import (
     Int64Array,
 )
 from lilgym_mp.envs.scatter_masks import ScatterMasks
-from lilgym_mp.envs.scatter_painter import TAKEN, Change, ScatterPainter
+from lilgym_mp.envs.scatter_painter import TAKEN, Change, Lines, ScatterPainter
 from lilgym_mp.envs.scatter_tables import (
     EMPTY_SLOT,
     KINDS,
+    NO_KIND,
     NO_LOOK,
+    PAIR_SIZE,
     PLACE_PITCH,
     SAME_PLACE,
     TIED,
     area_ranks,
     geometry,
-    inside,
+    in_box,
+    origins,
     packed,
-    search,
     unpacked,
 )
 from lilgym_mp.observation import EMPTY, item_array
@@ -47,7 +51,6 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Size
 
 KEPT_ITEMS = 16_384
-SEPARATOR = BOX_COUNT  # in place of a box
 _ON_SEPARATOR, _OUT_OF_BOX, _OVERLAP, _NOTHING = (
     REASON_NUMBERS[reason]
     for reason in (
@@ -60,23 +63,67 @@ _ON_SEPARATOR, _OUT_OF_BOX, _OVERLAP, _NOTHING = (
 _LOOK_FIELDS = np.array([*LOOKS, (EMPTY, EMPTY, EMPTY)], np.int16)  # (28, 3) shape, colour, size
 
 
-class _Edits(NamedTuple):
-    """ADDs or REMOVEs, one an environment. All arrays (k,)."""
+class _Cells(NamedTuple):
+    """The cells of the grid, by number."""
+
+    count: int
+    boxes: Int64Array  # (cells,); some box or other for a separator's
+    places: Int64Array  # (cells,) of the top-left pixel in the box
+    add_reasons: Int64Array  # (9 * cells,) by kind: why nothing can be added, whatever is there, or NO_REASON
+    remove_reasons: Int64Array  # (cells,) likewise
+
+    @classmethod
+    def of(cls, appearance: Scatter) -> _Cells:
+        columns, rows = appearance.grid
+        width, height = appearance.cell
+        boxes, xs = (numbers.repeat(rows) for numbers in np.divmod(np.arange(columns) * width, BOX_PITCH))
+        on_separator = xs >= BOX_SIDE
+        places = np.where(on_separator, 0, xs * PLACE_PITCH + np.tile(np.arange(rows) * height, columns))
+        fits = in_box(np.arange(NO_KIND)[:, None], places)
+        add_reasons = np.where(on_separator, _ON_SEPARATOR, np.where(fits, NO_REASON, _OUT_OF_BOX))
+        remove_reasons = np.where(on_separator, _ON_SEPARATOR, NO_REASON)
+        return cls(len(boxes), boxes, places, add_reasons.ravel(), remove_reasons)
+
+
+class _Starts(NamedTuple):
+    """The tasks' start scenes, each written down when it is first played."""
+
+    known: BoolArray  # (tasks,)
+    slots: Int64Array  # (tasks, 3, slots)
+    looks: Int64Array  # (tasks, 3, slots)
+    counts: Int64Array  # (tasks, 3)
+    lines: list[Lines | None]  # (tasks,); None for scenes that arrays cannot follow
+
+    @classmethod
+    def of(cls, tasks: int, slots: int) -> _Starts:
+        shape = tasks, BOX_COUNT, slots
+        return cls(
+            known=np.zeros(tasks, np.bool_),
+            slots=np.full(shape, EMPTY_SLOT),
+            looks=np.full(shape, NO_LOOK),
+            counts=np.zeros(shape[:2], np.int64),
+            lines=[None] * tasks,
+        )
+
+    def add(self, task: int, scene: Scene, lines: Lines | None) -> None:
+        self.known[task] = True
+        self.lines[task] = lines
+        for index, box in enumerate(scene.boxes):
+            if box.items and lines is not None:
+                count = self.counts[task, index] = len(box.items)
+                xs, ys, shapes, colours, sizes = np.array(box.items, np.int64).T
+                looks = self.looks[task, index, :count] = (shapes * len(Colour) + colours) * len(Size) + sizes
+                self.slots[task, index, :count] = packed(KINDS[looks], xs * PLACE_PITCH + ys)
+
+
+class _Adds(NamedTuple):
+    """ADDs, one an environment. All arrays (k,)."""
 
     numbers: Int64Array  # of the environments
-    boxes: Int64Array  # or SEPARATOR
-    xs: Int64Array  # in the box, of the cell's top-left pixel
-    ys: Int64Array
-    looks: Int64Array  # in LOOKS, or NO_LOOK for a REMOVE
-
-    def at(self, places: Int64Array | BoolArray) -> _Edits:
-        """Some of them."""
-        return _Edits(*(array[places] for array in self))
-
-    @property
-    def rows(self) -> Int64Array:
-        """(k,) 3 * environment + box; on a separator, of some box there is."""
-        return self.numbers * BOX_COUNT + np.minimum(self.boxes, BOX_COUNT - 1)
+    rows: Int64Array  # 3 * environment + box
+    looks: Int64Array  # in LOOKS
+    kinds: Int64Array
+    places: Int64Array  # of the cells' top-left pixels
 
 
 class _Landing(NamedTuple):
@@ -87,18 +134,11 @@ class _Landing(NamedTuple):
     loose: BoolArray  # whether that is over another item or out of the box, where arrays do not follow
 
 
-class _NewItems(NamedTuple):
-    """Items on their way into a box. All arrays (k, ...)."""
+class _Closest(NamedTuple):
+    """How new items lie to those in their boxes. All arrays (k,)."""
 
-    numbers: Int64Array  # of the environments
-    boxes: Int64Array
-    kinds: Int64Array
-    places: Int64Array  # where they are now
-    slots: Int64Array  # (k, slots) what is there already
-
-    def at(self, which: Int64Array) -> _NewItems:
-        """Some of them."""
-        return _NewItems(*(array[which] for array in self))
+    slots: Int64Array  # the first with the smallest clearance code
+    clearance: NDArray[np.uint8]  # that code
 
 
 class ScatterArrays:
@@ -113,51 +153,52 @@ class ScatterArrays:
         self._tasks = tasks
         self._block = block
         self._applies = np.array([verdict.applies for verdict in dynamics.verdicts])
-        count, capacity = len(block.action), block.items.shape[2]
+        count, slots = len(block.action), block.items.shape[2] + 1
         self._every = np.arange(count)
-        self._slots = np.full((BOX_COUNT * count, capacity + 1), EMPTY_SLOT)
-        self._looks = np.full((BOX_COUNT * count, capacity + 1), NO_LOOK)
-        self._counts = np.zeros(BOX_COUNT * count, np.int64)
+        self._slots = np.full((count, BOX_COUNT, slots), EMPTY_SLOT)
+        self._looks = np.full((count, BOX_COUNT, slots), NO_LOOK)
+        self._counts = np.zeros((count, BOX_COUNT), np.int64)
+        self._row_slots = self._slots.reshape(-1, slots)  # the same by row, which is 3 * environment + box
+        self._row_looks = self._looks.reshape(-1, slots)
+        self._row_counts = self._counts.reshape(-1)
+        self._flat_slots, self._flat_looks = self._slots.reshape(-1), self._looks.reshape(-1)
+        self._slot_count = slots
         self._loose = np.zeros(count, np.bool_)  # whether only `_scenes` tells of an environment's scene
-        self._items: list[tuple[Item, ...]] = [()] * (BOX_COUNT * count)  # of each box
         self._scenes = [Scene.empty()] * count
-        self._stale = np.zeros(count, np.bool_)  # whether `_scenes` lags behind `_items`
+        self._stale = np.zeros((count, BOX_COUNT), np.bool_)  # boxes in which `_scenes` lags behind the slots
+        self._row_stale = self._stale.reshape(-1)
         self._painter = ScatterPainter(block.image, image_size)
+        self._starts = _Starts.of(len(tasks), slots)
         self._masks: ScatterMasks | None = None  # made when they are first asked for
-        columns, rows = appearance.grid
-        width, height = appearance.cell
-        boxes, xs = np.divmod(np.arange(columns) * width, BOX_PITCH)
-        self._box_of_column = np.where(xs < BOX_SIDE, boxes, SEPARATOR)
-        self._x_of_column = np.minimum(xs, BOX_SIDE - width)
-        self._y_of_row = np.arange(rows) * height
-        self._first_remove = 1 + columns * rows * len(LOOKS)
+        self._cells = _Cells.of(appearance)
+        self._first_remove = 1 + self._cells.count * len(LOOKS)
         self._searches = dynamics.rules.placement.searches_cell and not appearance.is_native
         self._snaps = not appearance.is_native
-        self._area_ranks = area_ranks(width, height)
+        self._area_ranks = area_ranks(*appearance.cell)
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
-        self._block.task[which] = tasks
-        self._block.steps[which] = 0
+        block, starts, numbers = self._block, self._starts, tasks.tolist()
+        block.task[which] = tasks
+        block.steps[which] = 0
+        for task in numbers:
+            if not starts.known[task]:
+                scene = self._tasks[task].start
+                starts.add(task, scene, self._painter.lines(scene))
+        lines = [starts.lines[task] for task in numbers]
+        loose = np.array([scene is None for scene in lines])
+        self._loose[which] = loose
         self._stale[which] = False
-        for number, task in zip(which.tolist(), tasks.tolist(), strict=True):
-            self._put(number, self._tasks[task].start)
-
-    def _put(self, number: int, scene: Scene) -> None:
-        """Makes `scene` that of an environment."""
-        self._scenes[number] = scene
-        first = number * BOX_COUNT
-        self._items[first : first + BOX_COUNT] = [box.items for box in scene.boxes]
-        loose = not self._painter.show(number, scene)
-        self._loose[number] = loose
-        if loose:
-            self._painter.redraw(number, scene)
-            return
-        self._slots[first : first + BOX_COUNT] = EMPTY_SLOT
-        self._looks[first : first + BOX_COUNT] = NO_LOOK
-        for row, box in enumerate(scene.boxes, first):
-            count = self._counts[row] = len(box.items)
-            if count:
-                self._slots[row, :count], self._looks[row, :count] = _slots_and_looks(box)
+        for number, task in zip(which.tolist(), numbers, strict=True):
+            self._scenes[number] = self._tasks[task].start
+        self._slots[which] = starts.slots[tasks]
+        self._looks[which] = starts.looks[tasks]
+        self._counts[which] = starts.counts[tasks]
+        if loose.any():
+            for number in which[loose].tolist():
+                self._painter.redraw(number, self._scenes[number])
+            which = which[~loose]
+        if len(which):
+            self._painter.show(which, [scene for scene in lines if scene is not None])
 
     def step(self, which: Int64Array | None) -> None:
         block = self._block
@@ -166,114 +207,125 @@ class ScatterArrays:
         steps = block.steps[which] + 1
         last = steps >= self._dynamics.horizon
         applies = self._applies[2 * VALID_EDIT + last]
+        loose, stops, removes = self._loose[which], actions == 0, actions >= self._first_remove
         reasons = np.full(len(which), NO_REASON)
-        edits, stops, loose = self._decoded(which, actions), actions == 0, self._loose[which]
-        removes = edits.looks == NO_LOOK
         changes: list[Change] = []
-        for chosen, take in ((~removes, self._add), (removes, self._remove)):
-            places = np.flatnonzero(chosen & ~(stops | loose))
+        for chosen, take in ((~(removes | stops | loose), self._add), (removes & ~loose, self._remove)):
+            places = chosen.nonzero()[0]
             if len(places):
-                reasons[places], change = take(edits.at(places), applies[places])
+                reasons[places], change = take(which[places], actions[places], applies[places])
                 changes.append(change)
         if changes:
             self._painter.change(changes)
-        for place in np.flatnonzero(loose & ~stops).tolist():
+        for place in (loose & ~stops).nonzero()[0].tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
         situations = np.where(reasons == NO_REASON, VALID_EDIT, INVALID_EDIT)
-        for place in np.flatnonzero(stops).tolist():
-            solved = self._solved(int(which[place]))
-            situations[place] = RIGHT_STOP if solved else WRONG_STOP
+        for place in stops.nonzero()[0].tolist():
+            situations[place] = RIGHT_STOP if self._solved(int(which[place])) else WRONG_STOP
         block.steps[which] = steps
         block.verdict[which] = 2 * situations + last
         block.invalid[which] = reasons
 
-    def _decoded(self, which: Int64Array, actions: Int64Array) -> _Edits:
-        """The actions taken apart; STOP becomes some edit or other."""
-        removes = actions >= self._first_remove
-        cells, looks = np.divmod(actions - 1, len(LOOKS))
-        columns, rows = np.divmod(np.where(removes, actions - self._first_remove, cells), len(self._y_of_row))
-        looks[removes] = NO_LOOK
-        return _Edits(which, self._box_of_column[columns], self._x_of_column[columns], self._y_of_row[rows], looks)
-
-    def _add(self, adds: _Edits, applies: BoolArray) -> tuple[Int64Array, Change]:
+    def _add(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> tuple[Int64Array, Change]:
         """(k,) why ADDs are invalid. Those that are valid and apply are done, but for the change in the picture."""
-        reasons, places, loose = self._landing(adds)
+        cells, looks = np.divmod(actions - 1, len(LOOKS))
+        kinds = KINDS.take(looks)
+        rows = numbers * BOX_COUNT + self._cells.boxes.take(cells)
+        adds = _Adds(numbers, rows, looks, kinds, self._cells.places.take(cells))
+        reasons, places, loose = self._landing(adds, self._cells.add_reasons.take(kinds * self._cells.count + cells))
         done = applies & (reasons == NO_REASON)
-        for number in adds.numbers[done & loose].tolist():
-            self._edit_scene(number, applies=True)
-        kept = np.flatnonzero(done & ~loose)
-        adds, places, rows = adds.at(kept), places[kept], adds.rows[kept]
-        free = self._counts[rows]
-        self._slots[rows, free] = packed(KINDS[adds.looks], places)
-        self._looks[rows, free] = adds.looks
-        self._counts[rows] = free + 1
-        for row, place, look in zip(rows.tolist(), places.tolist(), adds.looks.tolist(), strict=True):
-            self._items[row] += (_item(place, look),)
-        self._stale[adds.numbers] = True
-        return reasons, Change(rows, places, adds.looks)
+        if loose.any():
+            for number in numbers[done & loose].tolist():
+                self._edit_scene(number, applies=True)
+            done &= ~loose
+        kept = done.nonzero()[0]
+        rows, places, looks, kinds = rows[kept], places[kept], looks[kept], kinds[kept]
+        free = rows * self._slot_count + self._row_counts[rows]
+        self._flat_slots[free] = packed(kinds, places)
+        self._flat_looks[free] = looks
+        self._row_counts[rows] += 1
+        self._row_stale[rows] = True
+        return reasons, Change(rows, places, looks)
 
-    def _landing(self, adds: _Edits) -> _Landing:
-        kinds, places = KINDS[adds.looks], adds.xs * PLACE_PITCH + adds.ys
-        new = _NewItems(adds.numbers, adds.boxes, kinds, places, self._slots[adds.rows])
-        reasons = np.where(inside(kinds, adds.xs, adds.ys), NO_REASON, _OUT_OF_BOX)
-        reasons[adds.boxes == SEPARATOR] = _ON_SEPARATOR
-        closest, clearance = geometry().closest(kinds, places, new.slots)
+    def _landing(self, adds: _Adds, reasons: Int64Array) -> _Landing:
+        """`reasons` (k,) why nothing can be added to the cells, whatever is there, or NO_REASON; written."""
+        _, rows, _, kinds, places = adds
+        slots = self._row_slots.take(rows, 0)[:, : int(self._row_counts[rows].max()) + 1]
+        possible = reasons == NO_REASON
+        closest = _closest(kinds, places, slots)
+        blocked = ((closest.clearance == OVERLAPPING) & possible).nonzero()[0]
+        if len(blocked):
+            reasons[blocked] = _OVERLAP
+            if self._searches:
+                placed = self._search(adds, blocked)
+                reasons[placed] = NO_REASON
+                closest.slots[placed], closest.clearance[placed] = _closest(
+                    kinds[placed], places[placed], slots[placed]
+                )
         loose = np.zeros(len(places), np.bool_)
-        blocked = np.flatnonzero((clearance == OVERLAPPING) & (reasons == NO_REASON))
-        reasons[blocked] = _OVERLAP
-        if self._searches and len(blocked):
-            found, free_places = search(self._appearance.cell, kinds[blocked], places[blocked], new.slots[blocked])
-            placed = blocked[found]
-            reasons[placed] = NO_REASON
-            places[placed] = free_places[found]
-            closest[placed], clearance[placed] = geometry().closest(kinds[placed], places[placed], new.slots[placed])
-        near = np.flatnonzero((clearance < FIRST_TOO_FAR) & (reasons == NO_REASON))
+        near = ((closest.clearance < FIRST_TOO_FAR) & (reasons == NO_REASON)).nonzero()[0]
         if self._snaps and len(near):
-            places[near], loose[near] = self._snapped(new.at(near), closest[near])
+            some = _Adds(*(array[near] for array in adds))
+            places[near], loose[near] = self._snapped(some, closest.slots[near], slots[near])
         return _Landing(reasons, places, loose)
 
-    def _snapped(self, new: _NewItems, closest: Int64Array) -> tuple[Int64Array, BoolArray]:
-        """(k,) where items that snap to those in slots `closest` come to rest, and whether arrays cannot follow."""
-        numbers, boxes, kinds, places, slots = new
-        xs, ys = np.divmod(places, PLACE_PITCH)
-        codes = geometry().snap_moves(kinds, places, slots[np.arange(len(closest)), closest])
-        xs += (codes >> 4) - LARGEST_MOVE
-        ys += (codes & 15) - LARGEST_MOVE
-        for tied in np.flatnonzero(codes == TIED).tolist():
-            xs[tied], ys[tied] = self._edit(int(numbers[tied])).scene.boxes[boxes[tied]].items[-1][:2]
-        fits, new_places = inside(kinds, xs, ys), xs * PLACE_PITCH + ys
-        _, clearance = geometry().closest(kinds, np.where(fits, new_places, places), slots)
-        unfit = ~fits | (clearance == OVERLAPPING)
+    def _search(self, adds: _Adds, blocked: Int64Array) -> Int64Array:
+        """Looks for a place elsewhere in the cell for the ADDs `blocked`, and writes it. Those that have found one."""
+        found: list[int] = []
+        for add in blocked.tolist():
+            x, y = divmod(int(adds.places[add]), PLACE_PITCH)
+            place = searched(int(adds.kinds[add]), x, y, self._appearance.cell, self._items(int(adds.rows[add])))
+            if place is not None:
+                adds.places[add] = place[0] * PLACE_PITCH + place[1]
+                found.append(add)
+        return np.array(found, np.int64)
+
+    def _snapped(self, adds: _Adds, closest: Int64Array, slots: Int64Array) -> tuple[Int64Array, BoolArray]:
+        """(k,) where items that snap to those in `slots` (k, slots) at `closest` (k,) come to rest.
+
+        And whether that is where arrays cannot follow.
+        """
+        _, rows, _, kinds, places = adds
+        starts = origins(kinds, places)
+        moves = geometry().moves.take(starts - slots[np.arange(len(closest)), closest]).astype(np.int64)
+        for tied in (moves == TIED).nonzero()[0].tolist():
+            moves[tied] = self._tied_move(int(rows[tied]), int(kinds[tied]), int(places[tied]), int(closest[tied]))
+        new_places = places + moves
+        clearance = geometry().clearance.take((starts + moves)[:, None] - slots, mode="clip")  # outside: unfit anyway
+        fits = in_box(kinds, new_places) & (clearance != OVERLAPPING).all(1)
         if self._dynamics.rules.placement.keeps_unfit_snaps:
-            return new_places, unfit
-        return np.where(unfit, places, new_places), np.zeros(len(places), np.bool_)
+            return new_places, ~fits
+        return np.where(fits, new_places, places), np.zeros(len(places), np.bool_)
 
-    def _remove(self, removes: _Edits, applies: BoolArray) -> tuple[Int64Array, Change]:
+    def _tied_move(self, row: int, kind: int, place: int, closest: int) -> int:
+        """By how much the place changes of an item that snaps to the one in slot `closest`."""
+        frame_x = row % BOX_COUNT * BOX_PITCH if self._dynamics.rules.placement.rounds_in_image else 0
+        other = self._items(row)[closest]
+        move_x, move_y = placement_tables().move(kind, *divmod(place, PLACE_PITCH), other, frame_x)
+        return move_x * PLACE_PITCH + move_y
+
+    def _remove(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> tuple[Int64Array, Change]:
         """(k,) why REMOVEs are invalid. Those that are valid and apply are done, but for the change in the picture."""
-        slots = self._slots[removes.rows]
-        cells = removes.xs * PLACE_PITCH + removes.ys
-        areas = self._area_ranks.take((SAME_PLACE + cells)[:, None] - slots)
+        cells = actions - self._first_remove
+        rows = numbers * BOX_COUNT + self._cells.boxes.take(cells)
+        slots = self._row_slots.take(rows, 0)
+        areas = self._area_ranks.take((SAME_PLACE + self._cells.places.take(cells))[:, None] - slots)
         largest = areas.argmax(1)
-        found = areas[np.arange(len(largest)), largest] > 0
-        reasons = np.where(found, NO_REASON, _NOTHING)
-        reasons[removes.boxes == SEPARATOR] = _ON_SEPARATOR
-        done = np.flatnonzero(applies & (reasons == NO_REASON))
-        return reasons, self._take(removes.at(done), largest[done])
+        reasons = self._cells.remove_reasons.take(cells)
+        reasons[(areas[np.arange(len(largest)), largest] == 0) & (reasons == NO_REASON)] = _NOTHING
+        done = (applies & (reasons == NO_REASON)).nonzero()[0]
+        return reasons, self._take(rows[done], largest[done])
 
-    def _take(self, removes: _Edits, taken: Int64Array) -> Change:
+    def _take(self, rows: Int64Array, taken: Int64Array) -> Change:
         """Takes items out of slots `taken` (k,), and moves later ones up."""
-        rows = removes.rows
-        _, places = unpacked(self._slots[rows, taken])
-        change = Change(rows, places, self._looks[rows, taken] + TAKEN)
-        sources = np.arange(self._slots.shape[1] - 1)
+        _, places = unpacked(self._row_slots[rows, taken])
+        change = Change(rows, places, self._row_looks[rows, taken] + TAKEN)
+        sources = np.arange(self._slot_count - 1)
         sources = sources + (sources >= taken[:, None])  # (k, slots): where what comes to be in each is now
-        self._slots[rows, :-1] = self._slots[rows[:, None], sources]
-        self._looks[rows, :-1] = self._looks[rows[:, None], sources]
-        self._counts[rows] -= 1
-        for row, slot in zip(rows.tolist(), taken.tolist(), strict=True):
-            items = self._items[row]
-            self._items[row] = items[:slot] + items[slot + 1 :]
-        self._stale[removes.numbers] = True
+        self._row_slots[rows, :-1] = self._row_slots[rows[:, None], sources]
+        self._row_looks[rows, :-1] = self._row_looks[rows[:, None], sources]
+        self._row_counts[rows] -= 1
+        self._row_stale[rows] = True
         return change
 
     def _edit(self, number: int) -> Edit:
@@ -287,61 +339,64 @@ class ScatterArrays:
         if applies and edit.invalid is None:
             self._scenes[number] = edit.scene
             self._loose[number] = True
-            self._items[number * BOX_COUNT : (number + 1) * BOX_COUNT] = [box.items for box in edit.scene.boxes]
             self._painter.redraw(number, edit.scene)
-        return _reason(edit)
+        return NO_REASON if edit.invalid is None else REASON_NUMBERS[edit.invalid]
 
     def _solved(self, number: int) -> bool:
         return self._tasks[self._block.task[number]].solved_by(self._scene(number))
 
     def _scene(self, number: int) -> Scene:
-        if self._stale[number] and not self._loose[number]:
+        stale = self._stale[number].tolist()
+        if True in stale:
             first = number * BOX_COUNT
-            old = zip(self._scenes[number].boxes, self._items[first : first + BOX_COUNT], strict=True)
-            left, middle, right = (box if box.items is items else Box(items) for box, items in old)
+            boxes = (
+                Box(self._items(row)) if changed else box
+                for row, changed, box in zip(
+                    range(first, first + BOX_COUNT), stale, self._scenes[number].boxes, strict=True
+                )
+            )
+            left, middle, right = boxes
             self._scenes[number] = Scene((left, middle, right))
             self._stale[number] = False
         return self._scenes[number]
 
+    def _items(self, row: int) -> tuple[Item, ...]:
+        """The items of a box."""
+        count = self._row_counts[row]
+        slots, looks = self._row_slots[row, :count].tolist(), self._row_looks[row, :count].tolist()
+        return tuple(map(_item, slots, looks))
+
     def write_masks(self) -> None:
         if self._masks is None:
             self._masks = ScatterMasks(self._appearance, self._dynamics.rules.placement, self._block.mask)
-        self._masks.refresh(self._items)
+        self._masks.refresh([box.items for number in self._every.tolist() for box in self._scene(number).boxes])
 
     def write_goals(self) -> None:
         self._block.goal[:] = [self._solved(number) for number in range(len(self._scenes))]
 
     def write_items(self) -> None:
         items = self._block.items
-        shape = items.shape[:3]
-        _, places = unpacked(self._slots[:, :-1])
-        looks = self._looks[:, :-1]
+        _, places = unpacked(self._slots[..., :-1])
+        looks = self._looks[..., :-1]
         for field, values in enumerate(np.divmod(places, PLACE_PITCH)):
-            items[..., field] = np.where(looks == NO_LOOK, EMPTY, values).reshape(shape)
-        items[..., 2:] = _LOOK_FIELDS[looks].reshape(*shape, 3)
-        for number in np.flatnonzero(self._loose).tolist():
-            items[number] = item_array(self._scenes[number], shape[2])
+            items[..., field] = np.where(looks == NO_LOOK, EMPTY, values)
+        items[..., 2:] = _LOOK_FIELDS[looks]
+        for number in self._loose.nonzero()[0].tolist():
+            items[number] = item_array(self._scenes[number], items.shape[2])
 
     def state(self, number: int) -> State:
         block = self._block
         return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
 
 
+def _closest(kinds: Int64Array, places: Int64Array, slots: Int64Array) -> _Closest:
+    """`PlacementTables.closest` for new items (k,) at places (k,), among those in slots (k, slots)."""
+    codes = geometry().clearance.take(origins(kinds, places)[:, None] - slots)
+    closest = codes.argmin(1)
+    return _Closest(closest, codes[np.arange(len(closest)), closest])
+
+
 @lru_cache(maxsize=KEPT_ITEMS)
-def _item(place: int, look: int) -> Item:
-    x, y = divmod(place, PLACE_PITCH)
+def _item(slot: int, look: int) -> Item:
+    x, y = divmod(slot + int(KINDS[look]) * PAIR_SIZE, PLACE_PITCH)
     return Item(x, y, *LOOKS[look])
-
-
-def _reason(edit: Edit) -> int:
-    return NO_REASON if edit.invalid is None else REASON_NUMBERS[edit.invalid]
-
-
-def _slots_and_looks(box: Box) -> tuple[Int64Array, Int64Array]:
-    """What the box's slots hold. Kept in its memo."""
-    if "slots" not in box.memo:
-        items = np.array(box.items, np.int64)
-        xs, ys, shapes, colours, sizes = items.T
-        looks = (shapes * len(Colour) + colours) * len(Size) + sizes
-        box.memo["slots"] = packed(KINDS[looks], xs * PLACE_PITCH + ys), looks
-    return box.memo["slots"]

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH
-from lilgym_mp.render import Blit, Canvas, UInt8Array, box_blits, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.render import Canvas, UInt8Array, draw, image_shape, palette, shrink_of, stamp
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Box, Scene
 
 PATCH_PIXELS = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
@@ -30,6 +31,13 @@ class Change(NamedTuple):
     rows: Int64Array  # 3 * environment + box
     places: Int64Array
     stamps: Int64Array  # number in LOOKS, plus TAKEN where the item goes
+
+
+class Lines(NamedTuple):
+    """What to put on the counts of an empty scene: runs of a patch's width."""
+
+    starts: NDArray[np.uint16]  # (n,) where each starts in the counts of the scene's boxes
+    counts: NDArray[Any]  # (n,) of it
 
 
 class ScatterPainter:
@@ -46,39 +54,49 @@ class ScatterPainter:
         self._background = draw(Scene.empty(), image_size)
         images[:] = self._background
         self._canvases: dict[int, Canvas] = {}  # of scenes shown by `redraw`
-        side = BOX_SIDE // self._shrink
-        self._counts = np.zeros((len(images) * BOX_COUNT, side, side), np.uint8)
+        side, height, width = BOX_SIDE // self._shrink, *images.shape[1:3]
+        self._counts = np.zeros((len(images), BOX_COUNT, side, side), np.uint8)
         self._sheet = _sheet(image_size)
         self._pairs = _pixel_pairs(self._shrink)
         patch = PATCH_PIXELS // self._shrink
-        width = images.shape[2]
         self._count_rows = _windows(self._counts, patch)
         self._pixel_rows = _windows(images.reshape(-1, 3), patch)
-        rows, image_lefts = np.arange(patch), BOX_PITCH // self._shrink * np.arange(BOX_COUNT)
-        pixels_before = np.arange(len(images))[:, None] * images.shape[1] * width + image_lefts
-        self._first_pixels = pixels_before.ravel()  # (3 N,) of each box's top-left pixel
+        rows, lefts = np.arange(patch), BOX_PITCH // self._shrink * np.arange(BOX_COUNT)
         self._row_offsets = rows * side, rows * width, rows * self._sheet.pitch
-        self._box_pixels = side * side
+        self._box_counts, self._scene_counts, self._scene_pixels = side**2, BOX_COUNT * side**2, height * width
+        in_scene = lefts[:, None, None] + np.arange(side)[:, None] * width + np.arange(side)
+        self._pixel_of_count = in_scene.ravel()  # (scene counts,) which pixel of the image it is
+        self._first_pixels = (np.arange(len(images))[:, None] * self._scene_pixels + lefts).ravel()  # (3 N,) by box
 
-    def show(self, number: int, scene: Scene) -> bool:
-        """Makes an environment's image show `scene`; False, and nothing done, where only `redraw` can."""
-        blits = [box_blits(box, self._shrink) for box in scene.boxes]
-        if None in blits:
-            return False
-        self._canvases.pop(number, None)
-        image = self._images[number]
-        image[:] = self._background
-        first = number * BOX_COUNT
-        self._counts[first : first + BOX_COUNT] = 0
-        for index, (box, patches) in enumerate(zip(scene.boxes, blits, strict=True)):
-            if patches:
-                left = index * BOX_PITCH // self._shrink
-                pixels, counts = image[:, left : left + BOX_SIDE // self._shrink], self._counts[first + index]
-                for place, patch in patches:
-                    pixels[place] = patch
-                for place, patch in _box_counts(box, self._shrink):
-                    counts[place] = patch
-        return True
+    def lines(self, scene: Scene) -> Lines | None:
+        """What `show` takes of a scene; None where only `redraw` can show it."""
+        if not all(map(_adds_up, scene.boxes)):
+            return None
+        side = BOX_SIDE // self._shrink
+        counts = np.zeros((BOX_COUNT, side, side), np.uint8)
+        starts: set[int] = set()
+        for index, box in enumerate(scene.boxes):
+            for item in box.items:
+                own = stamp(item.kind, item.colour, item.x % 2, item.y % 2, self._shrink).counts
+                left, top = (item.x - item.x % 2) // self._shrink, (item.y - item.y % 2) // self._shrink
+                counts[index, top : top + own.shape[0], left : left + own.shape[1]] += own
+                column = min(left, side - PATCH_PIXELS // self._shrink)
+                starts.update((index * side + row) * side + column for row in range(top, top + own.shape[0]))
+        chosen = np.array(sorted(starts), np.uint16)
+        return Lines(chosen, _windows(counts, PATCH_PIXELS // self._shrink)[chosen])
+
+    def show(self, which: Int64Array, scenes: Sequence[Lines]) -> None:
+        """Makes the images of environments (k,) show scenes."""
+        if self._canvases:
+            for number in which.tolist():
+                self._canvases.pop(number, None)
+        self._images[which] = self._background
+        self._counts[which] = 0
+        starts, lines = (np.concatenate(parts) for parts in zip(*scenes, strict=True))
+        if len(starts):
+            owners = which.repeat([len(scene.starts) for scene in scenes])
+            pixels = owners * self._scene_pixels + self._pixel_of_count.take(starts)
+            self._write(owners * self._scene_counts + starts, pixels, lines)
 
     def redraw(self, number: int, scene: Scene) -> None:
         """Makes an environment's image show any scene; until the next `show`, only `redraw` may change it."""
@@ -92,18 +110,21 @@ class ScatterPainter:
         rows, places, stamps = (np.concatenate(parts) for parts in zip(*changes, strict=True))
         count_offsets, pixel_offsets, sheet_offsets = self._row_offsets
         first_stamps = sheet.places[places] + stamps * sheet.stamp_size
-        first_counts = rows * self._box_pixels + sheet.counts[places]
+        first_counts = rows * self._box_counts + sheet.counts[places]
         first_pixels = self._first_pixels[rows] + sheet.pixels[places]
         windows = first_counts[:, None] + count_offsets  # (k, patch)
         change = sheet.rows[first_stamps[:, None] + sheet_offsets]
         counts = self._count_rows[windows].view(np.uint8) + change.view(np.uint8)  # (k, patch ** 2)
-        self._count_rows[windows] = counts.view(change.dtype)
-        pixels = self._pairs.take(counts.view(np.uint16)).view(np.uint16).reshape(-1, 4)
-        compact = np.empty((len(pixels), 3), np.uint16)
+        self._write(windows, first_pixels[:, None] + pixel_offsets, counts.view(change.dtype))
+
+    def _write(self, counts: Int64Array, pixels: Int64Array, lines: NDArray[Any]) -> None:
+        """Lines of counts (...) go where they start in all counts (...), and their pixels where these start (...)."""
+        self._count_rows[counts] = lines
+        colours = self._pairs.take(lines.view(np.uint16)).view(np.uint16).reshape(-1, 4)
+        compact = np.empty((len(colours), 3), np.uint16)
         for part in range(3):
-            compact[:, part] = pixels[:, part]
-        lines = compact.view(np.uint8).reshape(-1).view(self._pixel_rows.dtype)
-        self._pixel_rows[first_pixels[:, None] + pixel_offsets] = lines.reshape(windows.shape)
+            compact[:, part] = colours[:, part]
+        self._pixel_rows[pixels] = compact.view(np.uint8).reshape(-1).view(self._pixel_rows.dtype).reshape(pixels.shape)
 
 
 def _windows(array: UInt8Array, length: int) -> NDArray[Any]:
@@ -113,19 +134,15 @@ def _windows(array: UInt8Array, length: int) -> NDArray[Any]:
     return np.ndarray((array.size // step - length + 1,), run, array, strides=(step,))
 
 
-def _box_counts(box: Box, shrink: int) -> Sequence[Blit]:
-    """What to put on the counts of an empty box. Kept in the box's memo."""
-    key = ("counts", shrink)
-    if key not in box.memo:
-        whole = np.zeros((BOX_SIDE // shrink, BOX_SIDE // shrink), np.uint8)
-        places: list[tuple[slice, slice]] = []
-        for item in box.items:
-            counts = stamp(item.kind, item.colour, item.x % 2, item.y % 2, shrink).counts
-            top, left = (item.y - item.y % 2) // shrink, (item.x - item.x % 2) // shrink
-            places.append((slice(top, top + counts.shape[0]), slice(left, left + counts.shape[1])))
-            whole[places[-1]] += counts
-        box.memo[key] = tuple(Blit(place, whole[place].copy()) for place in places)
-    return box.memo[key]
+def _adds_up(box: Box) -> bool:
+    """Whether its items lie inside it and draw no pixel in common."""
+    drawn = np.zeros((BOX_SIDE, BOX_SIDE), np.uint8)
+    for item in box.items:
+        if not fits_box(item.kind, item.x, item.y):
+            return False
+        own = stamp(item.kind, item.colour, 0, 0, 1).counts > 0
+        drawn[item.y : item.y + item.side, item.x : item.x + item.side] += own
+    return drawn.max() <= 1
 
 
 class _Sheet(NamedTuple):
