@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -15,12 +16,14 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.block import BoolArray
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
 
 STATEMENT = "statement"  # the observation's part that SB3 takes as word numbers only
 VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment
 
+Infos = Mapping[str, Any]  # as vector environments give them: arrays (N, ...), and masks `_name` of where they hold
 Wrap = Callable[[Any], Any]  # such as the factories of `lilgym_mp.wrappers`
 
 
@@ -44,7 +47,8 @@ class BatchVecEnv(VecEnv):
         tasks = [options.get("task") for options in self._options]
         seeds: Any = list(self._seeds)
         observations, infos = self.venv.reset(seed=seeds, options={"task": tasks} if any(tasks) else None)
-        self.reset_infos = _split(infos, self.num_envs)
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        _spread(infos, self.reset_infos)
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -57,19 +61,20 @@ class BatchVecEnv(VecEnv):
         dones = terminated | truncated
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if infos:
-            ended, last = infos.pop("_final_obs", None), infos.pop("final_obs", None)
-            final = infos.pop("final_info", {})
-            infos.pop("_final_info", None)
-            if last is not None:
-                for number, info in zip(np.flatnonzero(ended).tolist(), _rows(final, ended), strict=True):
-                    cut_off = bool(truncated[number] and not terminated[number])
-                    told[number] = {**info, "terminal_observation": last[number], "TimeLimit.truncated": cut_off}
-            for number, info in enumerate(_split(infos, self.num_envs)):
-                if dones[number]:
-                    self.reset_infos[number] = info
-                else:
-                    told[number].update(info)
+            self._tell(told, infos, dones, truncated & ~terminated)
         return observations, rewards.astype(np.float32), dones, told
+
+    def _tell(self, told: list[dict[str, Any]], infos: dict[str, Any], dones: BoolArray, cut_off: BoolArray) -> None:
+        """Gives `told`, (N,), what infos say of this step, and `reset_infos` what they say of episodes just begun."""
+        final_info, last = infos.pop("final_info", {}), infos.pop("final_obs", None)
+        now = told.copy()
+        for number in np.flatnonzero(dones).tolist():
+            now[number] = self.reset_infos[number] = {}
+        _spread(infos, now)
+        _spread(final_info, told)
+        if last is not None:
+            _spread({"terminal_observation": last, "_terminal_observation": dones}, told)
+            _spread({"TimeLimit.truncated": cut_off, "_TimeLimit.truncated": dones}, told)
 
     def close(self) -> None:
         self.venv.close()
@@ -102,19 +107,37 @@ class BatchVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _rows(infos: Mapping[str, Any], where: np.ndarray) -> Iterable[dict[str, Any]]:
-    """The infos of each environment chosen by `where`, (N,) bool."""
-    columns = {name: (value, infos[f"_{name}"]) for name, value in infos.items() if f"_{name}" in infos}
-    for number in np.flatnonzero(where).tolist():
-        yield {name: _plain(value[number]) for name, (value, holds) in columns.items() if holds[number]}
+class BatchMonitor(VecMonitor):
+    """SB3's `VecMonitor`, telling the same, but looking only at the environments whose episode ended."""
+
+    def __init__(self, venv: BatchVecEnv) -> None:
+        super().__init__(venv)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        observations, rewards, dones, infos = self.venv.step_wait()
+        self.episode_returns += rewards
+        self.episode_lengths += 1
+        ended = np.flatnonzero(dones)
+        if len(ended):
+            seconds = round(time.time() - self.t_start, 6)
+            totals = zip(ended.tolist(), self.episode_returns[ended], self.episode_lengths[ended], strict=True)
+            for number, total, length in totals:
+                infos[number]["episode"] = {"r": total, "l": length, "t": seconds}  # infos are new in every step
+            self.episode_count += len(ended)
+            self.episode_returns[ended] = 0
+            self.episode_lengths[ended] = 0
+        return observations, rewards, dones, infos
 
 
-def _split(infos: Mapping[str, Any], count: int) -> list[dict[str, Any]]:
-    return list(_rows(infos, np.ones(count, np.bool_)))
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _spread(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
+    """Gives each environment's row what the arrays (N, ...) of `infos` hold for it, NumPy's numbers as Python's."""
+    for name, column in infos.items():
+        if (holds := infos.get(f"_{name}")) is None:
+            continue
+        numbers = np.flatnonzero(holds)
+        values = column[numbers]
+        for number, value in zip(numbers.tolist(), values.tolist() if values.ndim == 1 else values, strict=True):
+            rows[number][name] = value
 
 
 def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
@@ -196,4 +219,6 @@ def make_vec_env(
     env = build(id, int(n_envs), wrapped, options, kwargs)
     if seed is not None:
         env.seed(seed)
-    return VecMonitor(env) if monitor else env
+    if not monitor:
+        return env
+    return BatchMonitor(env) if isinstance(env, BatchVecEnv) else VecMonitor(env)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import time
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -14,7 +15,9 @@ pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'l
 pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
 
 from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked_policy
 from sb3_contrib.common.maskable.utils import get_action_masks
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
@@ -156,8 +159,49 @@ def test_batch__must_reset_in_the_same_step() -> None:
         BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
 
 
+def test_monitor_of_a_batch__reports_what_sb3s_own_does(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "time", lambda: 1.25)
+    ours, theirs = made(TOWER, "batched", seed=3), VecMonitor(made(TOWER, "batched", seed=3, monitor=False))
+    ours.reset()
+    theirs.reset()
+    generator = np.random.default_rng(2)
+    for step in range(60):
+        if step == 30:  # in the middle of episodes
+            ours.reset()
+            theirs.reset()
+        actions = random_actions(masks_of(theirs), generator)
+        infos, their_infos = ours.step(actions)[3], theirs.step(actions)[3]
+        assert_same(infos, their_infos, f"step {step}")
+    assert ours.episode_count == theirs.episode_count > COUNT
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+@pytest.mark.parametrize("evaluate", [evaluate_policy, evaluate_masked_policy])
+def test_monitor__is_one_that_evaluation_trusts(made: Any, backend: str, evaluate: Any) -> None:
+    env = made(TOWER, backend, seed=0)
+
+    class Stopping:
+        def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
+            return np.zeros(COUNT, np.int64), None
+
+    returns, lengths = evaluate(Stopping(), env, n_eval_episodes=10, return_episode_rewards=True)  # warns of no monitor
+    assert lengths == [1] * 10
+    assert set(returns) <= {1.0, -1.0}
+
+
+def test_infos__are_new_and_of_one_environment_each(made: Any) -> None:
+    env = made(TOWER, "batched", seed=0)
+    env.reset()
+    first, second = (env.step(np.ones(COUNT, np.int64))[3] for _ in range(2))
+    assert len({id(info) for info in (*first, *second)}) == 2 * COUNT
+    first[0]["mine"] = True
+    assert not any("mine" in info for info in (*first[1:], *second, *env.step(np.zeros(COUNT, np.int64))[3]))
+
+
 def test_monitor__can_be_left_out(made: Any) -> None:
     assert isinstance(made(TOWER, "dummy"), VecMonitor)
+    assert isinstance(made(TOWER, "batched"), VecMonitor)
+    assert isinstance(made(TOWER, "batched", monitor=False), BatchVecEnv)
     assert isinstance(made(TOWER, "dummy", monitor=False), DummyVecEnv)
 
 
