@@ -7,14 +7,13 @@ time.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Edit, InvalidReason, Scatter
-from lilgym_mp.appearances.placement import FIRST_TOO_FAR, OVERLAPPING, placement_tables, searched
+from lilgym_mp.appearances.placement import FIRST_TOO_FAR, placement_tables, searched
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import (
@@ -35,7 +34,6 @@ from lilgym_mp.envs.scatter_tables import (
     KINDS,
     NO_KIND,
     NO_LOOK,
-    PAIR_SIZE,
     PLACE_PITCH,
     SAME_PLACE,
     TIED,
@@ -44,7 +42,6 @@ from lilgym_mp.envs.scatter_tables import (
     in_box,
     origins,
     packed,
-    unpacked,
 )
 from lilgym_mp.observation import EMPTY, item_array
 from lilgym_mp.rules import Dynamics, State
@@ -60,6 +57,7 @@ _ON_SEPARATOR, _OUT_OF_BOX, _OVERLAP, _NOTHING = (
         InvalidReason.NOTHING_TO_REMOVE,
     )
 )
+NO_ITEM = -1
 _LOOK_FIELDS = np.array([*LOOKS, (EMPTY, EMPTY, EMPTY)], np.int16)  # (28, 3) shape, colour, size
 
 
@@ -85,35 +83,38 @@ class _Cells(NamedTuple):
         return cls(len(boxes), boxes, places, add_reasons.ravel(), remove_reasons)
 
 
-class _Starts(NamedTuple):
+class _Start(NamedTuple):
+    scene: Scene
+    lines: Lines | None  # None where arrays cannot follow
+
+
+class _Starts:
     """The tasks' start scenes, each written down when it is first played."""
 
-    known: BoolArray  # (tasks,)
-    slots: Int64Array  # (tasks, 3, slots)
-    looks: Int64Array  # (tasks, 3, slots)
-    counts: Int64Array  # (tasks, 3)
-    lines: list[Lines | None]  # (tasks,); None for scenes that arrays cannot follow
+    def __init__(self, tasks: TaskSet, slots: int, painter: ScatterPainter) -> None:
+        self._tasks = tasks
+        self._painter = painter
+        self._starts: list[_Start | None] = [None] * len(tasks)
+        shape = len(tasks), BOX_COUNT, slots
+        self.slots = np.full(shape, EMPTY_SLOT)  # by task, as in `ScatterArrays`
+        self.items = np.full(shape, NO_ITEM)
+        self.counts = np.zeros(shape[:2], np.int64)
 
-    @classmethod
-    def of(cls, tasks: int, slots: int) -> _Starts:
-        shape = tasks, BOX_COUNT, slots
-        return cls(
-            known=np.zeros(tasks, np.bool_),
-            slots=np.full(shape, EMPTY_SLOT),
-            looks=np.full(shape, NO_LOOK),
-            counts=np.zeros(shape[:2], np.int64),
-            lines=[None] * tasks,
-        )
+    def of(self, tasks: Int64Array) -> list[_Start]:
+        """The starts of tasks (k,); from now on the arrays tell of them, too."""
+        return [self._starts[task] or self._first(task) for task in tasks.tolist()]
 
-    def add(self, task: int, scene: Scene, lines: Lines | None) -> None:
-        self.known[task] = True
-        self.lines[task] = lines
+    def _first(self, task: int) -> _Start:
+        scene = self._tasks[task].start
+        start = self._starts[task] = _Start(scene, self._painter.lines(scene))
         for index, box in enumerate(scene.boxes):
-            if box.items and lines is not None:
+            if box.items and start.lines is not None:
                 count = self.counts[task, index] = len(box.items)
                 xs, ys, shapes, colours, sizes = np.array(box.items, np.int64).T
-                looks = self.looks[task, index, :count] = (shapes * len(Colour) + colours) * len(Size) + sizes
-                self.slots[task, index, :count] = packed(KINDS[looks], xs * PLACE_PITCH + ys)
+                places, looks = xs * PLACE_PITCH + ys, (shapes * len(Colour) + colours) * len(Size) + sizes
+                self.slots[task, index, :count] = packed(KINDS[looks], places)
+                self.items[task, index, :count] = places * len(LOOKS) + looks
+        return start
 
 
 class _Adds(NamedTuple):
@@ -134,13 +135,6 @@ class _Landing(NamedTuple):
     loose: BoolArray  # whether that is over another item or out of the box, where arrays do not follow
 
 
-class _Closest(NamedTuple):
-    """How new items lie to those in their boxes. All arrays (k,)."""
-
-    slots: Int64Array  # the first with the smallest clearance code
-    clearance: NDArray[np.uint8]  # that code
-
-
 class ScatterArrays:
     """`cores.Core` for Scatter.
 
@@ -156,19 +150,19 @@ class ScatterArrays:
         count, slots = len(block.action), block.items.shape[2] + 1
         self._every = np.arange(count)
         self._slots = np.full((count, BOX_COUNT, slots), EMPTY_SLOT)
-        self._looks = np.full((count, BOX_COUNT, slots), NO_LOOK)
+        self._items = np.full((count, BOX_COUNT, slots), NO_ITEM)  # place * 27 + look of what the slots hold
         self._counts = np.zeros((count, BOX_COUNT), np.int64)
         self._row_slots = self._slots.reshape(-1, slots)  # the same by row, which is 3 * environment + box
-        self._row_looks = self._looks.reshape(-1, slots)
+        self._row_items = self._items.reshape(-1, slots)
         self._row_counts = self._counts.reshape(-1)
-        self._flat_slots, self._flat_looks = self._slots.reshape(-1), self._looks.reshape(-1)
+        self._flat_slots, self._flat_items = self._slots.reshape(-1), self._items.reshape(-1)
         self._slot_count = slots
         self._loose = np.zeros(count, np.bool_)  # whether only `_scenes` tells of an environment's scene
         self._scenes = [Scene.empty()] * count
         self._stale = np.zeros((count, BOX_COUNT), np.bool_)  # boxes in which `_scenes` lags behind the slots
         self._row_stale = self._stale.reshape(-1)
         self._painter = ScatterPainter(block.image, image_size)
-        self._starts = _Starts.of(len(tasks), slots)
+        self._starts = _Starts(tasks, slots, self._painter)
         self._masks: ScatterMasks | None = None  # made when they are first asked for
         self._cells = _Cells.of(appearance)
         self._first_remove = 1 + self._cells.count * len(LOOKS)
@@ -177,28 +171,27 @@ class ScatterArrays:
         self._area_ranks = area_ranks(*appearance.cell)
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
-        block, starts, numbers = self._block, self._starts, tasks.tolist()
-        block.task[which] = tasks
-        block.steps[which] = 0
-        for task in numbers:
-            if not starts.known[task]:
-                scene = self._tasks[task].start
-                starts.add(task, scene, self._painter.lines(scene))
-        lines = [starts.lines[task] for task in numbers]
-        loose = np.array([scene is None for scene in lines])
-        self._loose[which] = loose
+        if not len(which):
+            return
+        starts = self._starts.of(tasks)
+        self._block.task[which] = tasks
+        self._block.steps[which] = 0
         self._stale[which] = False
-        for number, task in zip(which.tolist(), numbers, strict=True):
-            self._scenes[number] = self._tasks[task].start
-        self._slots[which] = starts.slots[tasks]
-        self._looks[which] = starts.looks[tasks]
-        self._counts[which] = starts.counts[tasks]
-        if loose.any():
-            for number in which[loose].tolist():
-                self._painter.redraw(number, self._scenes[number])
-            which = which[~loose]
-        if len(which):
-            self._painter.show(which, [scene for scene in lines if scene is not None])
+        self._slots[which] = self._starts.slots[tasks]
+        self._items[which] = self._starts.items[tasks]
+        self._counts[which] = self._starts.counts[tasks]
+        self._loose[which] = [start.lines is None for start in starts]
+        shown: list[int] = []
+        lines: list[Lines] = []
+        for number, start in zip(which.tolist(), starts, strict=True):
+            self._scenes[number] = start.scene
+            if start.lines is None:
+                self._painter.redraw(number, start.scene)
+            else:
+                shown.append(number)
+                lines.append(start.lines)
+        if shown:
+            self._painter.show(np.array(shown), lines)
 
     def step(self, which: Int64Array | None) -> None:
         block = self._block
@@ -220,8 +213,9 @@ class ScatterArrays:
         for place in (loose & ~stops).nonzero()[0].tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
         situations = np.where(reasons == NO_REASON, VALID_EDIT, INVALID_EDIT)
-        for place in stops.nonzero()[0].tolist():
-            situations[place] = RIGHT_STOP if self._solved(int(which[place])) else WRONG_STOP
+        stopping = stops.nonzero()[0]
+        if len(stopping):
+            situations[stopping] = np.where(self._solved(which[stopping]), RIGHT_STOP, WRONG_STOP)
         block.steps[which] = steps
         block.verdict[which] = 2 * situations + last
         block.invalid[which] = reasons
@@ -242,7 +236,7 @@ class ScatterArrays:
         rows, places, looks, kinds = rows[kept], places[kept], looks[kept], kinds[kept]
         free = rows * self._slot_count + self._row_counts[rows]
         self._flat_slots[free] = packed(kinds, places)
-        self._flat_looks[free] = looks
+        self._flat_items[free] = places * len(LOOKS) + looks
         self._row_counts[rows] += 1
         self._row_stale[rows] = True
         return reasons, Change(rows, places, looks)
@@ -250,49 +244,50 @@ class ScatterArrays:
     def _landing(self, adds: _Adds, reasons: Int64Array) -> _Landing:
         """`reasons` (k,) why nothing can be added to the cells, whatever is there, or NO_REASON; written."""
         _, rows, _, kinds, places = adds
-        slots = self._row_slots.take(rows, 0)[:, : int(self._row_counts[rows].max()) + 1]
-        possible = reasons == NO_REASON
-        closest = _closest(kinds, places, slots)
-        blocked = ((closest.clearance == OVERLAPPING) & possible).nonzero()[0]
+        clearance = geometry().clearance
+        slots = self._row_slots.take(rows, 0)[:, : int(self._row_counts.take(rows).max()) + 1]
+        pairs = origins(kinds, places)[:, None] - slots  # (k, slots) where the tables tell of the new item and each
+        codes = clearance.take(pairs)
+        blocked = (~_apart(codes) & (reasons == NO_REASON)).nonzero()[0]
         if len(blocked):
             reasons[blocked] = _OVERLAP
             if self._searches:
                 placed = self._search(adds, blocked)
                 reasons[placed] = NO_REASON
-                closest.slots[placed], closest.clearance[placed] = _closest(
-                    kinds[placed], places[placed], slots[placed]
-                )
+                pairs[placed] = origins(kinds[placed], places[placed])[:, None] - slots[placed]
+                codes[placed] = clearance.take(pairs[placed])
         loose = np.zeros(len(places), np.bool_)
-        near = ((closest.clearance < FIRST_TOO_FAR) & (reasons == NO_REASON)).nonzero()[0]
+        near = ((codes.min(1) < FIRST_TOO_FAR) & (reasons == NO_REASON)).nonzero()[0]
         if self._snaps and len(near):
             some = _Adds(*(array[near] for array in adds))
-            places[near], loose[near] = self._snapped(some, closest.slots[near], slots[near])
+            places[near], loose[near] = self._snapped(some, pairs[near], codes[near].argmin(1))
         return _Landing(reasons, places, loose)
 
     def _search(self, adds: _Adds, blocked: Int64Array) -> Int64Array:
         """Looks for a place elsewhere in the cell for the ADDs `blocked`, and writes it. Those that have found one."""
         found: list[int] = []
-        for add in blocked.tolist():
-            x, y = divmod(int(adds.places[add]), PLACE_PITCH)
-            place = searched(int(adds.kinds[add]), x, y, self._appearance.cell, self._items(int(adds.rows[add])))
+        rows = adds.rows[blocked]
+        parts = adds.kinds[blocked], adds.places[blocked], self._row_counts[rows], self._row_items[rows]
+        kinds, corners, counts, there = (part.tolist() for part in parts)
+        for add, kind, corner, count, others in zip(blocked.tolist(), kinds, corners, counts, there, strict=True):
+            place = searched(kind, *divmod(corner, PLACE_PITCH), self._appearance.cell, map(_item, others[:count]))
             if place is not None:
                 adds.places[add] = place[0] * PLACE_PITCH + place[1]
                 found.append(add)
         return np.array(found, np.int64)
 
-    def _snapped(self, adds: _Adds, closest: Int64Array, slots: Int64Array) -> tuple[Int64Array, BoolArray]:
-        """(k,) where items that snap to those in `slots` (k, slots) at `closest` (k,) come to rest.
+    def _snapped(self, adds: _Adds, pairs: Int64Array, closest: Int64Array) -> tuple[Int64Array, BoolArray]:
+        """(k,) where items that snap to those in the slots `closest` (k,) come to rest.
 
-        And whether that is where arrays cannot follow.
+        And whether that is where arrays cannot follow. `pairs` as in `_landing`.
         """
         _, rows, _, kinds, places = adds
-        starts = origins(kinds, places)
-        moves = geometry().moves.take(starts - slots[np.arange(len(closest)), closest]).astype(np.int64)
+        moves = geometry().moves.take(pairs[np.arange(len(closest)), closest]).astype(np.int64)
         for tied in (moves == TIED).nonzero()[0].tolist():
             moves[tied] = self._tied_move(int(rows[tied]), int(kinds[tied]), int(places[tied]), int(closest[tied]))
         new_places = places + moves
-        clearance = geometry().clearance.take((starts + moves)[:, None] - slots, mode="clip")  # outside: unfit anyway
-        fits = in_box(kinds, new_places) & (clearance != OVERLAPPING).all(1)
+        codes = geometry().clearance.take(pairs + moves[:, None], mode="clip")  # beyond the tables: out of the box
+        fits = in_box(kinds, new_places) & _apart(codes)
         if self._dynamics.rules.placement.keeps_unfit_snaps:
             return new_places, ~fits
         return np.where(fits, new_places, places), np.zeros(len(places), np.bool_)
@@ -300,7 +295,7 @@ class ScatterArrays:
     def _tied_move(self, row: int, kind: int, place: int, closest: int) -> int:
         """By how much the place changes of an item that snaps to the one in slot `closest`."""
         frame_x = row % BOX_COUNT * BOX_PITCH if self._dynamics.rules.placement.rounds_in_image else 0
-        other = self._items(row)[closest]
+        other = _item(int(self._row_items[row, closest]))
         move_x, move_y = placement_tables().move(kind, *divmod(place, PLACE_PITCH), other, frame_x)
         return move_x * PLACE_PITCH + move_y
 
@@ -318,15 +313,14 @@ class ScatterArrays:
 
     def _take(self, rows: Int64Array, taken: Int64Array) -> Change:
         """Takes items out of slots `taken` (k,), and moves later ones up."""
-        _, places = unpacked(self._row_slots[rows, taken])
-        change = Change(rows, places, self._row_looks[rows, taken] + TAKEN)
+        places, looks = np.divmod(self._row_items[rows, taken], len(LOOKS))
         sources = np.arange(self._slot_count - 1)
         sources = sources + (sources >= taken[:, None])  # (k, slots): where what comes to be in each is now
         self._row_slots[rows, :-1] = self._row_slots[rows[:, None], sources]
-        self._row_looks[rows, :-1] = self._row_looks[rows[:, None], sources]
+        self._row_items[rows, :-1] = self._row_items[rows[:, None], sources]
         self._row_counts[rows] -= 1
         self._row_stale[rows] = True
-        return change
+        return Change(rows, places, looks + TAKEN)
 
     def _edit(self, number: int) -> Edit:
         """What the appearance makes of an environment's action."""
@@ -342,45 +336,49 @@ class ScatterArrays:
             self._painter.redraw(number, edit.scene)
         return NO_REASON if edit.invalid is None else REASON_NUMBERS[edit.invalid]
 
-    def _solved(self, number: int) -> bool:
-        return self._tasks[self._block.task[number]].solved_by(self._scene(number))
+    def _solved(self, numbers: Int64Array) -> list[bool]:
+        """(k,) whether STOP succeeds in environments."""
+        self._bring_scenes(numbers)
+        tasks = self._block.task[numbers].tolist()
+        pairs = zip(tasks, numbers.tolist(), strict=True)
+        return [self._tasks[task].solved_by(self._scenes[number]) for task, number in pairs]
 
     def _scene(self, number: int) -> Scene:
-        stale = self._stale[number].tolist()
-        if True in stale:
-            first = number * BOX_COUNT
-            boxes = (
-                Box(self._items(row)) if changed else box
-                for row, changed, box in zip(
-                    range(first, first + BOX_COUNT), stale, self._scenes[number].boxes, strict=True
-                )
-            )
-            left, middle, right = boxes
-            self._scenes[number] = Scene((left, middle, right))
-            self._stale[number] = False
+        self._bring_scenes(np.array([number]))
         return self._scenes[number]
 
-    def _items(self, row: int) -> tuple[Item, ...]:
-        """The items of a box."""
-        count = self._row_counts[row]
-        slots, looks = self._row_slots[row, :count].tolist(), self._row_looks[row, :count].tolist()
-        return tuple(map(_item, slots, looks))
+    def _bring_scenes(self, numbers: Int64Array) -> None:
+        """Makes `_scenes` tell of environments (k,)."""
+        stale = self._stale[numbers]
+        if not stale.any():
+            return
+        self._stale[numbers] = False
+        counts = self._counts[numbers]
+        most = int(counts.max())
+        parts = stale, counts, self._items[numbers, :, :most]
+        for number, *boxes in zip(numbers.tolist(), *(part.tolist() for part in parts), strict=True):
+            left, middle, right = (
+                Box(tuple(map(_item, items[:count]))) if changed else box
+                for changed, count, items, box in zip(*boxes, self._scenes[number].boxes, strict=True)
+            )
+            self._scenes[number] = Scene((left, middle, right))
 
     def write_masks(self) -> None:
         if self._masks is None:
             self._masks = ScatterMasks(self._appearance, self._dynamics.rules.placement, self._block.mask)
-        self._masks.refresh([box.items for number in self._every.tolist() for box in self._scene(number).boxes])
+        self._bring_scenes(self._every)
+        self._masks.refresh([box.items for scene in self._scenes for box in scene.boxes])
 
     def write_goals(self) -> None:
-        self._block.goal[:] = [self._solved(number) for number in range(len(self._scenes))]
+        self._block.goal[:] = self._solved(self._every)
 
     def write_items(self) -> None:
         items = self._block.items
-        _, places = unpacked(self._slots[..., :-1])
-        looks = self._looks[..., :-1]
+        numbers = self._items[..., :-1]
+        places, looks = np.divmod(numbers, len(LOOKS))
         for field, values in enumerate(np.divmod(places, PLACE_PITCH)):
-            items[..., field] = np.where(looks == NO_LOOK, EMPTY, values)
-        items[..., 2:] = _LOOK_FIELDS[looks]
+            items[..., field] = np.where(numbers == NO_ITEM, EMPTY, values)
+        items[..., 2:] = _LOOK_FIELDS[np.where(numbers == NO_ITEM, NO_LOOK, looks)]
         for number in self._loose.nonzero()[0].tolist():
             items[number] = item_array(self._scenes[number], items.shape[2])
 
@@ -389,14 +387,20 @@ class ScatterArrays:
         return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
 
 
-def _closest(kinds: Int64Array, places: Int64Array, slots: Int64Array) -> _Closest:
-    """`PlacementTables.closest` for new items (k,) at places (k,), among those in slots (k, slots)."""
-    codes = geometry().clearance.take(origins(kinds, places)[:, None] - slots)
-    closest = codes.argmin(1)
-    return _Closest(closest, codes[np.arange(len(closest)), closest])
+def _apart(codes: NDArray[np.uint8]) -> BoolArray:
+    """(k,) whether new items overlap nothing, by their clearance codes (k, slots)."""
+    return codes.all(1)  # OVERLAPPING is 0
 
 
-@lru_cache(maxsize=KEPT_ITEMS)
-def _item(slot: int, look: int) -> Item:
-    x, y = divmod(slot + int(KINDS[look]) * PAIR_SIZE, PLACE_PITCH)
-    return Item(x, y, *LOOKS[look])
+class _Items(dict[int, Item]):
+    """Items by number."""
+
+    def __missing__(self, number: int) -> Item:
+        if len(self) >= KEPT_ITEMS:
+            self.clear()
+        place, look = divmod(number, len(LOOKS))
+        item = self[number] = Item(*divmod(place, PLACE_PITCH), *LOOKS[look])
+        return item
+
+
+_item = _Items().__getitem__
