@@ -85,6 +85,9 @@ class Format(Transformation):
         kept = {name: space for name, space in self.world.parts().items() if name not in self.replaces}
         return spaces.Dict(kept | dict(self.new_spaces()))
 
+    def kept(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """The parts that it leaves, of one observation or a batch."""
+        return {name: value for name, value in observation.items() if name not in self.replaces}
+
     def observations(self, observations: Mapping[str, Batch], moment: Moment) -> dict[str, Batch]:
-        kept = {name: value for name, value in observations.items() if name not in self.replaces}
-        return kept | dict(self.new_values(observations, moment))
+        return self.kept(observations) | dict(self.new_values(observations, moment))

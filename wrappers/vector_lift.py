@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from lilgym_mp.observation import Int16Array
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.gymnasium_lift import only_one
-from lilgym_mp.wrappers.moment import BoolArray, Int64Array, StatesMoment, World, WrongEnvironment, scene_of
-from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
+from lilgym_mp.wrappers.moment import BoolArray, Int64Array, Moment, StatesMoment, World, WrongEnvironment, scene_of
+from lilgym_mp.wrappers.transformation import Batch, Format, TaskChange, Transformation, refuse_above_others
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -116,17 +116,28 @@ class VectorEnvWrapper(AnyVectorWrapper):
 
     def _last_shown(self, infos: Mapping[str, Any]) -> np.ndarray[Any, Any]:
         """(N,) objects: the last observations as this wrapper shows them, None where no episode ended."""
-        numbers = np.flatnonzero(infos[WHERE_LAST]).tolist()
-        world, before = self.transformation.world, self._before
-        assert before is not None
+        numbers = np.flatnonzero(infos[WHERE_LAST])
+        assert self._before is not None
         actions = self.unwrapped.actions  # pyright: ignore[reportAttributeAccessIssue]
-        states = [_last_state(world, before, number, int(actions[number])) for number in numbers]
-        observations = _stacked([infos[LAST][number] for number in numbers])
-        shown = self.transformation.observations(observations, StatesMoment(world, states))
-        last = np.full(self.num_envs, None, object)
-        for place, number in enumerate(numbers):
-            last[number] = only_one(self.single_observation_space, _taken(shown, place))
+        moment = EndedMoment(self.transformation.world, self._before, numbers, actions)
+        last = infos[LAST].copy()
+        for number, shown in zip(numbers.tolist(), self._each_shown(last[numbers].tolist(), moment), strict=True):
+            last[number] = shown
         return last
+
+    def _each_shown(self, observations: Sequence[Any], moment: Moment) -> list[Any]:
+        """Observations (k) of single environments as this wrapper shows them."""
+        does, space, places = self.transformation, self.single_observation_space, range(len(observations))
+        if not isinstance(does, Format):
+            shown = does.observations(_stacked(observations), moment)
+            return [only_one(space, _taken(shown, place)) for place in places]
+        assert isinstance(space, spaces.Dict)
+        new = does.new_values(_Stacked(observations), moment)
+        return [
+            does.kept(observations[place])
+            | {name: only_one(space[name], _taken(values, place)) for name, values in new.items()}
+            for place in places
+        ]
 
     def __repr__(self) -> str:
         return f"<{self.name}, {self.env}>"
@@ -167,12 +178,52 @@ class _Before(NamedTuple):
     items: Int16Array | None  # (N, 3, capacity, 5), where the transformation reads the scene
 
 
+class EndedMoment(StatesMoment):
+    """The `Moment` in which episodes ended, after the action: the environments are in the next ones already."""
+
+    def __init__(self, world: World, before: _Before, numbers: Int64Array, actions: Int64Array) -> None:
+        """`numbers` (k,) of the environments; `actions` (N,) taken."""
+        super().__init__(world)
+        self._before = before
+        self._numbers = numbers
+        self._actions = actions
+
+    @property
+    def task_numbers(self) -> Int64Array:
+        return self._before.task_numbers[self._numbers]
+
+    @property
+    def steps(self) -> Int64Array:
+        return self._before.steps[self._numbers] + 1
+
+    def states(self) -> Sequence[State]:
+        """(k) the last states, reached anew when first asked for."""
+        if not self._states:
+            self._states = [_last_state(self._world, self._before, n, int(self._actions[n])) for n in self._numbers]
+        return self._states
+
+
 def _last_state(world: World, before: _Before, number: int, action: int) -> State:
-    """The state in which an episode ended, taken anew: the environment is in the next episode already."""
     task = world.tasks[int(before.task_numbers[number])]
     scene = task.start if before.items is None else scene_of(before.items[number])
     state = State(task, scene, int(before.steps[number]))
     return world.dynamics.step(state, world.dynamics.appearance.decode(action)).state
+
+
+class _Stacked(Mapping[str, Batch]):
+    """Observations of single environments as a batch, each part stacked when it is asked for: images take long."""
+
+    def __init__(self, observations: Sequence[Mapping[str, Any]]) -> None:
+        self._observations = observations
+
+    def __getitem__(self, name: str) -> Batch:
+        return _stacked([observation[name] for observation in self._observations])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._observations[0])
+
+    def __len__(self) -> int:
+        return len(self._observations[0])
 
 
 def _where(entries: Mapping[str, BoolArray], where: BoolArray) -> dict[str, BoolArray]:
