@@ -57,7 +57,7 @@ class BoxLegality:
         self._cell = cell_width, cell_height
         self._grid = BOX_SIDE // cell_width, BOX_SIDE // cell_height
         self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # of a column, in a word
-        self._allowed = self._packed(_allowed_corners(cell_width, cell_height, searches=searches))
+        self._allowed = self._packed(allowed_corners(cell_width, cell_height, searches=searches))
         self._clear = [self._clear_words(kind) for kind in range(KIND_COUNT)]
         self._covers = np.array(cell_areas(cell_width, cell_height)) > 0
         self._left_clear = lru_cache(REMEMBERED)(self._new_clear)
@@ -136,7 +136,7 @@ class BoxLegality:
         return np.ascontiguousarray((by_word * values).sum(axis=3, dtype=np.uint64).astype(f"u{bits // 8}"))
 
 
-def _allowed_corners(cell_width: int, cell_height: int, *, searches: bool) -> BoolArray:
+def allowed_corners(cell_width: int, cell_height: int, *, searches: bool) -> BoolArray:
     """(kinds, 100, 100) by kind, x, y: whether an item that is added to that pixel's cell may have its corner there."""
     columns, rows = BOX_SIDE // cell_width, BOX_SIDE // cell_height
     in_cell = np.zeros((KIND_COUNT, cell_width, cell_height), np.bool_)

@@ -212,7 +212,7 @@ class Scatter:
             return Edit(scene, InvalidReason.OUT_OF_BOX)
         clearance, closest = placement_tables().closest(kind, x, y, items)
         if clearance == OVERLAPPING:
-            found = searched(kind, x, y, self.cell, items) if self._searches(rules) else None
+            found = searched(kind, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
                 return Edit(scene, InvalidReason.OVERLAP)
             x, y = found
@@ -239,7 +239,8 @@ class Scatter:
         table = cell_areas(width, height)[item.kind]
         return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
 
-    def _searches(self, rules: PlacementRules) -> bool:
+    def searches(self, rules: PlacementRules) -> bool:
+        """Whether an item that overlaps others at its cell's corner may go elsewhere in the cell."""
         return rules.searches_cell and not self.is_native
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
@@ -251,7 +252,7 @@ class Scatter:
 
     def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
         """Whether each ADD and each REMOVE in the box's cells is valid, in the order of their numbers."""
-        searches = self._searches(rules)
+        searches = self.searches(rules)
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
@@ -262,7 +263,7 @@ class Scatter:
 
     def legality(self, rules: PlacementRules) -> BoxLegality:
         """What `legal_mask` asks about a box."""
-        return box_legality(*self.cell, searches=self._searches(rules))
+        return box_legality(*self.cell, searches=self.searches(rules))
 
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):

@@ -366,8 +366,12 @@ class ScatterArrays:
     def write_masks(self) -> None:
         if self._masks is None:
             self._masks = ScatterMasks(self._appearance, self._dynamics.rules.placement, self._block.mask)
-        self._bring_scenes(self._every)
-        self._masks.refresh([box.items for scene in self._scenes for box in scene.boxes])
+        loose = {
+            BOX_COUNT * number + index: box.items
+            for number in self._loose.nonzero()[0].tolist()
+            for index, box in enumerate(self._scenes[number].boxes)
+        }
+        self._masks.refresh(self._row_slots, self._row_counts, loose)
 
     def write_goals(self) -> None:
         self._block.goal[:] = self._solved(self._every)

@@ -1,53 +1,103 @@
-"""Masks of many Scatter scenes at once, kept up to date box by box."""
+"""Masks of many Scatter scenes at once, kept up to date cell by cell."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from lilgym_mp.appearances import PlacementRules, Scatter
-from lilgym_mp.appearances.scatter import LOOK_KINDS
-from lilgym_mp.envs.block import BoolArray
-from lilgym_mp.scene import BOX_COUNT, Item
+from lilgym_mp.appearances.placement import LARGEST_SIDE
+from lilgym_mp.appearances.scatter import LOOK_KINDS, LOOKS
+from lilgym_mp.envs.block import BoolArray, Int64Array
+from lilgym_mp.envs.scatter_room import REMOVABLE, cell_room
+from lilgym_mp.envs.scatter_tables import EMPTY_SLOT, PLACE_PITCH, packed
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item
+
+MOST_CELLS = 8192  # looked at together: so few that what is known of them stays in the processor's cache
+NOT_SHOWN = EMPTY_SLOT - 1  # in place of a slot
+_EDITS = np.arange(2 * REMOVABLE)
+_ADDS = (_EDITS[:, None] >> LOOK_KINDS & 1).astype(np.bool_).view(f"V{len(LOOKS)}")[:, 0]  # by a cell's legal edits
+_REMOVES = (_EDITS & REMOVABLE) != 0  # likewise
 
 Items = tuple[Item, ...]
 
 
 class ScatterMasks:
-    """Keeps masks equal to `Scatter.legal_mask`: an added item only takes away room, other changes begin anew."""
+    """Keeps masks equal to `Scatter.legal_mask`. An added item changes the cells that it reaches, and no others.
+
+    Boxes have the numbers 3 * environment + box.
+    """
 
     def __init__(self, appearance: Scatter, rules: PlacementRules, masks: BoolArray) -> None:
         """`masks` (N, actions) are written in `refresh` only; until then they may be anything."""
-        count = len(masks)
-        self._legality = appearance.legality(rules)
-        self._numbers = appearance.box_numbers
-        self._masks = masks
+        self._room = cell_room(*appearance.cell, searches=appearance.searches(rules))
+        self._boxes_at_once = -(-MOST_CELLS // self._room.cell_count)
+        columns, rows = appearance.grid
+        first_remove = 1 + columns * rows * len(LOOKS)
         masks[:] = False
         masks[:, 0] = True
-        self._shown: list[Items | None] = [None] * (BOX_COUNT * count)  # what the masks are of
-        room, removable = self._legality.room(()), self._legality.removable(())
-        self._room = np.empty((BOX_COUNT * count, *room.shape), room.dtype)
-        self._removable = np.empty((BOX_COUNT * count, *removable.shape), np.bool_)
+        self._adds = masks[:, 1:first_remove].view(_ADDS.dtype)  # (N, cells of the grid)
+        self._removes = masks[:, first_remove:]  # likewise
+        self._first_cells = np.array([removes.start - first_remove for _, removes in appearance.box_numbers])
+        self._slots: Int64Array | None = None  # what the masks are of; so are the next two
+        self._counts = np.zeros(BOX_COUNT * len(masks), np.int64)
+        self._loose: Mapping[int, Items] = {}
 
-    def refresh(self, items: Sequence[Items]) -> None:
-        """Makes the masks those of boxes with `items`, (3 N,) by 3 * environment + box."""
-        changed = [row for row, (new, old) in enumerate(zip(items, self._shown, strict=True)) if new is not old]
-        for row in changed:
-            self._follow(row, items[row])
-        for index, (adds, removes) in enumerate(self._numbers):
-            rows = np.array([row for row in changed if row % BOX_COUNT == index], np.int64)
-            if len(rows):
-                addable = self._legality.addable(self._room[rows])[..., LOOK_KINDS]
-                self._masks[rows // BOX_COUNT, adds] = addable.reshape(len(rows), -1)
-                self._masks[rows // BOX_COUNT, removes] = self._removable[rows].reshape(len(rows), -1)
+    def refresh(self, slots: Int64Array, counts: Int64Array, loose: Mapping[int, Items]) -> None:
+        """Makes the masks those of the boxes.
 
-    def _follow(self, row: int, items: Items) -> None:
-        old = self._shown[row]
-        if old is not None and len(items) == len(old) + 1 and items[:-1] == old:
-            self._legality.fill(self._room[row], items[-1])
-            self._legality.cover(self._removable[row], items[-1])
-        else:
-            self._room[row] = self._legality.room(items)
-            self._removable[row] = self._legality.removable(items)
-        self._shown[row] = items
+        slots: (3 N, slots) the items by `scatter_tables.packed`, from the left in their order; EMPTY_SLOT beyond
+        `counts` (3 N,). Only read.
+        loose: by box, the items of those that `slots` and `counts` do not tell of.
+        """
+        if self._slots is None:
+            self._slots = np.full(slots.shape, NOT_SHOWN)
+            self._counts[:] = slots.shape[1]
+        if loose or self._loose:
+            slots, counts = self._with_loose(slots, counts, loose, self._slots)
+        differing = np.flatnonzero(slots != self._slots)
+        changes = np.bincount(differing // slots.shape[1], minlength=len(slots))
+        boxes = np.flatnonzero(changes)
+        # Where one slot differs and there is one item more, the last item is new and the others are as they were.
+        grown = (changes[boxes] == 1) & (counts[boxes] == self._counts[boxes] + 1)
+        for first in range(0, len(boxes), self._boxes_at_once):
+            some = slice(first, first + self._boxes_at_once)
+            self._renew(boxes[some], grown[some], slots[boxes[some]], counts[boxes[some]])
+        self._slots[boxes], self._counts[boxes] = slots[boxes], counts[boxes]
+
+    def _with_loose(
+        self, slots: Int64Array, counts: Int64Array, loose: Mapping[int, Items], shown: Int64Array
+    ) -> tuple[Int64Array, Int64Array]:
+        """Slots and counts that tell of all boxes' items, but for those that do not reach into their box."""
+        slots, counts = slots.copy(), counts.copy()
+        known = [box for box, items in loose.items() if items is self._loose.get(box)]
+        slots[known], counts[known] = shown[known], self._counts[known]
+        for box in loose.keys() - set(known):
+            there = _slots_of(loose[box])
+            counts[box] = len(there)
+            slots[box] = EMPTY_SLOT
+            slots[box, : len(there)] = there
+        self._loose = dict(loose)
+        return slots, counts
+
+    def _renew(self, boxes: Int64Array, grown: BoolArray, slots: Int64Array, counts: Int64Array) -> None:
+        """Writes the masks of `boxes` (k,), which have `slots` (k, slots); `grown` (k,): only the last item is new."""
+        order = np.argsort(-counts)
+        boxes, slots, counts = boxes[order], slots[order], counts[order]
+        changed = np.ones((len(boxes), self._room.cell_count), np.bool_)
+        growing = np.flatnonzero(grown[order])
+        changed[growing] = self._room.reached(slots[growing, counts[growing] - 1])
+        places, cells = np.divmod(np.flatnonzero(changed), self._room.cell_count)
+        edits = self._room.legal_edits(slots, counts, places, cells)
+        environments, numbers = np.divmod(boxes, BOX_COUNT)
+        written = environments[places], self._first_cells[numbers][places] + cells
+        self._adds[written] = _ADDS.take(edits)
+        self._removes[written] = _REMOVES.take(edits)
+
+
+def _slots_of(items: Items) -> Int64Array:
+    """(k,) what slots would hold of those that reach into the box, wherever they lie."""
+    reaching = [item for item in items if min(item.x, item.y) > -LARGEST_SIDE and max(item.x, item.y) < BOX_SIDE]
+    kinds = np.array([item.kind for item in reaching], np.int64)
+    return packed(kinds, np.array([item.x * PLACE_PITCH + item.y for item in reaching], np.int64))
