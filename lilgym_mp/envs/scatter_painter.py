@@ -18,8 +18,8 @@ from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH
-from lilgym_mp.render import Canvas, UInt8Array, draw, image_shape, palette, shrink_of, stamp
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Box, Scene
+from lilgym_mp.render import UInt8Array, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Scene
 
 PATCH_PIXELS = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
 TAKEN = len(LOOKS)
@@ -33,7 +33,7 @@ class Change(NamedTuple):
     stamps: Int64Array  # number in LOOKS, plus TAKEN where the item goes
 
 
-class Lines(NamedTuple):
+class _Lines(NamedTuple):
     """What to put on the counts of an empty scene: runs of a patch's width."""
 
     starts: NDArray[np.uint16]  # (n,) where each starts in the counts of the scene's boxes
@@ -41,19 +41,14 @@ class Lines(NamedTuple):
 
 
 class ScatterPainter:
-    """Keeps images equal to `draw`.
-
-    `show` and `change` are for items inside their box that draw no pixel in common, `redraw` is for any.
-    """
+    """Keeps images equal to `draw` of scenes that add up."""
 
     def __init__(self, images: UInt8Array, image_size: str) -> None:
         """Makes the images (N, height, width, 3) show empty scenes."""
         self._images = images
-        self._image_size = image_size
         self._shrink = shrink_of(image_size)
         self._background = draw(Scene.empty(), image_size)
         images[:] = self._background
-        self._canvases: dict[int, Canvas] = {}  # of scenes shown by `redraw`
         side, height, width = BOX_SIDE // self._shrink, *images.shape[1:3]
         self._counts = np.zeros((len(images), BOX_COUNT, side, side), np.uint8)
         self._sheet = _sheet(image_size)
@@ -68,46 +63,28 @@ class ScatterPainter:
         self._pixel_of_count = in_scene.ravel()  # (scene counts,) which pixel of the image it is
         self._first_pixels = (np.arange(len(images))[:, None] * self._scene_pixels + lefts).ravel()  # (3 N,) by box
 
-    def lines(self, scene: Scene) -> Lines | None:
-        """What `show` takes of a scene; None where only `redraw` can show it."""
-        if not all(map(_adds_up, scene.boxes)):
-            return None
-        side = BOX_SIDE // self._shrink
-        counts = np.zeros((BOX_COUNT, side, side), np.uint8)
-        starts: set[int] = set()
-        for index, box in enumerate(scene.boxes):
-            for item in box.items:
-                own = stamp(item.kind, item.colour, item.x % 2, item.y % 2, self._shrink).counts
-                left, top = (item.x - item.x % 2) // self._shrink, (item.y - item.y % 2) // self._shrink
-                counts[index, top : top + own.shape[0], left : left + own.shape[1]] += own
-                column = min(left, side - PATCH_PIXELS // self._shrink)
-                starts.update((index * side + row) * side + column for row in range(top, top + own.shape[0]))
-        chosen = np.array(sorted(starts), np.uint16)
-        return Lines(chosen, _windows(counts, PATCH_PIXELS // self._shrink)[chosen])
-
-    def show(self, which: Int64Array, scenes: Sequence[Lines]) -> None:
+    def show(self, which: Int64Array, scenes: Sequence[Scene]) -> None:
         """Makes the images of environments (k,) show scenes."""
-        if self._canvases:
-            for number in which.tolist():
-                self._canvases.pop(number, None)
+        pictures = [self._lines(scene) for scene in scenes]
         self._images[which] = self._background
         self._counts[which] = 0
-        starts, lines = (np.concatenate(parts) for parts in zip(*scenes, strict=True))
+        starts, lines = (np.concatenate(parts) for parts in zip(*pictures, strict=True))
         if len(starts):
-            owners = which.repeat([len(scene.starts) for scene in scenes])
+            owners = which.repeat([len(picture.starts) for picture in pictures])
             pixels = owners * self._scene_pixels + self._pixel_of_count.take(starts)
             self._write(owners * self._scene_counts + starts, pixels, lines)
 
-    def redraw(self, number: int, scene: Scene) -> None:
-        """Makes an environment's image show any scene; until the next `show`, only `redraw` may change it."""
-        if number not in self._canvases:
-            self._canvases[number] = Canvas(self._image_size, self._images[number])
-        self._canvases[number].show(scene)
+    def _lines(self, scene: Scene) -> _Lines:
+        """What `show` puts on the counts of an empty scene. Kept in the scene's memo."""
+        key = ("lines", self._shrink)
+        if key not in scene.memo:
+            scene.memo[key] = _scene_lines(scene, self._shrink)
+        return scene.memo[key]
 
     def change(self, changes: Sequence[Change]) -> None:
         """Puts items into boxes and takes items away: at most one in each environment."""
         sheet = self._sheet
-        rows, places, stamps = (np.concatenate(parts) for parts in zip(*changes, strict=True))
+        rows, places, stamps = map(np.concatenate, zip(*changes, strict=True))
         count_offsets, pixel_offsets, sheet_offsets = self._row_offsets
         first_stamps = sheet.places[places] + stamps * sheet.stamp_size
         first_counts = rows * self._box_counts + sheet.counts[places]
@@ -134,15 +111,33 @@ def _windows(array: UInt8Array, length: int) -> NDArray[Any]:
     return np.ndarray((array.size // step - length + 1,), run, array, strides=(step,))
 
 
-def _adds_up(box: Box) -> bool:
-    """Whether its items lie inside it and draw no pixel in common."""
-    drawn = np.zeros((BOX_SIDE, BOX_SIDE), np.uint8)
-    for item in box.items:
-        if not fits_box(item.kind, item.x, item.y):
+def adds_up(scene: Scene) -> bool:
+    """Whether its items lie inside their boxes and draw no pixel in common."""
+    for box in scene.boxes:
+        drawn = np.zeros((BOX_SIDE, BOX_SIDE), np.uint8)
+        for item in box.items:
+            if not fits_box(item.kind, item.x, item.y):
+                return False
+            own = stamp(item.kind, item.colour, 0, 0, 1).counts > 0
+            drawn[item.y : item.y + item.side, item.x : item.x + item.side] += own
+        if drawn.max() > 1:
             return False
-        own = stamp(item.kind, item.colour, 0, 0, 1).counts > 0
-        drawn[item.y : item.y + item.side, item.x : item.x + item.side] += own
-    return drawn.max() <= 1
+    return True
+
+
+def _scene_lines(scene: Scene, shrink: int) -> _Lines:
+    side, patch = BOX_SIDE // shrink, PATCH_PIXELS // shrink
+    counts = np.zeros((BOX_COUNT, side, side), np.uint8)
+    starts: set[int] = set()
+    for index, box in enumerate(scene.boxes):
+        for item in box.items:
+            own = stamp(item.kind, item.colour, item.x % 2, item.y % 2, shrink).counts
+            left, top = (item.x - item.x % 2) // shrink, (item.y - item.y % 2) // shrink
+            counts[index, top : top + own.shape[0], left : left + own.shape[1]] += own
+            first = index * side**2 + min(left, side - patch)
+            starts.update(first + row * side for row in range(top, top + own.shape[0]))
+    chosen = np.array(sorted(starts), np.uint16)
+    return _Lines(chosen, _windows(counts, patch)[chosen])
 
 
 class _Sheet(NamedTuple):
