@@ -6,8 +6,8 @@ Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache, lru_cache
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
 PATCH_CACHE = 16_384  # surroundings of items that are kept
+LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
+MASK_PITCH = 4 * LARGEST_PATCH  # so that of two items near one patch neither reaches into another row of the other
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
 
 
@@ -150,22 +152,18 @@ def stamp(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Sta
 
 
 @cache
+def _empty(shrink: int) -> UInt8Array:
+    """An image of three empty boxes; not to be written."""
+    image = _shrunk(_background(), shrink)
+    image.flags.writeable = False
+    return image
+
+
+@cache
 def _blank(shrink: int) -> UInt8Array:
     """An empty box."""
     side = BOX_SIDE // shrink
     return np.full((side, side, 3), BOX_RGB, np.uint8)
-
-
-@cache
-def _draws_over(kind: int, other: int, dx: int, dy: int) -> bool:
-    """Whether an item draws pixels that another, `dx` and `dy` to the right and below of it, draws too."""
-    left, top = max(0, dx), max(0, dy)
-    right = min(KIND_PIXELS[kind], dx + KIND_PIXELS[other])
-    bottom = min(KIND_PIXELS[kind], dy + KIND_PIXELS[other])
-    if left >= right or top >= bottom:
-        return False
-    ours, theirs = _mask(kind)[top:bottom, left:right], _mask(other)[top - dy : bottom - dy, left - dx : right - dx]
-    return bool((ours & theirs).any())
 
 
 class Blit(NamedTuple):
@@ -184,61 +182,104 @@ class _Patch(NamedTuple):
     bottom: int
     alone: Blit
     bare: Blit  # without the item
+    counts: int  # the stamp's counts as a number, as `_counts_number` gives it
 
 
-@lru_cache(maxsize=PATCH_CACHE)
+class _Patches(dict[Item, "_Patch | None"]):
+    """The surroundings of items, None where they reach out of the box; looked up in half the time of an `lru_cache`."""
+
+    def __init__(self, shrink: int) -> None:
+        self.shrink = shrink
+
+    def __missing__(self, item: Item) -> _Patch | None:
+        if len(self) >= PATCH_CACHE:
+            self.clear()
+        patch = self[item] = _patch(item, self.shrink)
+        return patch
+
+
+_patches = cache(_Patches)
+
+
 def _patch(item: Item, shrink: int) -> _Patch | None:
-    """None where the patch reaches out of the box."""
     x, y, side = item.x, item.y, item.side
     left, top = x - x % 2, y - y % 2
     right, bottom = x + side + (x + side) % 2, y + side + (y + side) % 2
     if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
         return None
     place = slice(top // shrink, bottom // shrink), slice(left // shrink, right // shrink)
-    sprite = stamp(item.kind, item.colour, x % 2, y % 2, shrink).sprite
+    look = (item.kind, item.colour, x % 2, y % 2, shrink)
+    sprite = stamp(*look).sprite
     blank = _blank(shrink)[: sprite.shape[0], : sprite.shape[1]]
-    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank))
+    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank), _counts_number(*look))
 
 
-def _patch_blit(item: Item, items: Sequence[Item], shrink: int) -> Blit | None:
-    """The box's picture, with `items`, on the patch of `item`, which need not be one of them.
+def _pitch(shrink: int) -> int:
+    """Columns of a number that stands for a patch: so many that no item near it reaches into another row."""
+    return 2 * LARGEST_PATCH // shrink
+
+
+@cache
+def _counts_number(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> int:
+    """A stamp's counts as the bytes of a number, in rows of `_pitch`."""
+    counts = stamp(kind, colour, odd_x, odd_y, shrink).counts
+    return int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
+
+
+@cache
+def _mask_number(kind: int) -> int:
+    """The pixels that a kind draws as the bits of a number, in rows of MASK_PITCH."""
+    return int.from_bytes(np.packbits(_in_rows(_mask(kind), MASK_PITCH), bitorder="little").tobytes(), "little")
+
+
+def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
+    return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
+
+
+def _draws_over(item: Item, near: Item) -> bool:
+    """Whether two items near one patch have a pixel in common that both draw."""
+    shift = (near.y - item.y) * MASK_PITCH + near.x - item.x
+    ours, theirs = _mask_number(item.kind), _mask_number(near.kind)
+    return ours & (theirs << shift if shift >= 0 else theirs >> -shift) != 0
+
+
+def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, *, shown: bool) -> Blit | None:
+    """What a box looks like on the patch of `item` with its `others`, and with it if `shown`.
 
     None when some item there reaches out of the box or is drawn over by another: then order matters.
     """
-    patch = _patch(item, shrink)
+    patch = patches[item]
     if patch is None:
         return None
-    left, top, right, bottom, alone, bare = patch
-    there: list[Item] = []
-    for other in items:
-        other_x, other_y, _, _, size = other
-        if other_x < right and other_y < bottom:
+    left, top, right, bottom, alone, bare, _ = patch
+    near: list[Item] = []
+    for other in others:
+        x, y, _, _, size = other
+        if x < right and y < bottom:
             side = SIZE_PIXELS[size]
-            if left < other_x + side and top < other_y + side:
-                there.append(other)
-    if not there:
-        return bare
-    if len(there) == 1 and there[0] is item:
-        return alone
-    return _composed(alone.place, there, shrink)
+            if left < x + side and top < y + side:
+                near.append(other)
+    if near:
+        return _composed(patch, [item, *near] if shown else near, patches)
+    return alone if shown else bare
 
 
-def _composed(place: tuple[slice, slice], items: Sequence[Item], shrink: int) -> Blit | None:
-    """Items that may share blocks, together; None as in `_patch_blit`."""
-    rows, columns = place
-    counts = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
+def _composed(patch: _Patch, items: Sequence[Item], patches: _Patches) -> Blit | None:
+    """Items that may share the patch's blocks, together; None as in `_patch_blit`.
+
+    Numbers are added rather than arrays, as an array operation takes ten times as long on so few counts.
+    """
+    shrink = patches.shrink
+    pitch = _pitch(shrink)
+    total = 0
     for number, item in enumerate(items):
-        x, y, kind = item.x, item.y, item.kind
-        if not fits_box(kind, x, y):
+        own = patches[item]
+        if own is None or any(_draws_over(item, other) for other in items[:number]):
             return None
-        for other in items[:number]:
-            if _draws_over(kind, other.kind, other.x - x, other.y - y):
-                return None
-        own = stamp(kind, item.colour, x % 2, y % 2, shrink).counts
-        row, column = (y - y % 2) // shrink - rows.start, (x - x % 2) // shrink - columns.start
-        part = counts[max(0, row) : row + own.shape[0], max(0, column) : column + own.shape[1]]
-        skipped_rows, skipped_columns = max(0, -row), max(0, -column)
-        part += own[skipped_rows : skipped_rows + part.shape[0], skipped_columns : skipped_columns + part.shape[1]]
+        shift = 8 * ((own.top - patch.top) // shrink * pitch + (own.left - patch.left) // shrink)
+        total += own.counts << shift if shift >= 0 else own.counts >> -shift
+    place, sprite = patch.alone
+    counts = np.ndarray(sprite.shape[:2], np.uint8, total.to_bytes(pitch * pitch, "little"), strides=(pitch, 1))
     return Blit(place, palette(shrink).colours.take(counts, axis=0))
 
 
@@ -247,7 +288,11 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     key = ("blits", shrink)
     memo = box.memo
     if key not in memo:
-        blits = [_patch_blit(item, box.items, shrink) for item in box.items]
+        items, patches = box.items, _patches(shrink)
+        blits = [
+            _patch_blit(item, items[:number] + items[number + 1 :], patches, shown=True)
+            for number, item in enumerate(items)
+        ]
         memo[key] = None if None in blits else tuple(blits)
     return memo[key]
 
@@ -265,7 +310,8 @@ class Canvas:
         self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
-        self._shown: Scene | None = None  # None when the buffer must be drawn as a whole
+        self._patches = _patches(self._shrink)
+        self._shown: tuple[Box, Box, Box] | None = None  # None when the buffer must be drawn as a whole
 
     def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
         """A copy has a buffer of its own, to be drawn anew."""
@@ -273,59 +319,53 @@ class Canvas:
 
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
-        if self._updated(scene):
-            self._shown = scene
+        before, after = self._shown, scene.boxes
+        if before is not None and (
+            (after[0] is before[0] or self._update(0, before[0].items, after[0].items))
+            and (after[1] is before[1] or self._update(1, before[1].items, after[1].items))
+            and (after[2] is before[2] or self._update(2, before[2].items, after[2].items))
+        ):
+            self._shown = after
         else:
-            self.pixels[:] = draw(scene, self._image_size)
-            inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
-            self._shown = scene if inside else None
+            self._begin(scene)
         return self.pixels
 
-    def _updated(self, scene: Scene) -> bool:
-        """Makes the buffer show `scene` by changing the boxes that differ; False when that cannot be done."""
-        if self._shown is None:
+    def _update(self, index: int, before: tuple[Item, ...], after: tuple[Item, ...]) -> bool:
+        """Makes a box show `after`; False, and nothing done, unless one item was added at the end or taken away."""
+        difference = len(after) - len(before)
+        if difference == 1 and after[:-1] == before:
+            blit = _patch_blit(after[-1], before, self._patches, shown=True)
+        elif difference == -1 and (taken := _taken(before, after)) is not None:
+            blit = _patch_blit(taken, after, self._patches, shown=False)
+        else:
             return False
-        before, after = self._shown.boxes, scene.boxes
-        return (
-            (after[0] is before[0] or self._update(0, before[0], after[0]))
-            and (after[1] is before[1] or self._update(1, before[1], after[1]))
-            and (after[2] is before[2] or self._update(2, before[2], after[2]))
-        )
-
-    def _update(self, index: int, before: Box, after: Box) -> bool:
-        changed = _changed_item(before.items, after.items)
-        if changed is None:
-            return self._replace(index, after)
-        blit = _patch_blit(changed, after.items, self._shrink)
         if blit is None:
             return False
         self._boxes[index][blit[0]] = blit[1]
         return True
 
-    def _replace(self, index: int, box: Box) -> bool:
-        blits = box_blits(box, self._shrink)
-        if blits is None:
-            return False
-        pixels = self._boxes[index]
-        pixels[:] = _blank(self._shrink)
-        for place, patch in blits:
-            pixels[place] = patch
-        return True
+    def _begin(self, scene: Scene) -> None:
+        blits = [box_blits(box, self._shrink) for box in scene.boxes]
+        if None in blits:
+            self.pixels[:] = draw(scene, self._image_size)
+            inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
+            self._shown = scene.boxes if inside else None
+            return
+        self.pixels[:] = _empty(self._shrink)
+        for pixels, patches in zip(self._boxes, blits, strict=True):
+            for place, patch in patches or ():
+                pixels[place] = patch
+        self._shown = scene.boxes
 
 
-def _changed_item(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
-    """The one item that was added at the end or taken away, if that is all the difference."""
-    difference = len(after) - len(before)
-    if difference == 1:
-        return after[-1] if after[:-1] == before else None
-    if difference == -1:
-        first = 0
-        for item in after:
-            if item is not before[first]:
-                break
-            first += 1
-        return before[first] if before[first + 1 :] == after[first:] else None
-    return None
+def _taken(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
+    """The one item of `before` that `after` lacks, if that is all the difference."""
+    first = 0
+    for item in after:
+        if item is not before[first]:
+            break
+        first += 1
+    return before[first] if before[first + 1 :] == after[first:] else None
 
 
 FRAME_SCALE = 2  # native pixels are this wide in a frame

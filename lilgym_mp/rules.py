@@ -15,6 +15,7 @@ from lilgym_mp.appearances import Appearance, BoolArray, InvalidReason, Placemen
 from lilgym_mp.choices import choose
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
+from lilgym_mp.tuples import new_tuple
 
 STEP_COST = 0.1
 
@@ -161,14 +162,20 @@ class Dynamics:
     rules: RuleSet
     horizon: int
     verdicts: Sequence[Verdict] = field(init=False, repr=False, compare=False)  # by number
+    _of_stop: Sequence[Sequence[Verdict]] = field(init=False, repr=False, compare=False)  # [right][last]
+    _of_edit: Sequence[Sequence[Verdict]] = field(init=False, repr=False, compare=False)  # [valid][last]
 
     def __post_init__(self) -> None:
         pairs = ((situation, last) for situation in Situation for last in (False, True))
         table = tuple(_verdict(self.rules, situation, last=last) for situation, last in pairs)
+        rows = {situation: table[2 * situation : 2 * situation + 2] for situation in Situation}
         object.__setattr__(self, "verdicts", table)
+        # What `step` indexes by bools; numbering a situation by its enum takes three times as long.
+        object.__setattr__(self, "_of_stop", (rows[Situation.WRONG_STOP], rows[Situation.RIGHT_STOP]))
+        object.__setattr__(self, "_of_edit", (rows[Situation.INVALID_EDIT], rows[Situation.VALID_EDIT]))
 
     def start(self, task: Task) -> State:
-        return State(task, task.start, 0)
+        return new_tuple(State, (task, task.start, 0))
 
     def step(self, state: State, action: Action) -> Transition:
         """What `action` makes of `state`. An invalid action is an outcome, never an exception."""
@@ -177,17 +184,17 @@ class Dynamics:
         invalid = None
         if type(action) is Stop:
             after = scene
-            situation = Situation.RIGHT_STOP if task.solved_by(scene) else Situation.WRONG_STOP
+            verdict = self._of_stop[task.solved_by(scene)][steps >= self.horizon]
         else:
             after, invalid = self.appearance.apply(scene, action, self.rules.placement)
-            situation = Situation.VALID_EDIT if invalid is None else Situation.INVALID_EDIT
-        verdict = self.verdicts[2 * situation + (steps >= self.horizon)]
-        return Transition(State(task, after if verdict.applies else scene, steps), verdict, invalid)
+            verdict = self._of_edit[invalid is None][steps >= self.horizon]
+        moved = new_tuple(State, (task, after if verdict.applies else scene, steps))
+        return new_tuple(Transition, (moved, verdict, invalid))
 
     def wait(self, state: State) -> Transition:
         """What a step that leaves the scene makes of `state`: it counts as a valid edit does."""
         steps = state.steps + 1
-        verdict = self.verdicts[2 * Situation.VALID_EDIT + (steps >= self.horizon)]
+        verdict = self._of_edit[True][steps >= self.horizon]
         return Transition(State(state.task, state.scene, steps), verdict, None)
 
     def legal_mask(self, state: State) -> BoolArray:

@@ -5,17 +5,33 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from lilgym_mp.render import Canvas, UInt8Array, draw, frame, image_shape, text
+from lilgym_mp.render import Canvas, UInt8Array, box_blits, draw, frame, image_shape, text
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from tests.scenes import LARGE, LOOSE_SCENES, MEDIUM, SMALL, B, K, Y, circle, items, scene, square, tower, triangle
+from tests.scenes import (
+    LARGE,
+    LOOSE_SCENES,
+    MEDIUM,
+    SMALL,
+    B,
+    K,
+    Y,
+    circle,
+    items,
+    scatter_boxes,
+    scene,
+    square,
+    tower,
+    triangle,
+)
 
 YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
 BOX_RGB, SEPARATOR_RGB = (211, 211, 211), (128, 128, 128)
@@ -208,6 +224,28 @@ def test_canvas__shows_after_any_scenes_what_drawing_anew_gives(image_size: str,
     canvas = Canvas(image_size)
     for one in shown:
         assert np.array_equal(canvas.show(one), draw(one, image_size))
+
+
+SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
+
+
+@SHRINKS
+@given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
+def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: Box):
+    lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
+    assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
+
+
+@SHRINKS
+@given(box=scatter_boxes())
+def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
+    image_size = {1: "native", 2: "half"}[shrink]
+    blits = box_blits(box, shrink)
+    assume(blits is not None)
+    pixels = draw(Scene.empty(), image_size)
+    for place, patch in blits or ():
+        pixels[place] = patch
+    assert np.array_equal(pixels, draw(scene(box.items), image_size))
 
 
 @IMAGE_SIZES

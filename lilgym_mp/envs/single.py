@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, SupportsFloat, SupportsIndex, cast
 
 import gymnasium as gym
+import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError
@@ -15,6 +16,7 @@ from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import Window
 from lilgym_mp.observation import Observation, observation_space
 from lilgym_mp.render import Canvas, UInt8Array, frame, text
@@ -66,6 +68,8 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._decode = self.dynamics.appearance.decode
+        self._draws: list[int] = []  # numbers of the tasks to come, the next one last
+        self._draws_by: np.random.Generator | None = None  # whose draws they are
         self._window: Window | None = None
 
     def reset(
@@ -73,7 +77,7 @@ class LilGymEnv(gym.Env[Observation, int]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts a task drawn uniformly, or `options={"task": id}`. Raises ValueError for an unknown id or option."""
         super().reset(seed=seed)
-        task = self._chosen_task(options or {})
+        task = self._chosen_task(options) if options else self._drawn_task()
         self._state = self.dynamics.start(task)
         self._last = None
         self._ended = False
@@ -87,7 +91,13 @@ class LilGymEnv(gym.Env[Observation, int]):
             raise ValueError(f"unknown reset options {sorted(unknown)}; choose from {', '.join(RESET_OPTIONS)}")
         if "task" in options:
             return self.tasks.by_id(options["task"])
-        return self.tasks[int(self.np_random.integers(len(self.tasks)))]
+        return self._drawn_task()
+
+    def _drawn_task(self) -> Task:
+        generator = self.np_random
+        if not self._draws or generator is not self._draws_by:
+            self._draws, self._draws_by = next_draws(generator, len(self.tasks)), generator
+        return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Raises ActionError for a number out of range, ResetNeeded before reset and after the end."""
@@ -95,10 +105,11 @@ class LilGymEnv(gym.Env[Observation, int]):
         if state is None or self._ended:
             when = "before the first reset" if state is None else "after the end of the episode"
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
-        index = self._checked(action)
-        transition = self.dynamics.step(state, self._decode(index))
+        if type(action) is not int or not 0 <= action < self._action_count:  # else there is nothing to check
+            action = self._checked(action)
+        transition = self.dynamics.step(state, self._decode(action))
         self._state, (_, _, reward, terminated, truncated, _), _ = transition
-        self._last = index, transition
+        self._last = action, transition
         self._ended = terminated or truncated
         if self.render_mode == "human":
             self.render()
@@ -161,6 +172,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         Statements and numbers of items must be such as there were, since the spaces stay.
         """
         self.tasks = change(self.tasks)
+        self._draws = []
 
     def evaluation_tasks(self) -> tuple[str, ...]:
         """Every task id of the split, in file order."""

@@ -19,7 +19,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from lilgym_mp.actions import ActionError
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
@@ -256,6 +256,29 @@ def test_evaluation_tasks__are_every_entry_once_in_file_order(name: str):
         assert observation["statement"] == task.statement
         assert observation["target"] == int(task.target)
         assert np.array_equal(observation["image"], draw(task.start, "half"))
+
+
+def test_reset__draws_what_the_generator_gives_one_by_one():
+    env = make(TOWER)
+    generator, _ = gym.utils.seeding.np_random(3)
+    drawn = [env.reset(seed=None if number else 3)[1]["task"] for number in range(40)]
+    ids = env.evaluation_tasks()
+    assert drawn == [ids[generator.integers(len(ids))] for _ in drawn]
+
+
+def test_reset__draws_by_a_generator_put_in_its_place():
+    env = make(TOWER)
+    env.reset(seed=3)
+    env.np_random = np.random.default_rng(4)
+    expected = np.random.default_rng(4).integers(len(env.tasks), size=3)
+    assert [env.reset()[1]["task"] for _ in expected] == [env.evaluation_tasks()[number] for number in expected]
+
+
+def test_change_tasks__draws_from_the_changed_tasks_at_once():
+    env = make(TOWER)
+    env.reset(seed=3)
+    env.change_tasks(lambda tasks: TaskSet(tasks[:2], tasks.provenance))
+    assert {env.reset()[1]["task"] for _ in range(20)} == set(env.evaluation_tasks())
 
 
 def test_reset__scratch_starts_empty_with_target_true_and_flipit_where_stop_fails():
