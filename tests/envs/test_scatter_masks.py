@@ -1,0 +1,126 @@
+"""Masks that are kept up to date from slots are the appearance's own, whatever became of the boxes in between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.appearances import PlacementRules, Scatter
+from lilgym_mp.envs.scatter_masks import ScatterMasks
+from lilgym_mp.envs.scatter_tables import EMPTY_SLOT, PLACE_PITCH, packed
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import Box, Item, Scene
+from tests.envs.alike import random_actions
+from tests.scenes import LARGE, SMALL, circle, loose_boxes, scatter_boxes, scene, square, triangle
+
+SLOTS = 9
+GRIDS = [(19, 5), (38, 10), (95, 4), (19, 2), (38, 1), (76, 50)]
+BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
+
+
+class Shown:
+    """Masks of some environments' scenes, shown one after another."""
+
+    def __init__(self, appearance: Scatter, rules: str, count: int = 1) -> None:
+        self._appearance = appearance
+        self._rules: PlacementRules = RULE_SETS[rules].placement
+        self._masks = np.ones((count, appearance.action_count), np.bool_)  # until shown they may be anything
+        self._kept = ScatterMasks(appearance, self._rules, self._masks)
+
+    def assert_exact(self, scenes: Sequence[Scene], loose: Iterable[int] = ()) -> None:
+        """`loose`: boxes whose items are told otherwise than by slots."""
+        boxes = [box for scene in scenes for box in scene.boxes]
+        told = {number: boxes[number].items for number in loose}
+        wide = np.full((len(boxes), 2 * SLOTS), EMPTY_SLOT)
+        counts = np.array([7 if number in told else len(box.items) for number, box in enumerate(boxes)])
+        for number, box in enumerate(boxes):
+            items = (square(3, 3),) * 7 if number in told else box.items  # slots that do not tell of a box may be any
+            wide[number, : 2 * len(items) : 2] = slots_of(items)
+        self._kept.refresh(wide[:, ::2], counts, told)
+        for mask, shown in zip(self._masks, scenes, strict=True):
+            assert np.array_equal(mask, self._appearance.legal_mask(shown, self._rules))
+
+
+def slots_of(items: Sequence[Item]) -> Any:
+    kinds = np.array([item.kind for item in items], np.int64)
+    return packed(kinds, np.array([item.x * PLACE_PITCH + item.y for item in items], np.int64))
+
+
+def edits_of(box: Box, removed: Sequence[int]) -> list[Box]:
+    """The box filled item by item, and emptied again of items at places `removed` of those that are left."""
+    boxes = [Box(box.items[:count]) for count in range(len(box.items) + 1)]
+    for place in removed[: len(box.items)]:
+        boxes.append(boxes[-1].without(place % len(boxes[-1].items)))
+    return boxes
+
+
+@BY_RULES
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+def test_masks__are_exact_after_every_edit_of_a_literal_box(grid: tuple[int, int], rules: str) -> None:
+    box = Box(
+        (circle(40, 40), square(0, 0, LARGE), triangle(70, 70, LARGE), square(90, 0, SMALL), circle(13, 57, SMALL))
+    )
+    shown = Shown(Scatter(grid), rules)
+    for now in edits_of(box, [1, 0, 2, 1, 0]):
+        shown.assert_exact([scene([], now.items, [])])
+
+
+@BY_RULES
+@given(data=st.data(), box=scatter_boxes(), removed=st.lists(st.integers(0, 7), min_size=8, max_size=8))
+def test_masks__are_exact_after_every_edit(rules: str, data: st.DataObject, box: Box, removed: list[int]) -> None:
+    shown = Shown(Scatter(data.draw(st.sampled_from(GRIDS[:3]))), rules)
+    for now in edits_of(box, removed):
+        shown.assert_exact([scene(now.items)])
+
+
+@BY_RULES
+@given(data=st.data(), boxes=st.lists(scatter_boxes(), min_size=6, max_size=6))
+def test_masks__are_exact_after_any_changes(rules: str, data: st.DataObject, boxes: list[Box]) -> None:
+    """Each box of two scenes becomes any of the six again and again, or stays."""
+    shown = Shown(Scatter(), rules, 2)
+    for _ in range(3):
+        left, middle, right, *others = data.draw(st.lists(st.sampled_from(boxes), min_size=6, max_size=6))
+        shown.assert_exact([Scene((left, middle, right)), Scene(tuple(others))])
+
+
+@BY_RULES
+@given(data=st.data(), boxes=st.lists(loose_boxes, min_size=3, max_size=3), tame=scatter_boxes())
+def test_masks__are_exact_of_items_that_overlap_or_lie_outside(
+    rules: str, data: st.DataObject, boxes: list[Box], tame: Box
+) -> None:
+    shown = Shown(Scatter(data.draw(st.sampled_from(GRIDS))), rules)
+    left, middle, right = boxes
+    shown.assert_exact([Scene((left, middle, tame))], loose=[0, 1])
+    shown.assert_exact([Scene((left, right, tame))], loose=[0, 1, 2])
+    shown.assert_exact([Scene((tame, right, tame))], loose=[1])
+    shown.assert_exact([Scene((tame, tame, tame))])
+
+
+def test_masks__are_exact_of_more_boxes_than_are_looked_at_at_once() -> None:
+    chance = np.random.default_rng(0)
+    shown = Shown(Scatter(), "paper", 400)
+    spots = [(0, 0), (40, 3), (66, 41), (9, 60)]
+    for _ in range(2):
+        counts = chance.integers(len(spots) + 1, size=(400, 3)).tolist()
+        boxes = [[[circle(x, y, LARGE) for x, y in spots[:count]] for count in three] for three in counts]
+        shown.assert_exact([scene(*three) for three in boxes])
+
+
+@BY_RULES
+def test_action_masks__of_a_batch_are_exact_throughout_long_random_play(rules: str) -> None:
+    env: Any = gym.make_vec("lilgym_mp/ScatterFlipIt-v0", num_envs=64, rules=rules)
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+    for step in range(150):
+        masks = env.action_masks()
+        if step % 10 == 9:
+            for mask, state in zip(masks, env.states(), strict=True):
+                assert np.array_equal(mask, env.dynamics.legal_mask(state))
+        env.step(random_actions(masks, generator))
+    env.close()
