@@ -57,44 +57,32 @@ class BoxLegality:
         self._cell = cell_width, cell_height
         self._grid = BOX_SIDE // cell_width, BOX_SIDE // cell_height
         self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # of a column, in a word
+        # (kinds, words, 100) bits by column: where a corner may be in an empty box.
         self._allowed = self._packed(allowed_corners(cell_width, cell_height, searches=searches))
         self._clear = [self._clear_words(kind) for kind in range(KIND_COUNT)]
         self._covers = np.array(cell_areas(cell_width, cell_height)) > 0
         self._left_clear = lru_cache(REMEMBERED)(self._new_clear)
         self._covered = lru_cache(REMEMBERED)(self._new_covered)
 
-    def room(self, items: Iterable[Item]) -> Words:
-        """(kinds, words, 100) a new array of bits by column: where a corner may be without overlap with `items`."""
+    def addable(self, items: Iterable[Item]) -> BoolArray:
+        """(columns, rows, kinds) whether an item of each kind can be added to each cell of a box with `items`."""
         room = self._allowed.copy()
         for item in items:
-            self.fill(room, item)
-        return room
-
-    def fill(self, room: Words, item: Item) -> None:
-        """Takes out of `room` where a corner would make an item overlap `item`."""
-        place, clear = self._left_clear(item.kind, item.x, item.y)
-        here = room[place]
-        here &= clear
-
-    def addable(self, room: Words) -> BoolArray:
-        """(..., columns, rows, kinds) whether an item can be added to each cell, from room (..., kinds, words, 100)."""
+            place, clear = self._left_clear(item.kind, item.x, item.y)
+            here = room[place]
+            here &= clear
         columns, rows = self._grid
-        outer = room.shape[:-3]
-        by_column = np.bitwise_or.reduce(room.reshape(*outer, KIND_COUNT, rows, -1, columns, self._cell[0]), axis=-1)
-        return np.moveaxis(by_column.any(axis=-2), (-1, -2, -3), (-3, -2, -1))
+        by_cell = np.bitwise_or.reduce(room.reshape(KIND_COUNT, rows, -1, columns, self._cell[0]), axis=-1)
+        return by_cell.any(axis=2).transpose(2, 1, 0)
 
     def removable(self, items: Iterable[Item]) -> BoolArray:
-        """(columns, rows) a new array: whether one of `items` covers part of each cell."""
+        """(columns, rows) whether one of `items` covers part of each cell."""
         found = np.zeros(self._grid, np.bool_)
         for item in items:
-            self.cover(found, item)
+            place, covers = self._covered(item.kind, item.x, item.y)
+            here = found[place]
+            here |= covers
         return found
-
-    def cover(self, removable: BoolArray, item: Item) -> None:
-        """Adds the cells that `item` covers part of to `removable`."""
-        place, covers = self._covered(item.kind, item.x, item.y)
-        here = removable[place]
-        here |= covers
 
     def _new_clear(self, kind: int, x: int, y: int) -> tuple[Place, Words]:
         """The words around an item of `kind` at (x, y), and their bits that it leaves clear."""

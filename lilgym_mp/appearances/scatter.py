@@ -6,7 +6,7 @@ Source: SPEC sections 3, 4 and 7.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import SupportsIndex, cast
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
-from lilgym_mp.appearances.legality import BoxLegality, box_legality
+from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.placement import (
     OVERLAPPING,
     PlacementRules,
@@ -39,6 +39,7 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.tuples import new_tuple
 
 NATIVE = "native"
 RELEASED_GRID = (19, 5)
@@ -48,6 +49,9 @@ LARGEST_TABLE = 20_000  # actions that are kept decoded; finer grids decode each
 SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
+
+# Where an ADD has its item's upper-left corner before it looks at other items, and why it cannot: box, kind, x, y, reason.
+_Corner = tuple[int, int, int, int, InvalidReason | None]
 
 LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
 _LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
@@ -101,7 +105,9 @@ class Scatter:
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
     _first_remove: int = field(init=False, repr=False)
     box_numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
+    is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
+    _corners: Mapping[AddItem, _Corner] = field(init=False, repr=False, compare=False)  # of the actions in the table
 
     def __post_init__(self) -> None:
         columns, rows = checked_grid(self.grid)
@@ -110,12 +116,15 @@ class Scatter:
         by_column = tuple((box, x) if x < BOX_SIDE else None for box, x in places)
         object.__setattr__(self, "grid", (columns, rows))
         object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
+        object.__setattr__(self, "is_native", self.cell == (1, 1))
         object.__setattr__(self, "_columns", by_column)
         object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
         object.__setattr__(self, "box_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
-        object.__setattr__(self, "_table", ())
-        if self.action_count <= LARGEST_TABLE:
-            object.__setattr__(self, "_table", tuple(map(self._decoded, range(self.action_count))))
+        kept = self.action_count if self.action_count <= LARGEST_TABLE else 0
+        table = tuple(map(self._decoded, range(kept)))
+        object.__setattr__(self, "_table", table)
+        corners = {action: self._corner(action) for action in table if isinstance(action, AddItem)}
+        object.__setattr__(self, "_corners", corners)
 
     def _box_numbers(self, box: int) -> tuple[slice, slice]:
         """The numbers of the ADDs and of the REMOVEs in a box's cells."""
@@ -136,11 +145,6 @@ class Scatter:
     @property
     def box_capacity(self) -> None:
         return None
-
-    @property
-    def is_native(self) -> bool:
-        """Whether a cell is one pixel: then items go exactly there, without search and snapping."""
-        return self.cell == (1, 1)
 
     def decode(self, index: int) -> Action:
         return self._table[index] if self._table else self._decoded(index)
@@ -199,27 +203,30 @@ class Scatter:
         raise ActionError(f"{action!r} is no edit of scatter")
 
     def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
-        column, row, shape, colour, size = action
-        place = self._columns[column]
-        if place is None:
-            return Edit(scene, InvalidReason.SEPARATOR)
-        box_index, x = place
-        y = row * self.cell[1]
-        kind = shape * 3 + size
-        box = scene.boxes[box_index]
-        items = box.items
-        if not fits_box(kind, x, y):
-            return Edit(scene, InvalidReason.OUT_OF_BOX)
-        clearance, closest = placement_tables().closest(kind, x, y, items)
+        box_index, kind, x, y, invalid = self._corners.get(action) or self._corner(action)
+        if invalid is not None:
+            return Edit(scene, invalid)
+        items = scene.boxes[box_index].items
+        tables = placement_tables()
+        clearance, closest = tables.closest(kind, x, y, items)
         if clearance == OVERLAPPING:
             found = searched(kind, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
                 return Edit(scene, InvalidReason.OVERLAP)
             x, y = found
-            _, closest = placement_tables().closest(kind, x, y, items)
+            _, closest = tables.closest(kind, x, y, items)
         if closest is not None and not self.is_native:
             x, y = snapped(kind, x, y, closest, items, box_index, rules)
-        return Edit(scene.with_box(box_index, Box((*items, Item(x, y, shape, colour, size)))))
+        item = new_tuple(Item, (x, y, *action[2:]))
+        return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
+
+    def _corner(self, action: AddItem) -> _Corner:
+        column, row, shape, _, size = action
+        place = self._columns[column]
+        if place is None:
+            return 0, 0, 0, 0, InvalidReason.SEPARATOR
+        (box, x), y, kind = place, row * self.cell[1], shape * len(Size) + size
+        return box, kind, x, y, None if fits_box(kind, x, y) else InvalidReason.OUT_OF_BOX
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
         place = self._columns[action.column]
@@ -256,14 +263,10 @@ class Scatter:
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
-            legality = self.legality(rules)
-            addable = legality.addable(legality.room(box.items))
-            found = box.memo[key] = addable[..., LOOK_KINDS].ravel(), legality.removable(box.items).ravel()
+            legality = box_legality(*self.cell, searches=searches)
+            addable = legality.addable(box.items)[..., LOOK_KINDS].ravel()
+            found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
-
-    def legality(self, rules: PlacementRules) -> BoxLegality:
-        """What `legal_mask` asks about a box."""
-        return box_legality(*self.cell, searches=self.searches(rules))
 
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):
