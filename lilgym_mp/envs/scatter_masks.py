@@ -56,15 +56,15 @@ class ScatterMasks:
             self._counts[:] = slots.shape[1]
         if loose or self._loose:
             slots, counts = self._with_loose(slots, counts, loose, self._slots)
-        differing = np.flatnonzero(slots != self._slots)
+        differing = (slots != self._slots).ravel().nonzero()[0]
         changes = np.bincount(differing // slots.shape[1], minlength=len(slots))
-        boxes = np.flatnonzero(changes)
+        boxes = changes.nonzero()[0]
         # Where one slot differs and there is one item more, the last item is new and the others are as they were.
         grown = (changes[boxes] == 1) & (counts[boxes] == self._counts[boxes] + 1)
         for first in range(0, len(boxes), self._boxes_at_once):
             some = slice(first, first + self._boxes_at_once)
-            self._renew(boxes[some], grown[some], slots[boxes[some]], counts[boxes[some]])
-        self._slots[boxes], self._counts[boxes] = slots[boxes], counts[boxes]
+            self._renew(boxes[some], grown[some], slots.take(boxes[some], axis=0), counts[boxes[some]])
+        self._slots[boxes], self._counts[boxes] = slots.take(boxes, axis=0), counts[boxes]
 
     def _with_loose(
         self, slots: Int64Array, counts: Int64Array, loose: Mapping[int, Items], shown: Int64Array
@@ -83,12 +83,12 @@ class ScatterMasks:
 
     def _renew(self, boxes: Int64Array, grown: BoolArray, slots: Int64Array, counts: Int64Array) -> None:
         """Writes the masks of `boxes` (k,), which have `slots` (k, slots); `grown` (k,): only the last item is new."""
-        order = np.argsort(-counts)
-        boxes, slots, counts = boxes[order], slots[order], counts[order]
+        order = (-counts).argsort()
+        boxes, slots, counts = boxes[order], slots.take(order, axis=0), counts[order]
         changed = np.ones((len(boxes), self._room.cell_count), np.bool_)
-        growing = np.flatnonzero(grown[order])
+        growing = grown[order].nonzero()[0]
         changed[growing] = self._room.reached(slots[growing, counts[growing] - 1])
-        places, cells = np.divmod(np.flatnonzero(changed), self._room.cell_count)
+        places, cells = np.divmod(changed.ravel().nonzero()[0], self._room.cell_count)
         edits = self._room.legal_edits(slots, counts, places, cells)
         environments, numbers = np.divmod(boxes, BOX_COUNT)
         written = environments[places], self._first_cells[numbers][places] + cells

@@ -55,8 +55,8 @@ class CellRoom(NamedTuple):
 
         The boxes have slots (k, slots), of which `counts` (k,), descending, are filled.
         """
-        filled = np.searchsorted(-counts, -np.arange(int(counts[0])))  # (slots,) how many boxes fill each slot
-        ends = np.searchsorted(boxes, filled).tolist()  # how many of the cells are theirs
+        filled = (-counts).searchsorted(-np.arange(int(counts[0])))  # (slots,) how many boxes fill each slot
+        ends = boxes.searchsorted(filled).tolist()  # how many of the cells are theirs
         found = np.zeros(len(cells), np.uint16)
         for corners, empty in zip(self.corners, self.empty, strict=True):
             words, corners_there = empty.take(cells, axis=0), corners[cells]
