@@ -10,7 +10,7 @@ from typing import Protocol
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block, Int64Array
+from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, VALID_EDIT, Block, Int64Array
 from lilgym_mp.envs.scatter_arrays import ScatterArrays
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_array
@@ -21,7 +21,10 @@ FEWEST_SCATTER_ARRAYS = 48  # environments: fewer are faster one after another
 
 
 class Core(Protocol):
-    """N episodes, whose results go to the block: all but what `engine.Engine` tells of ends and starts."""
+    """N episodes, whose results go to the block: all but what `engine.Engine` tells of ends and starts.
+
+    How many actions have been taken stands in the block alone (`wait` writes it).
+    """
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         """Begins the tasks with those numbers in the environments `which`."""
@@ -55,35 +58,43 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str)
     return EpisodeLoop(dynamics, tasks, block, image_size)
 
 
+def wait(dynamics: Dynamics, block: Block, which: Int64Array) -> None:
+    """`Dynamics.wait` in the environments `which`, whatever their core: the scene stays."""
+    steps = block.steps[which] + 1
+    block.steps[which] = steps
+    block.verdict[which] = 2 * VALID_EDIT + (steps >= dynamics.horizon)
+    block.invalid[which] = NO_REASON
+
+
 class EpisodeLoop:
-    """A core of any appearance: one state and one canvas an environment."""
+    """A core of any appearance: one scene and one canvas an environment."""
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
         self._dynamics = dynamics
         self._tasks = tasks
         self._block = block
-        empty = dynamics.start(tasks[0])
-        self._states: list[State] = [empty] * len(block.action)
+        self._scenes = [tasks[0].start] * len(block.action)
         self._canvases = [Canvas(image_size, image) for image in block.image]
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         self._block.task[which] = tasks
         self._block.steps[which] = 0
         for number, task in zip(which.tolist(), tasks.tolist(), strict=True):
-            state = self._states[number] = self._dynamics.start(self._tasks[task])
-            self._canvases[number].show(state.scene)
+            scene = self._scenes[number] = self._tasks[task].start
+            self._canvases[number].show(scene)
 
     def step(self, which: Int64Array | None) -> None:
-        block, states, canvases = self._block, self._states, self._canvases
+        block, canvases = self._block, self._canvases
         step, decode = self._dynamics.step, self._dynamics.appearance.decode
         chosen = slice(None) if which is None else which
-        numbers = range(len(states)) if which is None else which.tolist()
+        numbers = range(len(canvases)) if which is None else which.tolist()
+        columns = (array[chosen].tolist() for array in (block.action, block.task, block.steps))
         verdicts: list[int] = []
         reasons: list[int] = []
-        for number, action in zip(numbers, block.action[chosen].tolist(), strict=True):
-            state, verdict, invalid = step(states[number], decode(action))
-            states[number] = state
+        for number, action, task, steps in zip(numbers, *columns, strict=True):
+            state, verdict, invalid = step(State(self._tasks[task], self._scenes[number], steps), decode(action))
             if verdict.applies:
+                self._scenes[number] = state.scene
                 canvases[number].show(state.scene)
             verdicts.append(verdict.number)
             reasons.append(NO_REASON if invalid is None else REASON_NUMBERS[invalid])
@@ -92,16 +103,17 @@ class EpisodeLoop:
         block.invalid[chosen] = reasons
 
     def write_masks(self) -> None:
-        for mask, state in zip(self._block.mask, self._states, strict=True):
-            mask[:] = self._dynamics.legal_mask(state)
+        for number, mask in enumerate(self._block.mask):
+            mask[:] = self._dynamics.legal_mask(self.state(number))
 
     def write_goals(self) -> None:
-        self._block.goal[:] = [self._dynamics.goal_reached(state) for state in self._states]
+        self._block.goal[:] = [self._dynamics.goal_reached(self.state(n)) for n in range(len(self._scenes))]
 
     def write_items(self) -> None:
         items = self._block.items
-        for number, state in enumerate(self._states):
-            items[number] = item_array(state.scene, items.shape[2])
+        for number, scene in enumerate(self._scenes):
+            items[number] = item_array(scene, items.shape[2])
 
     def state(self, number: int) -> State:
-        return self._states[number]
+        block = self._block
+        return State(self._tasks[block.task[number]], self._scenes[number], int(block.steps[number]))

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
+from lilgym_mp.envs.block import Int64Array
+from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.proposer_verifier.game import TurnError
-from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
-from lilgym_mp.envs.proposer_verifier.settings import Settings
-from lilgym_mp.envs.proposer_verifier.states import (
-    AGENTS,
-    BOTH_MOVE,
-    PROPOSER,
-    PROPOSER_MOVES,
-    VERIFIER,
-    VERIFIER_MOVES,
-    GameState,
-    Role,
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.session import (
+    AgentObservation,
+    Info,
+    agent_spaces,
+    both_infos,
+    chosen_intent,
+    truth_info,
 )
-from lilgym_mp.envs.proposer_verifier.views import Part, SharedPart, Value
-from lilgym_mp.render import image_shape
+from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Role
+from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts
 
 BatchStep = tuple[
     dict[str, AgentObservation],
@@ -33,15 +35,6 @@ BatchStep = tuple[
     NDArray[np.bool_],  # (N,) truncated
     dict[str, Any],
 ]
-
-_TURNS = {movers: tuple(role in movers for role in Role) for movers in (PROPOSER_MOVES, VERIFIER_MOVES, BOTH_MOVE)}
-
-
-class _Writer(NamedTuple):
-    """One part of one game's observations."""
-
-    encode: Callable[[GameState], Value]
-    rows: NDArray[Any] | None  # (N, ...); None for pictures, which are drawn where they lie
 
 
 class BatchedGames:
@@ -53,140 +46,134 @@ class BatchedGames:
     """
 
     def __init__(self, num_games: int, *, copy: bool = True, **settings: Any) -> None:
-        """`copy=False`: observations are the same arrays in every step, valid until the next.
+        """`copy=False`: images are the same array in every step, valid until the next.
 
         Raises ValueError for a number that is not positive, and as the other forms do.
         """
         if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
             raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
-        world = Settings.of(**settings).world()
+        world = self._world = Settings.of(**settings).world()
         self.num_games = num_games
         self.possible_agents = list(AGENTS)
+        self.single_observation_spaces: dict[str, spaces.Dict] = {}
+        self.single_action_spaces: dict[str, spaces.Discrete] = {}
+        self._parts = make_parts(world)
+        for agent, parts, count in zip(AGENTS, self._parts, world.game.action_counts, strict=True):
+            self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
         self._copies = copy
-        self._images = np.zeros((num_games, *image_shape(world.image_size)), np.uint8)
-        self.sessions = [Session(world, pixels=pixels) for pixels in self._images]
-        spaces_of = [self.sessions[0].spaces(role) for role in Role]
-        self.single_observation_spaces = {agent: of[0] for agent, of in zip(AGENTS, spaces_of, strict=True)}
-        self.single_action_spaces = {agent: of[1] for agent, of in zip(AGENTS, spaces_of, strict=True)}
-        self._parts = [self._part_arrays(role) for role in Role]
-        self._writers = [self._writers_of(session) for session in self.sessions]
-        self._masks = [np.zeros((num_games, count), np.int8) for count in world.game.action_counts]
-        self._turns = np.zeros((num_games, len(Role)), np.bool_)
-        self._has_started = False
-
-    def _part_arrays(self, role: Role) -> dict[str, NDArray[Any]]:
-        """(N, ...) for each part. Pictures are drawn where they lie."""
-        return {
-            key: self._images if isinstance(part, SharedPart) and part.draws else self._rows(part)
-            for key, part in self.sessions[0].parts[role].items()
-        }
-
-    def _rows(self, part: Part) -> NDArray[Any]:
-        return np.zeros((self.num_games, *(part.space.shape or ())), part.space.dtype)
-
-    def _writers_of(self, session: Session) -> tuple[list[_Writer], list[_Writer]]:
-        """How to write what changes from turn to turn, and what only a new game changes."""
-        changing: list[_Writer] = []
-        lasting: list[_Writer] = []
-        for role in Role:
-            for key, part in session.parts[role].items():
-                array = self._parts[role][key]
-                writer = _Writer(part.encode, None if array is self._images else array)
-                (lasting if part.lasts else changing).append(writer)
-        return changing, lasting
+        self._games = GameArrays(world, num_games)
+        self._every = np.arange(num_games)
+        self._generators: list[np.random.Generator] = []  # none before the first reset
+        self._draws: list[list[int]] = [[] for _ in range(num_games)]  # of tasks to come, the next one last
 
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
         """Starts every game; game i is seeded with `seed` + i. `options` as those of the parallel form, for all."""
-        for number, session in enumerate(self.sessions):
-            session.reset(None if seed is None else seed + number, options)
-            self._write(number, is_new=True)
-        self._has_started = True
-        return self._observations(), {"turns": self._turns.copy()}
+        if seed is not None or not self._generators:
+            seeds = [None if seed is None else seed + number for number in range(self.num_games)]
+            self._generators = [seeding.np_random(seed)[0] for seed in seeds]
+            self._draws = [[] for _ in seeds]
+        self._start(self._every, options or {})
+        return self._observations(), {"turns": self._games.moves.copy()}
+
+    def _start(self, which: Int64Array, options: Mapping[str, Any]) -> None:
+        """Starts some games, each with a task and an intent of its own generator's, in this order."""
+        world = self._world
+        task = world.tasks.number(options["task"]) if "task" in options else None
+        intent = chosen_intent(options)
+        tasks: list[int] = []
+        intents: list[int] = []
+        for number in which.tolist():
+            tasks.append(self._drawn_task(number) if task is None else task)
+            intents.append(world.drawn_intent(self._generators[number]) if intent is None else intent)
+        self._games.start(which, np.array(tasks), np.array(intents))
+
+    def _drawn_task(self, number: int) -> int:
+        generator, world = self._generators[number], self._world
+        if world.usual_intent is None:  # tasks and intents come by turns
+            return world.drawn_task(generator)
+        if not self._draws[number]:
+            self._draws[number] = next_draws(generator, len(world.tasks))
+        return self._draws[number].pop()
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
         """`actions`: (N,) whole numbers by agent. Errors as in the parallel form, and for arrays of another shape."""
-        if not self._has_started:
+        if not self._generators:
             raise ResetNeeded("there are no games before the first reset; call reset first")
-        proposers, verifiers = self._checked(actions)
-        rewards = np.zeros((len(Role), self.num_games))
-        terminated, truncated = np.zeros((2, self.num_games), np.bool_)
-        ended: dict[int, tuple[dict[str, AgentObservation], dict[str, Info]]] = {}
-        for number, session in enumerate(self.sessions):
-            step, infos = session.play_together(proposers[number], verifiers[number])
-            rewards[:, number] = step.rewards
-            is_over = not step.state.movers
-            if is_over:
-                terminated[number], truncated[number] = step.terminated, step.truncated
-                ended[number] = self._last_observations(session), dict(zip(AGENTS, infos, strict=True))
-                session.reset(None, None)
-            self._write(number, is_new=is_over)
-        infos = {"turns": self._turns.copy(), **self._final(ended)}
+        games = self._games
+        games.play(*self._checked(actions))
+        rewards, terminated, truncated = games.rewards, games.terminated, games.truncated
+        ended = np.flatnonzero(terminated | truncated)
+        infos: dict[str, Any] = {}
+        if len(ended):
+            infos = self._final(ended)
+            self._start(ended, {})
+        infos["turns"] = games.moves.copy()
         return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
 
-    def _checked(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> tuple[list[int], list[int]]:
+    def _checked(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
+        """Both agents' actions, by Role."""
         if set(actions) != set(AGENTS):
             raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
         arrays = [np.asarray(actions[agent]) for agent in AGENTS]
-        for agent, array in zip(AGENTS, arrays, strict=True):
+        for role, array in zip(Role, arrays, strict=True):
             if array.shape != (self.num_games,) or array.dtype.kind not in "iu":
                 raise ActionError(
-                    f"actions of {agent} must be {self.num_games} whole numbers, not {array.dtype} {array.shape}"
+                    f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {array.dtype} {array.shape}"
                 )
-        return arrays[0].tolist(), arrays[1].tolist()
-
-    def _write(self, number: int, *, is_new: bool) -> None:
-        """Puts a game's observations into its rows."""
-        session = self.sessions[number]
-        state, game = session.state, session.game
-        changing, lasting = self._writers[number]
-        for encode, rows in changing:
-            value = encode(state)
-            if rows is not None:
-                rows[number] = value
-        if is_new:
-            for encode, rows in lasting:
-                if rows is not None:
-                    rows[number] = encode(state)
-        self._masks[PROPOSER][number] = game.legal_mask(state, PROPOSER)
-        self._masks[VERIFIER][number] = game.legal_mask(state, VERIFIER)
-        self._turns[number] = _TURNS[state.movers]
+            if array.min() < 0 or array.max() >= self._world.game.action_counts[role]:
+                for action in array.tolist():  # one of them is refused
+                    self._world.game.checked(role, action)
+        return [array.astype(np.int64, copy=False) for array in arrays]
 
     def _observations(self) -> dict[str, AgentObservation]:
-        kept: dict[int, NDArray[Any]] = {}  # what both agents see is copied once
+        return self._observed(self._every, copies_images=self._copies)
 
-        def given(array: NDArray[Any]) -> NDArray[Any]:
-            if not self._copies:
-                return array
-            if id(array) not in kept:
-                kept[id(array)] = array.copy()
-            return kept[id(array)]
-
+    def _observed(self, which: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
+        """What the agents see of games (k,): arrays (k, ...). What both see alike is encoded once."""
+        games = self._games
+        rows: dict[int, NDArray[Any]] = {}
+        for part in (part for parts in self._parts for part in parts.values()):
+            if isinstance(part, ImagePart) and not copies_images:
+                rows[id(part)] = games.images
+            elif id(part) not in rows:
+                rows[id(part)] = part.rows(games, which)
         return {
             AGENTS[role]: {
-                "observation": {key: given(array) for key, array in self._parts[role].items()},
-                "action_mask": given(self._masks[role]),
+                "observation": {key: rows[id(part)] for key, part in self._parts[role].items()},
+                "action_mask": games.masks(role, which),
             }
             for role in Role
         }
 
-    def _last_observations(self, session: Session) -> dict[str, AgentObservation]:
-        observations = {AGENTS[role]: session.observe(role) for role in Role}
-        for observation in observations.values():
-            parts = observation["observation"]
-            if "image" in parts:
-                parts["image"] = parts["image"].copy()
-        return observations
+    def _final(self, ended: Int64Array) -> dict[str, Any]:
+        """What infos tell of the games (k,) that have just ended."""
+        seen = self._observed(ended)
+        observations: list[dict[str, AgentObservation] | None] = [None] * self.num_games
+        infos: list[dict[str, Info] | None] = [None] * self.num_games
+        for place, number in enumerate(ended.tolist()):
+            observations[number] = {agent: _of_game(observation, place) for agent, observation in seen.items()}
+            infos[number] = self._last_infos(number)
+        return {"final_observation": tuple(observations), "final_info": tuple(infos)}
 
-    def _final(self, ended: Mapping[int, tuple[dict[str, AgentObservation], dict[str, Info]]]) -> dict[str, Any]:
-        if not ended:
-            return {}
-        results = [ended.get(number, (None, None)) for number in range(self.num_games)]
-        return {
-            "final_observation": tuple(observation for observation, _ in results),
-            "final_info": tuple(info for _, info in results),
-        }
+    def _last_infos(self, number: int) -> dict[str, Info]:
+        """Both agents' infos of a game that has just ended."""
+        world, games = self._world, self._games
+        shared: Info = {}
+        if world.reveals_truth:
+            intent = Intent(int(games.intents[number]))
+            shared = truth_info(world, games.mdp(number), intent, games.last_judged(number))
+        infos = both_infos(shared | games.last_end(number), games.last_illegal(number))
+        return dict(zip(AGENTS, infos, strict=True))
 
     def close(self) -> None:
         """Nothing is held beside memory."""
+
+
+def _of_game(observation: AgentObservation, place: int) -> AgentObservation:
+    """One game's observation out of those of several."""
+    return {
+        "observation": {key: array[place] for key, array in observation["observation"].items()},
+        "action_mask": observation["action_mask"][place],
+    }

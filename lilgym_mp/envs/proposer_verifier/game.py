@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError, describe
+from lilgym_mp.appearances import BoolArray
 from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
+from lilgym_mp.envs.proposer_verifier.rulebook import Rulebook
 from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     NO_CHOICE,
@@ -20,17 +23,23 @@ from lilgym_mp.envs.proposer_verifier.states import (
     SILENCE,
     STOP_ACTION,
     VERIFIER,
+    VERIFIER_MOVES,
     Conditions,
+    Counted,
     GameState,
     GameStep,
     Intent,
     PastTurn,
     Role,
+    made_state,
+    made_step,
 )
+from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
 
 Int8Array = NDArray[np.int8]
-WAIT = "wait"
+WAITING = "wait"
+NOTHING, WAIT, _, STOP = Counted  # reading a member off its enum costs ten times as much, in every step
 
 
 class TurnError(ValueError):
@@ -53,32 +62,49 @@ class Game:
     message_cost: float  # to the sender, for each word but silence
     history_length: int  # turns kept in the state
     homogeneous: bool  # both agents' action spaces are as large as the larger; what is beyond one's own is illegal
+    rulebook: Rulebook = field(init=False, repr=False)
     choices: tuple[range, range] = field(init=False)  # in an agent's turn, by Role; "wait" comes after them
     action_counts: tuple[int, int] = field(init=False)  # by Role
-    _waiting: tuple[Int8Array, Int8Array] = field(init=False, repr=False)  # masks of who must wait, by Role
-    _answering: Int8Array = field(init=False, repr=False)  # the verifier's mask in its turn
+    wait_actions: tuple[int | None, int | None] = field(init=False)  # by Role; None where agents move at once
+    waiting_masks: tuple[Int8Array, Int8Array] = field(init=False, repr=False)  # of who must wait, by Role
+    answering_mask: Int8Array = field(init=False, repr=False)  # the verifier's in its turn
+    takes_turns: bool = field(init=False)  # whether the agents do, rather than move at once
+    _speaks: bool = field(init=False, repr=False)  # whether any agent has words
+    _proposes_as_mdp: bool = field(init=False, repr=False)  # whether the proposer's actions are just the MDP's
 
     def __post_init__(self) -> None:
         appearance, ending = self.conditions.dynamics.appearance, self.conditions.ending
         first = STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1
         choices = (range(first, appearance.action_count), range(len(self.protocol.answers(self.conditions))))
+        takes_turns = not self.protocol.simultaneous
         proposer, verifier = (
-            (own.stop + (not self.protocol.simultaneous)) * (size + 1)
-            for own, size in zip(choices, self.message_sizes, strict=True)
+            (own.stop + takes_turns) * (size + 1) for own, size in zip(choices, self.message_sizes, strict=True)
         )
         largest = max(proposer, verifier)
-        object.__setattr__(self, "choices", choices)
-        object.__setattr__(self, "action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
-        object.__setattr__(self, "_waiting", tuple(self._waiting_mask(role) for role in Role))
-        answering = np.zeros(self.action_counts[VERIFIER], np.int8)
-        answering[: self.action(VERIFIER, choices[VERIFIER].stop)] = 1
-        object.__setattr__(self, "_answering", answering)
+        derive = partial(object.__setattr__, self)
+        derive("rulebook", Rulebook(self.protocol, self.conditions, self.rewards))
+        derive("choices", choices)
+        derive("action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
+        derive("wait_actions", tuple(self.action(role, choices[role].stop) if takes_turns else None for role in Role))
+        derive("waiting_masks", tuple(self._waiting_mask(role) for role in Role))
+        derive("answering_mask", self._answering_mask())
+        derive("takes_turns", takes_turns)
+        derive("_speaks", any(self.message_sizes))
+        as_mdp = self.action_counts[PROPOSER] == appearance.action_count and ending.proposer_may_stop
+        derive("_proposes_as_mdp", as_mdp)
 
     def _waiting_mask(self, role: Role) -> Int8Array:
         mask = np.zeros(self.action_counts[role], np.int8)
-        wait = self.wait_action(role)
+        wait = self.wait_actions[role]
         if wait is not None:
             mask[wait] = 1
+        mask.flags.writeable = False
+        return mask
+
+    def _answering_mask(self) -> Int8Array:
+        mask = np.zeros(self.action_counts[VERIFIER], np.int8)
+        mask[: self.action(VERIFIER, self.choices[VERIFIER].stop)] = 1
+        mask.flags.writeable = False
         return mask
 
     def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
@@ -92,58 +118,70 @@ class Game:
         An illegal choice is no mistake: it counts as having chosen nothing (`protocols`). Raises TurnError for an
         agent that acts out of turn or fails to act, ActionError for a number out of range.
         """
-        if not state.movers:
+        mdp, movers, intent, asked, rejections, words, _ = state
+        if not movers:
             raise TurnError("the game is over: no agent may act before a new one starts")
-        proposal, proposer_word, proposer_illegal = self._read(state, PROPOSER, proposer)
-        answer, verifier_word, verifier_illegal = self._read(state, VERIFIER, verifier)
-        ruling = self.protocol.decide(self.conditions, state, proposal, answer)
-        played = ruling.played
-        terminated = played is not None and played.verdict.terminated
-        truncated = played is not None and played.verdict.truncated
-        words = (
-            state.words[0] if proposer_word is None else proposer_word,
-            state.words[1] if verifier_word is None else verifier_word,
-        )
-        after = GameState(
-            state.mdp if played is None else played.state,
-            NOBODY_MOVES if terminated or truncated else ruling.movers,
-            state.intent,
-            ruling.proposal,
-            ruling.rejections,
-            words,
-            self._remembered(state, proposal, answer, words) if self.history_length else (),
-        )
-        rewards = self.rewards(played, ruling.judgement, state.intent)
-        if proposer_word or verifier_word:
-            rewards = self._charged(rewards, (proposer_word, verifier_word))
-        illegal = (proposer_illegal, verifier_illegal)
-        return GameStep(after, rewards, terminated, truncated, played, ruling.judgement, illegal)
+        proposal, proposer_word, proposer_errs = self._read(movers, PROPOSER, proposer)
+        answer, verifier_word, verifier_errs = self._read(movers, VERIFIER, verifier)
+        if asked is None:
+            asked = proposal
+        book = self.rulebook
+        number = book.numbers[book.case(movers[0], asked, answer, rejections)]
+        ruling = book.rulings[number]
+        counted, asks, rejects, _, _ = ruling
+        if counted is NOTHING:
+            played, after, verdict, terminated, truncated = None, mdp, book.nothing_played, False, False
+            rejections += rejects
+        else:
+            played = self._counted(mdp, counted, asked)
+            after, (verdict, _, _, terminated, truncated, _), _ = played
+            rejections = 0
+        holds = book.truth_matters[number] and mdp.task.solved_by(mdp.scene)
+        rewards = book.worths[book.outcome(number, verdict, holds, intent)]
+        if self._speaks:
+            rewards = self._charged(rewards, proposer_word, verifier_word)
+            words = (
+                words[0] if proposer_word is None else proposer_word,
+                words[1] if verifier_word is None else verifier_word,
+            )
+        next_movers = NOBODY_MOVES if terminated or truncated else VERIFIER_MOVES if asks else self.protocol.first
+        history = self._remembered(state, proposal, answer, words) if self.history_length else ()
+        following = made_state((after, next_movers, intent, asked if asks else None, rejections, words, history))
+        illegal = (proposer_errs, verifier_errs)
+        return made_step((following, rewards, terminated, truncated, played, illegal, ruling, mdp))
 
-    def _read(self, state: GameState, role: Role, action: SupportsIndex | None) -> tuple[int | None, int | None, bool]:
-        """An action's choice, None when illegal; its word, None when it is not the agent's turn; if it is illegal."""
-        if role not in state.movers:
+    def _read(self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None) -> tuple[int, int | None, bool]:
+        """An action's choice, or NO_CHOICE; its word, None when it is not the agent's turn; whether it is illegal."""
+        if role not in movers:
             if action is not None:
                 raise TurnError(f"{AGENTS[role]} acted out of turn: it is the turn of {AGENTS[role.other]}")
-            return None, None, False
+            return NO_CHOICE, None, False
         if action is None:
             raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
         choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
         if choice in self.choices[role]:
             return choice, word, False
-        return None, SILENCE, True
+        return NO_CHOICE, SILENCE, True
 
-    def _remembered(
-        self, state: GameState, proposal: int | None, answer: int | None, words: tuple[int, int]
-    ) -> tuple[PastTurn, ...]:
-        past = PastTurn(NO_CHOICE if proposal is None else proposal, NO_CHOICE if answer is None else answer, words)
-        return (*state.history, past)[-self.history_length :]
+    def _counted(self, mdp: State, counted: Counted, proposal: int) -> Transition:
+        """What the MDP makes of a turn that spends a round."""
+        dynamics = self.conditions.dynamics
+        if counted is WAIT:
+            return dynamics.wait(mdp)
+        return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if counted is STOP else proposal))
 
-    def _charged(self, rewards: tuple[float, float], words: tuple[int | None, int | None]) -> tuple[float, float]:
+    def _charged(
+        self, rewards: tuple[float, float], proposer_word: int | None, verifier_word: int | None
+    ) -> tuple[float, float]:
         """The rewards less the cost of what was said."""
-        proposer, verifier = (
-            reward - self.message_cost if word else reward for reward, word in zip(rewards, words, strict=True)
+        proposer, verifier = rewards
+        return (
+            proposer - self.message_cost if proposer_word else proposer,
+            verifier - self.message_cost if verifier_word else verifier,
         )
-        return proposer, verifier
+
+    def _remembered(self, state: GameState, proposal: int, answer: int, words: tuple[int, int]) -> tuple[PastTurn, ...]:
+        return (*state.history, PastTurn(proposal, answer, words))[-self.history_length :]
 
     def checked(self, role: Role, action: SupportsIndex) -> int:
         """`action` as an int. Raises ActionError when it is none of the action space of `role`."""
@@ -158,33 +196,30 @@ class Game:
             raise ActionError(f"action {action!r} of {AGENTS[role]} is out of range; choose from 0 .. {count - 1}")
         return index
 
-    def wait_action(self, role: Role) -> int | None:
-        """The action "wait"; None where agents move at once."""
-        if self.protocol.simultaneous:
-            return None
-        return self.action(role, self.choices[role].stop)
-
     def legal_mask(self, state: GameState, role: Role) -> Int8Array:
         """(actions,) a new array: 1 for each legal action of `role`. At least one always is."""
-        if role not in state.movers and not self.protocol.simultaneous:
-            return self._waiting[role].copy()
+        if self.takes_turns and role not in state.movers:
+            return self.waiting_masks[role].copy()
         if role is VERIFIER:
-            return self._answering.copy()
-        legal = self.conditions.dynamics.legal_mask(state.mdp)
-        if not self.conditions.ending.proposer_may_stop:
-            legal[STOP_ACTION] = False
-        if len(legal) == self.action_counts[role]:
+            return self.answering_mask.copy()
+        return self.proposer_masks(self.conditions.dynamics.legal_mask(state.mdp))
+
+    def proposer_masks(self, legal: BoolArray) -> Int8Array:
+        """(..., actions) of proposers in their turn, from `legal`, the MDP's own (..., choices), which is used up."""
+        if self._proposes_as_mdp:
             return legal.view(np.int8)
-        mask = np.zeros(self.action_counts[role], np.int8)
-        size = self.message_sizes[role] + 1
-        mask[: len(legal) * size] = legal if size == 1 else legal.repeat(size)
-        return mask
+        if not self.conditions.ending.proposer_may_stop:
+            legal[..., STOP_ACTION] = False
+        masks = np.zeros((*legal.shape[:-1], self.action_counts[PROPOSER]), np.int8)
+        spoken = self.message_sizes[PROPOSER] + 1
+        masks[..., : legal.shape[-1] * spoken] = legal if spoken == 1 else legal.repeat(spoken, axis=-1)
+        return masks
 
     def describe(self, role: Role, action: SupportsIndex) -> str:
         """An action as people write it, such as "ADD(LEFT, BLUE)", "accept" or "reject, word 2"."""
         choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
         if choice >= self.choices[role].stop:
-            name = WAIT
+            name = WAITING
         elif role is PROPOSER:
             name = describe(self.conditions.dynamics.appearance.decode(choice))
         else:

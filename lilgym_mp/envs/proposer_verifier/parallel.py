@@ -12,7 +12,7 @@ from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, PROPOSER, VERIFIER
+from lilgym_mp.envs.proposer_verifier.states import AGENTS
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 
@@ -43,12 +43,12 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         before reset and after the end."""
         if not self.agents:
             raise ResetNeeded("no agent is in play; call reset before step")
-        if actions.keys() != self.action_spaces.keys():
+        if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
         step, infos = self.session.play_together(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
-        if not step.state.movers:
+        _, rewards, terminated, truncated, *_ = step
+        if terminated or truncated:
             self.agents = []
-        rewards, terminated, truncated = step.rewards, step.terminated, step.truncated
         return (
             self._observations(),
             {PROPOSER_NAME: rewards[0], VERIFIER_NAME: rewards[1]},
@@ -58,8 +58,8 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         )
 
     def _observations(self) -> dict[str, AgentObservation]:
-        observe = self.session.observe
-        return {PROPOSER_NAME: observe(PROPOSER), VERIFIER_NAME: observe(VERIFIER)}
+        proposer, verifier = self.session.observe_both()
+        return {PROPOSER_NAME: proposer, VERIFIER_NAME: verifier}
 
 
 def parallel_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierParallel:

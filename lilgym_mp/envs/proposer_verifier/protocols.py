@@ -1,9 +1,8 @@
 """The four protocols: who moves when, and what the choices of a turn do to the MDP underneath.
 
-Each is a pure function of the conditions, the state and the choices: the proposer's, a number of an action of
-the MDP, and the verifier's, the place of its answer in `answers`. None stands for an agent whose turn it is not, and
-for an illegal choice: it counts as having chosen nothing. A proposer who proposes nothing spends the round; a
-verifier who answers nothing has accepted, stopped and believed nothing.
+Each is a pure function of the conditions and the case. An illegal choice counts as having chosen nothing: a proposer
+who proposes nothing spends the round; a verifier who answers nothing has accepted, stopped and believed nothing.
+`rulebook` works the decisions out for every case there is.
 """
 
 from __future__ import annotations
@@ -14,19 +13,17 @@ from dataclasses import dataclass
 from lilgym_mp.envs.proposer_verifier.states import (
     BOTH_MOVE,
     PROPOSER_MOVES,
-    STOP_ACTION,
-    VERIFIER_MOVES,
+    Case,
     Conditions,
-    GameState,
-    Judgement,
+    Counted,
+    Proposal,
     Role,
     Ruling,
 )
-from lilgym_mp.rules import Transition
 
 REJECT, ACCEPT, STOP = 0, 1, 2  # places among the verifier's answers; in "joint", 0 continues and 1 stops
 
-Decision = Callable[[Conditions, GameState, int | None, int | None], Ruling]
+Decision = Callable[[Conditions, Case], Ruling]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +32,7 @@ class GameProtocol:
 
     name: str
     endings: tuple[str, ...]  # names in ENDINGS that make sense here; the first is the default
-    first: tuple[Role, ...]  # who moves first
+    first: tuple[Role, ...]  # who moves first, and whenever no proposal awaits an answer
     answers: Callable[[Conditions], tuple[str, ...]]  # the verifier's choices, all legal when it is its turn
     decide: Decision
     message_sizes: tuple[int, int] = (0, 0)  # default number of words, by Role
@@ -46,77 +43,71 @@ class GameProtocol:
         return len(self.first) > 1
 
 
-def _veto(conditions: Conditions, state: GameState, proposal: int | None, answer: int | None) -> Ruling:
+def _veto(conditions: Conditions, case: Case) -> Ruling:
     """The verifier accepts or rejects each action; a rejection spends the round."""
-    if state.movers == PROPOSER_MOVES:
-        return _proposed(conditions, state, proposal)
-    if answer in (ACCEPT, STOP):
-        return _accepted(conditions, state, answer)
-    judgement = _judged_claim(state, accepted=False)
-    return Ruling(conditions.dynamics.wait(state.mdp), PROPOSER_MOVES, judgement=judgement)
+    if not case.is_answer:
+        return _proposed(conditions, case)
+    if case.answer in (ACCEPT, STOP):
+        return _accepted(case)
+    return Ruling(Counted.WAIT, probability=_of_claim(case, accepted=False))
 
 
-def _critique(conditions: Conditions, state: GameState, proposal: int | None, answer: int | None) -> Ruling:
+def _critique(conditions: Conditions, case: Case) -> Ruling:
     """As veto, but a rejection is free; after `exchanges` of them in a round the next proposal counts unasked."""
-    if state.movers == PROPOSER_MOVES:
-        if state.rejections >= conditions.exchanges:
-            return Ruling(_counted(conditions, state, proposal), PROPOSER_MOVES)
-        return _proposed(conditions, state, proposal)
-    if answer in (ACCEPT, STOP):
-        return _accepted(conditions, state, answer)
-    judgement = _judged_claim(state, accepted=False)
-    return Ruling(None, PROPOSER_MOVES, rejections=state.rejections + 1, judgement=judgement)
+    if not case.is_answer:
+        return Ruling(_counted(case)) if case.exchanges_are_spent else _proposed(conditions, case)
+    if case.answer in (ACCEPT, STOP):
+        return _accepted(case)
+    return Ruling(Counted.NOTHING, rejects=True, probability=_of_claim(case, accepted=False))
 
 
-def _proposed(conditions: Conditions, state: GameState, proposal: int | None) -> Ruling:
+def _proposed(conditions: Conditions, case: Case) -> Ruling:
     """The proposal is laid before the verifier, unless there is none or it ends the episode by itself."""
-    if proposal is None or (proposal == STOP_ACTION and conditions.ending.by_proposer):
-        return Ruling(_counted(conditions, state, proposal), PROPOSER_MOVES)
-    return Ruling(None, VERIFIER_MOVES, proposal, state.rejections)
+    ends_alone = case.proposal is Proposal.STOP and conditions.ending.by_proposer
+    if ends_alone or case.proposal is Proposal.NONE:
+        return Ruling(_counted(case))
+    return Ruling(Counted.NOTHING, asks=True)
 
 
-def _accepted(conditions: Conditions, state: GameState, answer: int) -> Ruling:
+def _accepted(case: Case) -> Ruling:
     """The proposal counts; with the answer STOP the verifier ends the episode in its place."""
-    stops = answer == STOP
-    played = _counted(conditions, state, STOP_ACTION if stops else state.proposal)
-    judgement = Judgement(state.mdp, 1.0, final=True) if stops else _judged_claim(state, accepted=True)
-    return Ruling(played, PROPOSER_MOVES, judgement=judgement)
+    if case.answer == STOP:
+        return Ruling(Counted.STOP, probability=1.0, final=True)
+    return Ruling(_counted(case), probability=_of_claim(case, accepted=True), final=case.proposal is Proposal.STOP)
 
 
-def _judged_claim(state: GameState, *, accepted: bool) -> Judgement | None:
-    """Only a proposed STOP claims something."""
-    return Judgement(state.mdp, float(accepted), final=accepted) if state.proposal == STOP_ACTION else None
+def _of_claim(case: Case, *, accepted: bool) -> float | None:
+    """The probability that the answer states. Only a proposed STOP claims something."""
+    return float(accepted) if case.proposal is Proposal.STOP else None
 
 
-def _counted(conditions: Conditions, state: GameState, action: int | None) -> Transition:
-    """What the MDP makes of an action, or of none."""
-    dynamics = conditions.dynamics
-    if action is None:
-        return dynamics.wait(state.mdp)
-    return dynamics.step(state.mdp, dynamics.appearance.decode(action))
+_COUNTED = {Proposal.NONE: Counted.WAIT, Proposal.STOP: Counted.STOP, Proposal.EDIT: Counted.PROPOSAL}
 
 
-def _joint(conditions: Conditions, state: GameState, proposal: int | None, answer: int | None) -> Ruling:
+def _counted(case: Case) -> Counted:
+    """The proposal, or a step that leaves the scene where there is none."""
+    return _COUNTED[case.proposal]
+
+
+def _joint(conditions: Conditions, case: Case) -> Ruling:
     """Both choose at once; a stop is judged on the scene before the edit. A STOP that does not end spends the round."""
     ending = conditions.ending
-    claims, stops = proposal == STOP_ACTION, answer == ACCEPT
+    claims, stops = case.proposal is Proposal.STOP, case.answer == ACCEPT
     ends = (claims and ending.by_proposer) or (stops and ending.by_verifier) or (claims and stops)
-    judgement = None
+    counted = Counted.STOP if ends else Counted.WAIT if claims else _counted(case)
     if ending.by_verifier or claims:
-        judgement = Judgement(state.mdp, float(stops), final=ends)
-    played = _counted(conditions, state, STOP_ACTION if ends else None if claims else proposal)
-    return Ruling(played, BOTH_MOVE, judgement=judgement)
+        return Ruling(counted, probability=float(stops), final=ends)
+    return Ruling(counted)
 
 
-def _audit(conditions: Conditions, state: GameState, proposal: int | None, answer: int | None) -> Ruling:
+def _audit(conditions: Conditions, case: Case) -> Ruling:
     """The proposer plays alone; its STOP is a claim, which the verifier's verdict ends the episode with."""
-    if state.movers == PROPOSER_MOVES:
-        if proposal == STOP_ACTION:
-            return Ruling(None, VERIFIER_MOVES, proposal)
-        return Ruling(_counted(conditions, state, proposal), PROPOSER_MOVES)
-    probability = verdict_probability(conditions.verdict_bins, answer or 0)
-    judgement = Judgement(state.mdp, probability, final=True)
-    return Ruling(_counted(conditions, state, STOP_ACTION), PROPOSER_MOVES, judgement=judgement)
+    if case.is_answer:
+        probability = verdict_probability(conditions.verdict_bins, case.answer or 0)
+        return Ruling(Counted.STOP, probability=probability, final=True)
+    if case.proposal is Proposal.STOP:
+        return Ruling(Counted.NOTHING, asks=True)
+    return Ruling(_counted(case))
 
 
 def verdict_probability(bins: int | None, verdict: int) -> float:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Judgement, Role
-from lilgym_mp.rules import Transition
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Role, accepts
 
 AgentRewards = str | Mapping[str, float]  # a term, or terms with their weights
 Rewards = str | Mapping[str, AgentRewards]  # a name of PRESETS, or both agents' own
@@ -23,11 +22,23 @@ class Costs:
     false_reject: float
 
 
+class Judged(NamedTuple):
+    """The verifier's answer to a claim, beside the truth."""
+
+    probability: float  # that the claim holds, as the verifier says
+    final: bool  # whether the episode ends with it
+    holds: bool
+
+    @property
+    def accepted(self) -> bool:
+        return accepts(self.probability)
+
+
 class Event(NamedTuple):
     """What a turn's worth depends on."""
 
-    played: Transition | None
-    judgement: Judgement | None
+    reward: float  # the MDP's; 0 in turns that spend no round
+    judged: Judged | None
     intent: Intent
     costs: Costs
 
@@ -37,7 +48,7 @@ Term = Callable[[Event], float]
 
 def _mdp(event: Event) -> float:
     """The MDP's own reward, in turns that spend a round."""
-    return event.played.reward if event.played else 0.0
+    return event.reward
 
 
 def _correctness(event: Event) -> float:
@@ -45,38 +56,38 @@ def _correctness(event: Event) -> float:
 
     A right rejection after which play goes on is worth nothing: otherwise repeating a false claim would pay.
     """
-    judgement = event.judgement
-    if judgement is None:
+    judged = event.judged
+    if judged is None:
         return 0.0
-    if judgement.accepted == judgement.holds:
-        return float(judgement.final)
-    return -event.costs.false_accept if judgement.accepted else -event.costs.false_reject
+    if judged.accepted == judged.holds:
+        return float(judged.final)
+    return -event.costs.false_accept if judged.accepted else -event.costs.false_reject
 
 
 def _brier(event: Event) -> float:
     """Minus the squared difference between the stated probability and the truth, 0 or 1."""
-    judgement = event.judgement
-    return -((judgement.probability - judgement.holds) ** 2) if judgement else 0.0
+    judged = event.judged
+    return -((judged.probability - judged.holds) ** 2) if judged else 0.0
 
 
 def _log(event: Event) -> float:
     """The natural logarithm of the probability stated for what is true."""
-    judgement = event.judgement
-    if judgement is None:
+    judged = event.judged
+    if judged is None:
         return 0.0
-    return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
+    return math.log(judged.probability if judged.holds else 1 - judged.probability)
 
 
 def _helpful(event: Event) -> float:
     """+1 when the verifier accepts a true claim."""
-    judgement = event.judgement
-    return float(judgement is not None and judgement.accepted and judgement.holds)
+    judged = event.judged
+    return float(judged is not None and judged.accepted and judged.holds)
 
 
 def _sneaky(event: Event) -> float:
     """+1 when the verifier accepts a false claim."""
-    judgement = event.judgement
-    return float(judgement is not None and judgement.accepted and not judgement.holds)
+    judged = event.judged
+    return float(judged is not None and judged.accepted and not judged.holds)
 
 
 def _hidden(event: Event) -> float:
@@ -112,21 +123,10 @@ class RewardScheme:
 
     weights: tuple[Mapping[str, float], Mapping[str, float]]
     costs: Costs
-    _mdp_weights: tuple[float, float] | None = field(
-        init=False, repr=False
-    )  # where nothing but the MDP's reward counts
 
-    def __post_init__(self) -> None:
-        only_mdp = all(terms.keys() == {"mdp"} for terms in self.weights)
-        proposer, verifier = (terms.get("mdp", 0.0) for terms in self.weights)
-        object.__setattr__(self, "_mdp_weights", (proposer, verifier) if only_mdp else None)
-
-    def __call__(self, played: Transition | None, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
-        """Both agents' rewards, by Role."""
-        if self._mdp_weights is not None:
-            reward = played.verdict.reward if played else 0.0
-            return self._mdp_weights[0] * reward, self._mdp_weights[1] * reward
-        event = Event(played, judgement, intent, self.costs)
+    def __call__(self, reward: float, judged: Judged | None, intent: Intent) -> tuple[float, float]:
+        """Both agents' rewards, by Role, for a turn in which the MDP gave `reward`."""
+        event = Event(reward, judged, intent, self.costs)
         proposer, verifier = (
             sum((weight * TERMS[term](event) for term, weight in terms.items()), 0.0) for terms in self.weights
         )

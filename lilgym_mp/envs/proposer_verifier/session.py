@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 
 from lilgym_mp.choices import choose
+from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     PROPOSER,
@@ -18,33 +19,72 @@ from lilgym_mp.envs.proposer_verifier.states import (
     GameState,
     GameStep,
     Intent,
+    Judgement,
     Role,
 )
-from lilgym_mp.envs.proposer_verifier.views import World, make_parts
+from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import Window
 from lilgym_mp.render import UInt8Array, frame, text
-from lilgym_mp.rules import Outcome
+from lilgym_mp.rules import State
 
 RENDER_FPS = 4
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
+NOBODY_ERRS = (False, False)
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 
 AgentObservation = dict[str, Any]  # {"observation": {part: array}, "action_mask": int8 (actions,)}
 Info = dict[str, Any]
 
 
+def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.Dict, spaces.Discrete]:
+    """New spaces of an agent's observations and actions."""
+    seen = spaces.Dict({key: part.space for key, part in parts.items()})
+    mask = spaces.Box(0, 1, (action_count,), np.int8)
+    return spaces.Dict({"observation": seen, "action_mask": mask}), spaces.Discrete(action_count)
+
+
+def chosen_intent(options: Mapping[str, Any]) -> Intent | None:
+    """The intent that the options of a reset name. Raises ValueError naming the choices."""
+    return choose("intent", options["intent"], INTENTS) if "intent" in options else None
+
+
+def truth_info(world: World, mdp: State, intent: Intent, judged: Judgement | Judged | None = None) -> Info:
+    """What infos tell of the truth, after a turn in which the verifier judged a claim or did not."""
+    info: Info = {
+        "truth": mdp.task.truth(mdp.scene),
+        "goal_reached": world.game.conditions.dynamics.goal_reached(mdp),
+        "intent": intent.name.lower(),
+    }
+    if judged is not None:
+        info["judgement"] = {"probability": judged.probability, "holds": judged.holds}
+    return info
+
+
+def both_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
+    """Each agent's own, with what both are told; `illegal`: whose choice was."""
+    proposer, verifier = shared, shared.copy()
+    if illegal[0]:
+        proposer["illegal_choice"] = True
+    if illegal[1]:
+        verifier["illegal_choice"] = True
+    return proposer, verifier
+
+
 class Session:
     """A world's current game, its random generator, and the encoders of observations."""
 
-    def __init__(self, world: World, render_mode: str | None = None, pixels: UInt8Array | None = None) -> None:
-        """`pixels`: an image buffer to draw into; observations then hold it, not copies of it."""
+    def __init__(self, world: World, render_mode: str | None = None) -> None:
         self.world = world
         self.game = world.game
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.rng, _ = seeding.np_random()
-        self.parts = make_parts(world, pixels)
-        self._encoders = tuple([(key, part.encode) for key, part in parts.items()] for parts in self.parts)
+        self.parts = make_parts(world)
+        distinct = list({id(part): part for parts in self.parts for part in parts.values()}.values())
+        self._encoders = [part.encode for part in distinct]
+        self._places = tuple([(key, distinct.index(part)) for key, part in parts.items()] for parts in self.parts)
+        self._seen: dict[int, Value] = {}  # by place: what both see alike, as one of them has seen it
+        self._seen_state: GameState | None = None
         self.last: GameStep | None = None
         self._state: GameState | None = None
         self._heard: str = ""
@@ -64,23 +104,18 @@ class Session:
         """
         if seed is not None:
             self.rng, _ = seeding.np_random(seed)
-        options = options or {}
-        tasks = self.world.tasks
-        task = tasks.by_id(options["task"]) if "task" in options else tasks[int(self.rng.integers(len(tasks)))]
-        self._state = self.game.start(task, self._intent(options))
+        world, options = self.world, options or {}
+        task = world.tasks.by_id(options["task"]) if "task" in options else world.tasks[world.drawn_task(self.rng)]
+        intent = chosen_intent(options)
+        state = self._state = self.game.start(task, world.drawn_intent(self.rng) if intent is None else intent)
         self.last = None
         self._heard = ""
-        self._show()
-        info = {"task": task.id, **self._truth(self._state)}
-        return info, dict(info)
-
-    def _intent(self, options: Mapping[str, Any]) -> Intent:
-        if "intent" in options:
-            return choose("intent", options["intent"], INTENTS)
-        rewards = self.game.rewards
-        if rewards.draws_intent:
-            return Intent(int(self.rng.random() < self.world.sneaky_share))
-        return Intent.SNEAKY if rewards.uses("sneaky", PROPOSER) else Intent.HELPFUL
+        if self.render_mode is not None:
+            self._show()
+        info = {"task": task.id}
+        if world.reveals_truth:
+            info |= truth_info(world, state.mdp, state.intent)
+        return info, info.copy()
 
     def play(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
         """One turn. Raises ResetNeeded before reset and after the end; otherwise as `Game.play`."""
@@ -97,17 +132,17 @@ class Session:
     def play_together(self, proposer: SupportsIndex, verifier: SupportsIndex) -> tuple[GameStep, tuple[Info, Info]]:
         """One turn to which both bring an action, and their infos. Where they take turns, what the agent whose turn
         it is not brings is ignored, and is an illegal choice unless it waits."""
-        state = self.state
-        if len(state.movers) != 1:
+        game = self.game
+        if not game.takes_turns:
             step = self.play(proposer, verifier)
             return step, self.infos(step)
-        game, idle = self.game, state.movers[0].other
-        if idle is VERIFIER:
-            waits = game.checked(idle, verifier) == game.wait_action(idle)
-            step = self.play(proposer, None)
-        else:
-            waits = game.checked(idle, proposer) == game.wait_action(idle)
+        movers = self.state.movers
+        if VERIFIER in movers:
+            idle, waits = PROPOSER, game.checked(PROPOSER, proposer) == game.wait_actions[PROPOSER]
             step = self.play(None, verifier)
+        else:
+            idle, waits = VERIFIER, game.checked(VERIFIER, verifier) == game.wait_actions[VERIFIER]
+            step = self.play(proposer, None)
         infos = self.infos(step)
         if not waits:
             infos[idle]["illegal_choice"] = True
@@ -115,47 +150,50 @@ class Session:
 
     def infos(self, step: GameStep) -> tuple[Info, Info]:
         """Both agents' infos after a turn: what the end was, whose choice was illegal, the truth when asked for."""
-        if step.state.movers and not self.world.reveals_truth and step.illegal == (False, False):
+        state, played, reveals_truth = step.state, step.played, self.world.reveals_truth
+        if state.movers and not reveals_truth and step.illegal == NOBODY_ERRS:
             return {}, {}
-        shared = self._truth(step.state)
-        if self.world.reveals_truth and step.judgement is not None:
-            judgement = step.judgement
-            shared["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
-        if step.played is not None and step.played.outcome is not Outcome.CONTINUES:
-            shared |= end_info(step.played)
-        proposer, verifier = (
-            {**shared, "illegal_choice": True} if illegal else dict(shared) for illegal in step.illegal
-        )
-        return proposer, verifier
+        shared: Info = {}
+        if reveals_truth:
+            shared = truth_info(self.world, state.mdp, state.intent, step.judgement)
+        if played is not None and not state.movers:
+            shared |= end_info(played)
+        return both_infos(shared, step.illegal)
 
-    def _truth(self, state: GameState) -> Info:
-        if not self.world.reveals_truth:
-            return {}
-        task, scene = state.mdp.task, state.mdp.scene
-        return {
-            "truth": task.truth(scene),
-            "goal_reached": self.game.conditions.dynamics.goal_reached(state.mdp),
-            "intent": state.intent.name.lower(),
-        }
+    def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
+        """By Role. Arrays of what both see alike are the same ones."""
+        state, game = self.state, self.game
+        values = [encode(state) for encode in self._encoders]
+        proposer, verifier = self._places
+        return (
+            {
+                "observation": {key: values[place] for key, place in proposer},
+                "action_mask": game.legal_mask(state, PROPOSER),
+            },
+            {
+                "observation": {key: values[place] for key, place in verifier},
+                "action_mask": game.legal_mask(state, VERIFIER),
+            },
+        )
 
     def observe(self, role: Role) -> AgentObservation:
-        state = self.state
-        return {
-            "observation": {key: encode(state) for key, encode in self._encoders[role]},
-            "action_mask": self.game.legal_mask(state, role),
-        }
+        """Arrays of what both see alike are the same ones for both, as long as the state stays."""
+        return {"observation": self.see(role), "action_mask": self.game.legal_mask(self.state, role)}
 
     def see(self, role: Role) -> dict[str, Any]:
         """The parts of an observation."""
-        state = self.state
-        return {key: encode(state) for key, encode in self._encoders[role]}
+        state, seen = self.state, self._seen
+        if state is not self._seen_state:
+            seen.clear()
+            self._seen_state = state
+        for _, place in self._places[role]:
+            if place not in seen:
+                seen[place] = self._encoders[place](state)
+        return {key: seen[place] for key, place in self._places[role]}
 
     def spaces(self, role: Role) -> tuple[spaces.Dict, spaces.Discrete]:
         """New spaces of the observations and the actions of `role`."""
-        count = self.game.action_counts[role]
-        parts = spaces.Dict({key: part.space for key, part in self.parts[role].items()})
-        mask = spaces.Box(0, 1, (count,), np.int8)
-        return spaces.Dict({"observation": parts, "action_mask": mask}), spaces.Discrete(count)
+        return agent_spaces(self.parts[role], self.game.action_counts[role])
 
     def _remember(self, *actions: SupportsIndex | None) -> None:
         said = [

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 from lilgym_mp.rules import Dynamics, State, Transition
 
@@ -71,12 +72,17 @@ class Judgement(NamedTuple):
 
     @property
     def accepted(self) -> bool:
-        return self.probability > 0.5
+        return accepts(self.probability)
 
     @property
     def holds(self) -> bool:
         """Whether the claim is true."""
         return self.scene.task.solved_by(self.scene.scene)
+
+
+def accepts(probability: float) -> bool:
+    """Whether a verifier that states this probability of a claim accepts it."""
+    return probability > 0.5
 
 
 class PastTurn(NamedTuple):
@@ -109,14 +115,40 @@ class Conditions:
     exchanges: int  # critique: rejections before a proposal counts unasked
 
 
-class Ruling(NamedTuple):
-    """What a protocol makes of the choices of a turn."""
+class Proposal(IntEnum):
+    """What the verifier is asked about, or would be."""
 
-    played: Transition | None  # of the MDP, when the turn spends a round
-    movers: tuple[Role, ...]  # next, unless `played` ends the episode
-    proposal: int | None = None
-    rejections: int = 0
-    judgement: Judgement | None = None
+    NONE = 0
+    STOP = 1  # the claim that the statement has the target value
+    EDIT = 2
+
+
+class Counted(IntEnum):
+    """What a turn has the MDP do. All but NOTHING spend a round."""
+
+    NOTHING = 0
+    WAIT = 1  # a step that leaves the scene
+    PROPOSAL = 2
+    STOP = 3
+
+
+class Case(NamedTuple):
+    """All that a protocol's decision depends on beside the conditions."""
+
+    is_answer: bool  # whether it is the verifier's turn, where agents take turns
+    proposal: Proposal  # the proposer's choice, or in the verifier's turn the one that awaits an answer
+    answer: int | None  # the verifier's choice; None for an illegal one, and in the proposer's turn
+    exchanges_are_spent: bool  # whether a further rejection in this round would be one too many
+
+
+class Ruling(NamedTuple):
+    """What a protocol makes of a case."""
+
+    counted: Counted
+    asks: bool = False  # whether the verifier is asked about the proposal: the next turn is its own
+    rejects: bool = False  # whether the round has one rejection more
+    probability: float | None = None  # the judgement's, where the verifier has judged a claim
+    final: bool = False  # the judgement's
 
 
 class GameStep(NamedTuple):
@@ -127,5 +159,16 @@ class GameStep(NamedTuple):
     terminated: bool
     truncated: bool
     played: Transition | None
-    judgement: Judgement | None
     illegal: tuple[bool, bool]  # whose choice was not legal, and so counted as none
+    ruling: Ruling
+    before: State  # the MDP's, whose scene is judged where anything is
+
+    @property
+    def judgement(self) -> Judgement | None:
+        _, _, _, probability, final = self.ruling
+        return None if probability is None else Judgement(self.before, probability, final)
+
+
+# A NamedTuple's own constructor takes twice as long, and play makes one of each a step. They take one tuple.
+made_state: Callable[[tuple[Any, ...]], GameState] = partial(tuple.__new__, GameState)
+made_step: Callable[[tuple[Any, ...]], GameStep] = partial(tuple.__new__, GameStep)

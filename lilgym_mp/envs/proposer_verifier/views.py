@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from gymnasium import spaces
@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, GameState, Intent, Role
 from lilgym_mp.observation import image_space, item_array, item_capacity
 from lilgym_mp.render import Canvas, UInt8Array
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
+
+if TYPE_CHECKING:
+    from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 
 AnyView: TypeAlias = "View | str | Mapping[str, Any]"
 Value = NDArray[Any] | np.integer[Any]
@@ -75,6 +79,24 @@ class World:
     reveals_truth: bool  # in infos
 
     @cached_property
+    def usual_intent(self) -> Intent | None:
+        """The proposer's intent where it is the same in every episode; None where it is drawn."""
+        rewards = self.game.rewards
+        if rewards.draws_intent:
+            return None
+        return Intent.SNEAKY if rewards.uses("sneaky", Role.PROPOSER) else Intent.HELPFUL
+
+    def drawn_task(self, rng: np.random.Generator) -> int:
+        """The number of the next episode's task, all equally likely."""
+        return int(rng.integers(len(self.tasks)))
+
+    def drawn_intent(self, rng: np.random.Generator) -> Intent:
+        """The next episode's intent; `rng` is used only where intents are drawn."""
+        if self.usual_intent is not None:
+            return self.usual_intent
+        return Intent.SNEAKY if rng.random() < self.sneaky_share else Intent.HELPFUL
+
+    @cached_property
     def vocabulary(self) -> Vocabulary:
         """The words of the corpus's train split: the same for every split."""
         return Vocabulary.from_statements(task.statement for task in self._training_tasks)
@@ -121,35 +143,31 @@ class Part(Protocol):
     @property
     def space(self) -> spaces.Space[Any]: ...
 
-    @property
-    def lasts(self) -> bool:
-        """Whether the value stays the same throughout a game."""
-        ...
-
     def encode(self, state: GameState) -> Value:
         """The entry's value: a new array, or a number."""
         ...
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        """(k, ...) the values of the games `which`, (k,): a new array."""
+        ...
+
 
 class ImagePart:
-    """uint8 (50, 190, 3), or (100, 380, 3) at native size. With `pixels` the picture is drawn there, not copied."""
+    """uint8 (50, 190, 3), or (100, 380, 3) at native size."""
 
-    lasts = False
-
-    def __init__(self, world: World, pixels: UInt8Array | None = None) -> None:
+    def __init__(self, world: World) -> None:
         self.space = image_space(world.image_size)
-        self._canvas = Canvas(world.image_size, pixels)
-        self._copies = pixels is None
+        self._canvas = Canvas(world.image_size)
 
     def encode(self, state: GameState) -> Value:
-        picture = self._canvas.show(state.mdp.scene)
-        return picture.copy() if self._copies else picture
+        return self._canvas.show(state.mdp.scene).copy()
+
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return games.images.take(which, axis=0)
 
 
 class ItemsPart:
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
-
-    lasts = False
 
     def __init__(self, world: World) -> None:
         self._capacity = world.item_capacity
@@ -158,6 +176,9 @@ class ItemsPart:
     def encode(self, state: GameState) -> Value:
         return item_array(state.mdp.scene, self._capacity)
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return games.items().take(which, axis=0)
+
 
 LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
@@ -165,14 +186,15 @@ LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 class SceneTextPart:
     """The scene in words, as `as_bytes` writes them."""
 
-    lasts = False
-
     def __init__(self, world: World) -> None:
         self._length = BOX_COUNT * (world.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
         return as_bytes(scene_in_words(state.mdp.scene), self._length)
+
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return np.stack([as_bytes(scene_in_words(games.mdp(n).scene), self._length) for n in which.tolist()])
 
 
 def scene_in_words(scene: Scene) -> str:
@@ -189,8 +211,6 @@ def item_in_words(item: Item) -> str:
 class TokensPart:
     """int64 (length,): the statement's words as `World.vocabulary` numbers them, padded with 0."""
 
-    lasts = True
-
     def __init__(self, world: World) -> None:
         self._world = world
         self.space = spaces.Box(0, len(world.vocabulary) - 1, (world.statement_length,), np.int64)
@@ -198,18 +218,31 @@ class TokensPart:
     def encode(self, state: GameState) -> Value:
         return self._world.statement_tokens(state.mdp.task.statement).copy()
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return self._by_task.take(games.tasks[which], axis=0)
+
+    @cached_property
+    def _by_task(self) -> NDArray[np.int64]:
+        return np.stack([self._world.statement_tokens(task.statement) for task in self._world.tasks])
+
 
 class StatementTextPart:
     """The statement, as `as_bytes` writes it."""
 
-    lasts = True
-
     def __init__(self, world: World) -> None:
+        self._world = world
         self._length = world.longest_text
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
         return as_bytes(state.mdp.task.statement, self._length)
+
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return self._by_task.take(games.tasks[which], axis=0)
+
+    @cached_property
+    def _by_task(self) -> UInt8Array:
+        return np.stack([as_bytes(task.statement, self._length) for task in self._world.tasks])
 
 
 def byte_space(length: int) -> spaces.Box:
@@ -232,20 +265,24 @@ def read_text(array: UInt8Array) -> str:
 class TargetPart:
     """0 or 1."""
 
-    lasts = True
-
-    def __init__(self) -> None:
+    def __init__(self, world: World) -> None:
         self.space = spaces.Discrete(2)
+        self._world = world
         self._values = (np.int64(0), np.int64(1))
 
     def encode(self, state: GameState) -> Value:
         return self._values[state.mdp.task.target]
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return self._by_task[games.tasks[which]]
+
+    @cached_property
+    def _by_task(self) -> NDArray[np.int64]:
+        return np.array([task.target for task in self._world.tasks], np.int64)
+
 
 class ProposalPart:
     """int64 (slots,): the proposal that awaits an answer, in the released array form; all -1 where there is none."""
-
-    lasts = False
 
     def __init__(self, world: World) -> None:
         self._arrays = ActionArrays(world.game)
@@ -254,11 +291,12 @@ class ProposalPart:
     def encode(self, state: GameState) -> Value:
         return self._arrays[NO_CHOICE if state.proposal is None else state.proposal].copy()
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return self._arrays.many(games.proposals[which])
+
 
 class HistoryPart:
     """int64 (turns, slots + 3): proposal in the released array form, answer, both words; newest last, -1 before."""
-
-    lasts = False
 
     def __init__(self, world: World, turns: int) -> None:
         self._arrays = ActionArrays(world.game)
@@ -275,6 +313,10 @@ class HistoryPart:
             row[-3:] = turn.answer, *turn.words
         return array
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        past = games.history[which, -self._shape[0] :]
+        return np.concatenate([self._arrays.many(past[..., 0]), past[..., 1:]], axis=-1)
+
 
 class ActionArrays(dict[int, NDArray[np.int64]]):
     """The released array form of each action of the MDP, made when first asked for; not to be written."""
@@ -289,36 +331,49 @@ class ActionArrays(dict[int, NDArray[np.int64]]):
         array = self[number] = np.array(self._appearance.to_array(self._appearance.decode(number)), np.int64)
         return array
 
+    def many(self, numbers: Int64Array) -> NDArray[np.int64]:
+        """(..., slots) a new array, of many actions."""
+        table, known = self._table
+        for number in numbers[~known[numbers]].tolist():
+            table[number], known[number] = self[number], True
+        return table[numbers]
+
+    @cached_property
+    def _table(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """By number, NO_CHOICE last: the arrays, and which of them stand there yet."""
+        count = self._appearance.action_count + 1
+        return np.zeros((count, self.slots), np.int64), np.zeros(count, np.bool_)
+
 
 class WordPart:
     """The other agent's last word; 0 is silence."""
 
-    lasts = False
-
-    def __init__(self, speaker: Role, size: int) -> None:
+    def __init__(self, world: World, speaker: Role, size: int) -> None:
         self.space = spaces.Discrete(size + 1)
         self._speaker = speaker
 
     def encode(self, state: GameState) -> Value:
         return np.int64(state.words[self._speaker])
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return games.words[which, self._speaker]
+
 
 class IntentPart:
     """0 helpful, 1 sneaky: seen by the proposer alone."""
 
-    lasts = True
-
-    def __init__(self) -> None:
+    def __init__(self, world: World) -> None:
         self.space = spaces.Discrete(len(Intent))
 
     def encode(self, state: GameState) -> Value:
         return np.int64(state.intent)
 
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return games.intents[which]
+
 
 class ConstantPart:
     """A value that never changes: who one is, or what one does not see."""
-
-    lasts = True
 
     def __init__(self, space: spaces.Space[Any], value: Value) -> None:
         self.space = space
@@ -327,23 +382,8 @@ class ConstantPart:
     def encode(self, state: GameState) -> Value:
         return self._value.copy()
 
-
-class SharedPart:
-    """A part that both agents see: encoded once a turn, the same array for both."""
-
-    def __init__(self, part: Part) -> None:
-        self.space = part.space
-        self.lasts = part.lasts
-        self.draws = isinstance(part, ImagePart)
-        self._part = part
-        self._state: GameState | None = None
-        self._value: Value = np.int64(0)
-
-    def encode(self, state: GameState) -> Value:
-        if state is not self._state:
-            self._value = self._part.encode(state)
-            self._state = state
-        return self._value
+    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
+        return np.repeat(np.asarray(self._value)[None], len(which), axis=0)
 
 
 # By view: key in observations, part. A key must not be a method of torch's ModuleDict, such as "items": SB3 names
@@ -366,46 +406,45 @@ VIEWS: Mapping[str, View] = {
 }
 
 
-def make_parts(world: World, pixels: UInt8Array | None = None) -> tuple[dict[str, Part], dict[str, Part]]:
-    """Each agent's parts by key. `pixels`: an image buffer to draw into instead of copying."""
-    shared = _scene_parts(world, pixels)
-    proposer, verifier = (_parts(world, role, shared) for role in Role)
+class Recipe(NamedTuple):
+    """How to make a part."""
+
+    build: Callable[..., Part]  # of a World and the arguments
+    arguments: tuple[Any, ...] = ()
+
+
+def make_parts(world: World) -> tuple[dict[str, Part], dict[str, Part]]:
+    """Each agent's parts by key. What both see alike is one and the same part."""
+    recipes = [_recipes(world, role) for role in Role]
+    distinct = {recipe for own in recipes for recipe in own.values()}
+    made = {recipe: recipe.build(world, *recipe.arguments) for recipe in distinct}
+    proposer, verifier = ({key: made[recipe] for key, recipe in own.items()} for own in recipes)
     if world.game.homogeneous:
         return _filled(proposer, verifier, Role.PROPOSER), _filled(verifier, proposer, Role.VERIFIER)
     return proposer, verifier
 
 
-def _scene_parts(world: World, pixels: UInt8Array | None) -> dict[str, SharedPart]:
-    """One part for each way in which some agent sees the scene, by view."""
-    shared: dict[str, SharedPart] = {}
-    for view in world.views:
-        entry = SCENE_PARTS[view.scene]
-        if entry is not None and view.scene not in shared:
-            build = entry[1]
-            shared[view.scene] = SharedPart(ImagePart(world, pixels) if build is ImagePart else build(world))
-    return shared
-
-
-def _parts(world: World, role: Role, shared: Mapping[str, SharedPart]) -> dict[str, Part]:
+def _recipes(world: World, role: Role) -> dict[str, Recipe]:
+    """Of what an agent sees, by key."""
     view, game = world.views[role], world.game
-    parts: dict[str, Part] = {}
+    recipes: dict[str, Recipe] = {}
     scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
     if scene is not None:
-        parts[scene[0]] = shared[view.scene]
+        recipes[scene[0]] = Recipe(scene[1])
     if statement is not None:
-        parts["statement"] = statement(world)
+        recipes["statement"] = Recipe(statement)
     if view.target:
-        parts["target"] = TargetPart()
+        recipes["target"] = Recipe(TargetPart)
     if view.proposal and not game.protocol.simultaneous:
-        parts["proposal"] = ProposalPart(world)
+        recipes["proposal"] = Recipe(ProposalPart)
     if view.history:
-        parts["history"] = HistoryPart(world, view.history)
+        recipes["history"] = Recipe(HistoryPart, (view.history,))
     if game.message_sizes[role.other]:
         size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
-        parts["message"] = WordPart(role.other, size)
+        recipes["message"] = Recipe(WordPart, (role.other, size))
     if role is Role.PROPOSER and game.rewards.draws_intent:
-        parts["intent"] = IntentPart()
-    return parts
+        recipes["intent"] = Recipe(IntentPart)
+    return recipes
 
 
 def _filled(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[str, Part]:
