@@ -68,7 +68,7 @@ class BatchVecEnv(VecEnv):
         """Gives `told`, (N,), what infos say of this step, and `reset_infos` what they say of episodes just begun."""
         final_info, last = infos.pop("final_info", {}), infos.pop("final_obs", None)
         now = told.copy()
-        for number in np.flatnonzero(dones).tolist():
+        for number in dones.nonzero()[0].tolist():
             now[number] = self.reset_infos[number] = {}
         _spread(infos, now)
         _spread(final_info, told)
@@ -117,15 +117,14 @@ class BatchMonitor(VecMonitor):
         observations, rewards, dones, infos = self.venv.step_wait()
         self.episode_returns += rewards
         self.episode_lengths += 1
-        ended = np.flatnonzero(dones)
-        if len(ended):
+        ended = dones.nonzero()[0].tolist()
+        if ended:
+            returns, lengths = self.episode_returns, self.episode_lengths
             seconds = round(time.time() - self.t_start, 6)
-            totals = zip(ended.tolist(), self.episode_returns[ended], self.episode_lengths[ended], strict=True)
-            for number, total, length in totals:
-                infos[number]["episode"] = {"r": total, "l": length, "t": seconds}  # infos are new in every step
+            for number in ended:
+                infos[number]["episode"] = {"r": returns[number], "l": lengths[number], "t": seconds}
+                returns[number] = lengths[number] = 0
             self.episode_count += len(ended)
-            self.episode_returns[ended] = 0
-            self.episode_lengths[ended] = 0
         return observations, rewards, dones, infos
 
 
@@ -134,10 +133,9 @@ def _spread(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
     for name, column in infos.items():
         if (holds := infos.get(f"_{name}")) is None:
             continue
-        numbers = np.flatnonzero(holds)
-        values = column[numbers]
-        for number, value in zip(numbers.tolist(), values.tolist() if values.ndim == 1 else values, strict=True):
-            rows[number][name] = value
+        value = column.item if column.ndim == 1 else column.__getitem__
+        for number in holds.nonzero()[0].tolist():
+            rows[number][name] = value(number)
 
 
 def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:

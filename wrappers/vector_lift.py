@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.observation import Int16Array
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.gymnasium_lift import only_one
+from lilgym_mp.wrappers.gymnasium_lift import plain
 from lilgym_mp.wrappers.moment import BoolArray, Int64Array, Moment, StatesMoment, World, WrongEnvironment, scene_of
 from lilgym_mp.wrappers.transformation import Batch, Format, TaskChange, Transformation, refuse_above_others
 
@@ -116,7 +116,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
 
     def _last_shown(self, infos: Mapping[str, Any]) -> np.ndarray[Any, Any]:
         """(N,) objects: the last observations as this wrapper shows them, None where no episode ended."""
-        numbers = np.flatnonzero(infos[WHERE_LAST])
+        numbers = infos[WHERE_LAST].nonzero()[0]
         assert self._before is not None
         actions = self.unwrapped.actions  # pyright: ignore[reportAttributeAccessIssue]
         moment = EndedMoment(self.transformation.world, self._before, numbers, actions)
@@ -127,16 +127,13 @@ class VectorEnvWrapper(AnyVectorWrapper):
 
     def _each_shown(self, observations: Sequence[Any], moment: Moment) -> list[Any]:
         """Observations (k) of single environments as this wrapper shows them."""
-        does, space, places = self.transformation, self.single_observation_space, range(len(observations))
+        does = self.transformation
         if not isinstance(does, Format):
-            shown = does.observations(_stacked(observations), moment)
-            return [only_one(space, _taken(shown, place)) for place in places]
-        assert isinstance(space, spaces.Dict)
+            return _apart(self.single_observation_space, does.observations(_stacked(observations), moment))
         new = does.new_values(_Stacked(observations), moment)
         return [
-            does.kept(observations[place])
-            | {name: only_one(space[name], _taken(values, place)) for name, values in new.items()}
-            for place in places
+            does.kept(observation) | {name: plain(values[place]) for name, values in new.items()}
+            for place, observation in enumerate(observations)
         ]
 
     def __repr__(self) -> str:
@@ -240,11 +237,12 @@ def _stacked(values: Sequence[Any]) -> Batch:
     return tuple(values) if isinstance(first, str) else np.stack(values)
 
 
-def _taken(batch: Batch, place: int) -> Batch:
-    """The batch of one that stands at `place`."""
-    if isinstance(batch, dict):
-        return {name: _taken(part, place) for name, part in batch.items()}
-    return batch[place : place + 1]
+def _apart(space: spaces.Space[Any], batch: Batch) -> list[Any]:
+    """The values of `space` that the batch consists of."""
+    if isinstance(space, spaces.Dict):
+        parts = {name: _apart(part, batch[name]) for name, part in space.spaces.items()}
+        return [dict(zip(parts, values, strict=True)) for values in zip(*parts.values(), strict=True)]
+    return batch.tolist() if isinstance(space, spaces.Discrete) else list(batch)
 
 
 def _batched(single: spaces.Space[Any], env: VectorEnv[Any, Any, Any]) -> spaces.Space[Any]:

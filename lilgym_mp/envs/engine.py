@@ -21,10 +21,10 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, BoolArray, Float64Array, Int64Array, block_forms
 from lilgym_mp.envs.cores import make_core
+from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.rules import Dynamics, Outcome, Situation, State, make_dynamics
 
-DRAWS = 16  # tasks drawn at once: the same ones as one by one, in a tenth of the time
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(Situation)  # number in `Block.verdict` where an episode was started instead of an action taken
 
@@ -110,7 +110,7 @@ class VerdictTable(NamedTuple):
     rewards: Float64Array  # (9,)
     terminated: BoolArray  # (9,)
     truncated: BoolArray  # (9,)
-    outcomes: NDArray[np.object_]  # (9,) names
+    endings: NDArray[np.object_]  # (9,) names of outcomes that end the episode, None for the others
     successes: BoolArray  # (9,)
 
     @classmethod
@@ -120,7 +120,9 @@ class VerdictTable(NamedTuple):
             rewards=np.array([*(verdict.reward for verdict in verdicts), 0.0]),
             terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
             truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
-            outcomes=np.array([*(str(verdict.outcome) for verdict in verdicts), None], object),
+            endings=np.array(
+                [*(str(v.outcome) if v.terminated or v.truncated else None for v in verdicts), None], object
+            ),
             successes=np.array([*(verdict.outcome is Outcome.SUCCESS for verdict in verdicts), False]),
         )
 
@@ -190,7 +192,8 @@ class Engine:
             np.logical_and(block.ended, self._repeats, out=block.repeated)
         if self._autoreset is AutoresetMode.SAME_STEP and block.ended.any():
             ended = np.flatnonzero(block.ended)
-            block.last_image[ended] = block.image[ended]
+            for number in ended.tolist():  # copied once, while an array of numbers would have it copied twice
+                block.last_image[number] = block.image[number]
             block.last_task[ended] = block.task[ended]
             self._begin_next(ended)
 
@@ -208,7 +211,7 @@ class Engine:
             if not drawn:
                 generator = self._generators[number]
                 assert generator is not None
-                drawn.extend(generator.integers(self._task_count, size=DRAWS)[::-1].tolist())
+                drawn.extend(next_draws(generator, self._task_count))
             return drawn.pop()
         place = self._first + number
         task = place + self._stride * int(self._episodes[number])
