@@ -1,23 +1,31 @@
 """Many episodes of one MDP at once: `rules.Dynamics` over the arrays of a `Block`.
 
 `EpisodeLoop` steps one state after another and serves every appearance; `tower_arrays.TowerArrays` and, for many
-environments, `scatter_arrays.ScatterArrays` do the same with array operations.
+environments, `scatter_arrays.ScatterArrays` do the same with array operations, or compiled where numba is installed.
 """
 
 from __future__ import annotations
 
+import os
+import warnings
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Protocol
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, VALID_EDIT, Block, Int64Array
 from lilgym_mp.envs.scatter_arrays import ScatterArrays
+from lilgym_mp.envs.scatter_edits import EditsMaker
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
 
 FEWEST_SCATTER_ARRAYS = 48  # environments: fewer are faster one after another
+FEWEST_COMPILED = 8  # likewise, with numba
+NUMBA_SWITCH = "LILGYM_NUMBA"  # environment variable: 0 leaves numba unused where it is installed
 
 
 class Core(Protocol):
@@ -53,8 +61,12 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str)
     """The fastest core for the appearance and number of environments."""
     if isinstance(dynamics.appearance, Tower):
         return TowerArrays(dynamics, tasks, block, image_size)
-    if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_SCATTER_ARRAYS:
-        return ScatterArrays(dynamics, tasks, block, image_size)
+    if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_COMPILED:
+        compiled = compiled_edits()
+        if compiled is not None:
+            return ScatterArrays(dynamics, tasks, block, image_size, compiled)
+        if len(block.action) >= FEWEST_SCATTER_ARRAYS:
+            return ScatterArrays(dynamics, tasks, block, image_size)
     return EpisodeLoop(dynamics, tasks, block, image_size)
 
 
@@ -64,6 +76,18 @@ def wait(dynamics: Dynamics, block: Block, which: Int64Array) -> None:
     block.steps[which] = steps
     block.verdict[which] = 2 * VALID_EDIT + (steps >= dynamics.horizon)
     block.invalid[which] = NO_REASON
+
+
+@cache
+def compiled_edits() -> EditsMaker | None:
+    """Edits compiled by numba; None where it is not installed or switched off. Warns where it cannot be used."""
+    if os.environ.get(NUMBA_SWITCH) == "0" or find_spec("numba") is None:
+        return None
+    try:
+        return import_module("lilgym_mp.envs.scatter_compiled").CompiledEdits
+    except (ImportError, RuntimeError) as fault:  # another NumPy than it knows; nowhere to keep what it compiles
+        warnings.warn(f"going on without numba, {NUMBA_SWITCH}=0 silences this: {fault}", RuntimeWarning, stacklevel=2)
+        return None
 
 
 class EpisodeLoop:

@@ -23,7 +23,7 @@ from lilgym_mp.envs.block import (
     Block,
     Int64Array,
 )
-from lilgym_mp.envs.scatter_edits import LOOSE, NO_ITEM, ArrayEdits, Boxes, Edits, item_of
+from lilgym_mp.envs.scatter_edits import LOOSE, NO_ITEM, ArrayEdits, Boxes, EditsMaker, item_of
 from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_painter import adds_up
 from lilgym_mp.envs.scatter_tables import KINDS, NO_LOOK, PLACE_PITCH, packed
@@ -68,7 +68,9 @@ class _Starts:
 class ScatterArrays:
     """`cores.Core` for Scatter."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
+    def __init__(
+        self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str, edits: EditsMaker = ArrayEdits
+    ) -> None:
         self._dynamics = dynamics
         self._appearance = cast(Scatter, dynamics.appearance)
         self._tasks = tasks
@@ -79,15 +81,12 @@ class ScatterArrays:
         self._every = np.arange(count)
         boxes = Boxes.empty(BOX_COUNT * count, slots)
         self._boxes = _by_environment(boxes)
-        self._edits = self._make_edits(boxes)
+        self._edits = edits(self._appearance, dynamics.rules.placement, boxes, block.image, image_size)
         self._starts = _Starts(tasks, slots)
         self._scenes = [Scene.empty()] * count  # as they were when `_boxes.changed` was cleared
         self._loose = np.zeros(count, np.bool_)  # environments of which only `_scenes` tells
         self._canvases: dict[int, Canvas] = {}  # of those
         self._masks: ScatterMasks | None = None  # made when they are first asked for
-
-    def _make_edits(self, boxes: Boxes) -> Edits:
-        return ArrayEdits(self._appearance, self._dynamics.rules.placement, boxes, self._block.image, self._image_size)
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         if not len(which):

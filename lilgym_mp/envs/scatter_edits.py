@@ -6,7 +6,7 @@ functions, one at a time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -81,6 +81,9 @@ class Edits(Protocol):
         Those that are valid and apply are done, but for those that are LOOSE.
         """
         ...
+
+
+EditsMaker = Callable[[Scatter, PlacementRules, Boxes, UInt8Array, str], Edits]  # images (N, ...), and their size
 
 
 class Cells(NamedTuple):

@@ -48,11 +48,11 @@ class Geometry(NamedTuple):
 
     clearance: NDArray[np.uint8]  # (9 * 10 * PAIR_SIZE,) by new kind, kind in the slot, offset: clearance codes
     moves: NDArray[np.int16]  # (9 * 10 * PAIR_SIZE,) likewise, where near: the snap move, as a difference of places
-    within: BoolArray  # (9 * _REACH,) by kind and place, also by LARGEST_MOVE outside: whether it is in the box
+    within: BoolArray  # (9 * REACH,) by kind and place, also by LARGEST_MOVE outside: whether it is in the box
 
 
-_REACH_START = LARGEST_MOVE * PLACE_PITCH + LARGEST_MOVE  # of the box's first place in `Geometry.within`
-_REACH = (BOX_SIDE + 2 * LARGEST_MOVE) * PLACE_PITCH
+REACH_START = LARGEST_MOVE * PLACE_PITCH + LARGEST_MOVE  # of the box's first place in `Geometry.within`
+REACH = (BOX_SIDE + 2 * LARGEST_MOVE) * PLACE_PITCH
 
 
 def origins(kinds: Int64Array, places: Int64Array) -> Int64Array:
@@ -62,7 +62,7 @@ def origins(kinds: Int64Array, places: Int64Array) -> Int64Array:
 
 def in_box(kinds: Int64Array, places: Int64Array) -> BoolArray:
     """Whether items lie inside their box."""
-    return geometry().within.take(kinds * _REACH + (_REACH_START + places))
+    return geometry().within.take(kinds * REACH + (REACH_START + places))
 
 
 def packed(kinds: Int64Array, places: Int64Array) -> Int64Array:

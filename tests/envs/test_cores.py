@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -17,8 +19,9 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
-from lilgym_mp.envs.cores import Core, EpisodeLoop, make_core
+from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, make_core
 from lilgym_mp.envs.scatter_arrays import ScatterArrays
+from lilgym_mp.envs.scatter_edits import ArrayEdits
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.render import draw
@@ -59,14 +62,25 @@ def random_starts(appearance: str) -> list[Scene]:
     return [Scene.empty(), *(scene(*(tower(*box) for box in colours[n : n + 3])) for n in range(0, 36, 3))]
 
 
+@pytest.fixture(params=["numpy", "numba"])
+def scatter_core(request: pytest.FixtureRequest) -> Callable[..., Core]:
+    """`ScatterArrays` by NumPy, and compiled."""
+    if request.param == "numpy":
+        return ScatterArrays
+    compiled = compiled_edits()
+    if compiled is None:
+        pytest.skip("the extra numba is not installed")
+    return partial(ScatterArrays, edits=compiled)
+
+
 class Side:
     """One core with its block."""
 
-    def __init__(self, core: type[Core], dynamics: Dynamics, tasks: TaskSet, image_size: str = "half") -> None:
+    def __init__(self, core: Callable[..., Core], dynamics: Dynamics, tasks: TaskSet, image_size: str = "half") -> None:
         capacity = item_capacity(tasks, dynamics)
         actions = dynamics.appearance.action_count
         self.block = Block.new(block_forms(COUNT, image_size, actions, capacity, AutoresetMode.NEXT_STEP))
-        self.core = core(dynamics, tasks, self.block, image_size)  # type: ignore[call-arg]
+        self.core = core(dynamics, tasks, self.block, image_size)
 
     def write_all(self) -> None:
         self.core.write_masks()
@@ -146,11 +160,11 @@ def test_tower_arrays__equal_the_loop_over_long_runs(rules: str) -> None:
     ids=str,
 )
 def test_scatter_arrays__equal_the_loop_over_long_runs(
-    grid: tuple[int, int], image_size: str, steps: int, rules: str
+    scatter_core: Callable[..., Core], grid: tuple[int, int], image_size: str, steps: int, rules: str
 ) -> None:
     dynamics = make_dynamics(make_appearance("scatter", grid), rules)
     tasks = task_set(random_starts("scatter"))
-    sides = Side(EpisodeLoop, dynamics, tasks, image_size), Side(ScatterArrays, dynamics, tasks, image_size)
+    sides = Side(EpisodeLoop, dynamics, tasks, image_size), Side(scatter_core, dynamics, tasks, image_size)
     met = play(*sides, dynamics, len(tasks), steps)
     if steps >= 150:
         expected = set(InvalidReason) - {InvalidReason.FULL_TOWER, InvalidReason.EMPTY_TOWER}
@@ -158,17 +172,17 @@ def test_scatter_arrays__equal_the_loop_over_long_runs(
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_scatter_arrays__equal_the_loop_at_native_resolution(rules: str) -> None:
+def test_scatter_arrays__equal_the_loop_at_native_resolution(scatter_core: Callable[..., Core], rules: str) -> None:
     dynamics = make_dynamics(make_appearance("scatter", (380, 100)), rules)
     tasks = task_set(random_starts("scatter"))
-    play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 3)
+    play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 3)
 
 
-def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one() -> None:
+def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one(scatter_core: Callable[..., Core]) -> None:
     for rules in ("paper", "release"):
         dynamics = make_dynamics(make_appearance("scatter"), rules, 1)
         tasks = task_set(random_starts("scatter"))
-        play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 20)
+        play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 20)
 
 
 @pytest.mark.parametrize(
@@ -179,11 +193,13 @@ def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one() -> None:
     ],
     ids=["above", "left"],
 )
-def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(there: Item, action: AddItem) -> None:
+def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(
+    scatter_core: Callable[..., Core], there: Item, action: AddItem
+) -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     start = scene([there])
     tasks = task_set([start])
-    arrays, loop = Side(ScatterArrays, dynamics, tasks), Side(EpisodeLoop, dynamics, tasks)
+    arrays, loop = Side(scatter_core, dynamics, tasks), Side(EpisodeLoop, dynamics, tasks)
     item = dynamics.appearance.apply(start, action, dynamics.rules.placement).scene.boxes[0].items[-1]
     assert min(item.x, item.y) < 0
     for side in (arrays, loop):
@@ -195,10 +211,10 @@ def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(the
     assert np.array_equal(arrays.block.image[0], draw(arrays.core.state(0).scene, "half"))
 
 
-def test_scatter_arrays__play_on_from_items_that_overlap() -> None:
+def test_scatter_arrays__play_on_from_items_that_overlap(scatter_core: Callable[..., Core]) -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     tasks = task_set([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
-    play(Side(EpisodeLoop, dynamics, tasks), Side(ScatterArrays, dynamics, tasks), dynamics, len(tasks), 30)
+    play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 30)
 
 
 @given(box=scatter_boxes())
@@ -216,14 +232,41 @@ def test_touching_items__look_the_same_in_any_order() -> None:
                 assert np.array_equal(draw(scene([there, item])), draw(scene([item, there])))
 
 
-def test_make_core__chooses_by_appearance_and_number() -> None:
-    scatter, tower_dynamics = make_dynamics(make_appearance("scatter")), make_dynamics(make_appearance("tower"))
+@pytest.fixture
+def fresh_choice(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    """Has numba looked for again, in the test and after it."""
+    compiled_edits.cache_clear()
+    yield monkeypatch
+    compiled_edits.cache_clear()
+
+
+def core_of(dynamics: Dynamics, count: int) -> type:
     tasks = task_set([Scene.empty()])
+    block = Block.new(block_forms(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
+    return type(make_core(dynamics, tasks, block, "half"))
 
-    def chosen(dynamics: Dynamics, count: int) -> type:
-        block = Block.new(block_forms(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
-        return type(make_core(dynamics, tasks, block, "half"))
 
+def test_make_core__chooses_by_appearance_and_number(fresh_choice: pytest.MonkeyPatch) -> None:
+    fresh_choice.setenv(cores.NUMBA_SWITCH, "0")
+    scatter, tower_dynamics = make_dynamics(make_appearance("scatter")), make_dynamics(make_appearance("tower"))
     few, many = cores.FEWEST_SCATTER_ARRAYS - 1, cores.FEWEST_SCATTER_ARRAYS
-    assert [chosen(scatter, few), chosen(scatter, many)] == [EpisodeLoop, ScatterArrays]
-    assert [chosen(tower_dynamics, 1), chosen(tower_dynamics, many)] == [TowerArrays, TowerArrays]
+    assert [core_of(scatter, few), core_of(scatter, many)] == [EpisodeLoop, ScatterArrays]
+    assert [core_of(tower_dynamics, 1), core_of(tower_dynamics, many)] == [TowerArrays, TowerArrays]
+
+
+def test_make_core__takes_what_numba_compiled_from_few_environments_on(fresh_choice: pytest.MonkeyPatch) -> None:
+    fresh_choice.setattr(cores, "compiled_edits", lambda: ArrayEdits)
+    dynamics = make_dynamics(make_appearance("scatter"))
+    assert core_of(dynamics, cores.FEWEST_COMPILED - 1) is EpisodeLoop
+    assert core_of(dynamics, cores.FEWEST_COMPILED) is ScatterArrays
+
+
+def test_compiled_edits__warns_and_goes_on_where_numba_cannot_be_used(fresh_choice: pytest.MonkeyPatch) -> None:
+    def fails(name: str) -> None:
+        raise ImportError("numba knows no such NumPy")
+
+    fresh_choice.delenv(cores.NUMBA_SWITCH, raising=False)
+    fresh_choice.setattr(cores, "find_spec", lambda name: object())
+    fresh_choice.setattr(cores, "import_module", fails)
+    with pytest.warns(RuntimeWarning, match="without numba, LILGYM_NUMBA=0 silences this: numba knows no such NumPy"):
+        assert compiled_edits() is None
