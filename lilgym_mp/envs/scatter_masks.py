@@ -14,7 +14,7 @@ from lilgym_mp.envs.scatter_room import REMOVABLE, cell_room
 from lilgym_mp.envs.scatter_tables import EMPTY_SLOT, PLACE_PITCH, packed
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item
 
-MOST_CELLS = 8192  # looked at together: so few that what is known of them stays in the processor's cache
+MOST_CELLS = 16_384  # looked at together: what is known of them on the way takes some megabytes
 NOT_SHOWN = EMPTY_SLOT - 1  # in place of a slot
 _EDITS = np.arange(2 * REMOVABLE)
 _ADDS = (_EDITS[:, None] >> LOOK_KINDS & 1).astype(np.bool_).view(f"V{len(LOOKS)}")[:, 0]  # by a cell's legal edits
@@ -40,7 +40,8 @@ class ScatterMasks:
         self._adds = masks[:, 1:first_remove].view(_ADDS.dtype)  # (N, cells of the grid)
         self._removes = masks[:, first_remove:]  # likewise
         self._first_cells = np.array([removes.start - first_remove for _, removes in appearance.box_numbers])
-        self._slots: Int64Array | None = None  # what the masks are of; so are the next two
+        # What the masks are of, as `refresh` was told; of no box at first.
+        self._slots = np.empty((0, 0), np.int64)
         self._counts = np.zeros(BOX_COUNT * len(masks), np.int64)
         self._loose: Mapping[int, Items] = {}
 
@@ -51,11 +52,11 @@ class ScatterMasks:
         `counts` (3 N,). Only read.
         loose: by box, the items of those that `slots` and `counts` do not tell of.
         """
-        if self._slots is None:
-            self._slots = np.full(slots.shape, NOT_SHOWN)
+        if self._slots.shape != slots.shape:
             self._counts[:] = slots.shape[1]
-        if loose or self._loose:
-            slots, counts = self._with_loose(slots, counts, loose, self._slots)
+            self._slots = np.full(slots.shape, NOT_SHOWN)
+        if loose:
+            slots, counts = self._with_loose(slots, counts, loose)
         differing = (slots != self._slots).ravel().nonzero()[0]
         changes = np.bincount(differing // slots.shape[1], minlength=len(slots))
         boxes = changes.nonzero()[0]
@@ -64,21 +65,23 @@ class ScatterMasks:
         for first in range(0, len(boxes), self._boxes_at_once):
             some = slice(first, first + self._boxes_at_once)
             self._renew(boxes[some], grown[some], slots.take(boxes[some], axis=0), counts[boxes[some]])
-        self._slots[boxes], self._counts[boxes] = slots.take(boxes, axis=0), counts[boxes]
+        # In an order in which an interrupt does no harm.
+        self._counts[boxes] = counts[boxes]
+        self._slots[boxes] = slots.take(boxes, axis=0)
+        self._loose = dict(loose)
 
     def _with_loose(
-        self, slots: Int64Array, counts: Int64Array, loose: Mapping[int, Items], shown: Int64Array
+        self, slots: Int64Array, counts: Int64Array, loose: Mapping[int, Items]
     ) -> tuple[Int64Array, Int64Array]:
         """Slots and counts that tell of all boxes' items, but for those that do not reach into their box."""
         slots, counts = slots.copy(), counts.copy()
         known = [box for box, items in loose.items() if items is self._loose.get(box)]
-        slots[known], counts[known] = shown[known], self._counts[known]
+        slots[known], counts[known] = self._slots[known], self._counts[known]
         for box in loose.keys() - set(known):
             there = _slots_of(loose[box])
             counts[box] = len(there)
             slots[box] = EMPTY_SLOT
             slots[box, : len(there)] = there
-        self._loose = dict(loose)
         return slots, counts
 
     def _renew(self, boxes: Int64Array, grown: BoolArray, slots: Int64Array, counts: Int64Array) -> None:

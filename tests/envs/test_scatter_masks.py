@@ -104,10 +104,10 @@ def test_masks__are_exact_of_items_that_overlap_or_lie_outside(
 
 def test_masks__are_exact_of_more_boxes_than_are_looked_at_at_once() -> None:
     chance = np.random.default_rng(0)
-    shown = Shown(Scatter(), "paper", 400)
+    shown = Shown(Scatter(), "paper", 600)
     spots = [(0, 0), (40, 3), (66, 41), (9, 60)]
     for _ in range(2):
-        counts = chance.integers(len(spots) + 1, size=(400, 3)).tolist()
+        counts = chance.integers(len(spots) + 1, size=(600, 3)).tolist()
         boxes = [[[circle(x, y, LARGE) for x, y in spots[:count]] for count in three] for three in counts]
         shown.assert_exact([scene(*three) for three in boxes])
 
