@@ -78,10 +78,15 @@ def wait(dynamics: Dynamics, block: Block, which: Int64Array) -> None:
     block.invalid[which] = NO_REASON
 
 
-@cache
 def compiled_edits() -> EditsMaker | None:
-    """Edits compiled by numba; None where it is not installed or switched off. Warns where it cannot be used."""
-    if os.environ.get(NUMBA_SWITCH) == "0" or find_spec("numba") is None:
+    """Edits compiled by numba; None where it is not installed or switched off."""
+    return None if os.environ.get(NUMBA_SWITCH) == "0" else installed_edits()
+
+
+@cache
+def installed_edits() -> EditsMaker | None:
+    """`compiled_edits`, switched off or not. Warns where numba is installed and cannot be used."""
+    if find_spec("numba") is None:
         return None
     try:
         return import_module("lilgym_mp.envs.scatter_compiled").CompiledEdits

@@ -19,7 +19,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
-from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, make_core
+from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, installed_edits, make_core
 from lilgym_mp.envs.scatter_arrays import ScatterArrays
 from lilgym_mp.envs.scatter_edits import ArrayEdits
 from lilgym_mp.envs.tower_arrays import TowerArrays
@@ -235,9 +235,9 @@ def test_touching_items__look_the_same_in_any_order() -> None:
 @pytest.fixture
 def fresh_choice(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     """Has numba looked for again, in the test and after it."""
-    compiled_edits.cache_clear()
+    installed_edits.cache_clear()
     yield monkeypatch
-    compiled_edits.cache_clear()
+    installed_edits.cache_clear()
 
 
 def core_of(dynamics: Dynamics, count: int) -> type:
