@@ -283,10 +283,12 @@ def _composed(patch: _Patch, items: Sequence[Item], patches: _Patches) -> Blit |
     return Blit(place, palette(shrink).colours.take(counts, axis=0))
 
 
+_BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in memos, by shrink
+
+
 def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
-    key = ("blits", shrink)
-    memo = box.memo
+    key, memo = _BLITS_KEYS[shrink], box.memo
     if key not in memo:
         items, patches = box.items, _patches(shrink)
         blits = [
@@ -294,6 +296,19 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
             for number, item in enumerate(items)
         ]
         memo[key] = None if None in blits else tuple(blits)
+    return memo[key]
+
+
+def _scene_blits(scene: Scene, shrink: int) -> Sequence[tuple[int, tuple[slice, slice], UInt8Array]] | None:
+    """What to put on empty boxes: box, place and pixels; None as in `_patch_blit`.
+
+    Kept in the scene's memo, since the boxes of a start scene are far apart in memory.
+    """
+    key, memo = _BLITS_KEYS[shrink], scene.memo
+    if key not in memo:
+        by_box = [box_blits(box, shrink) for box in scene.boxes]
+        all_blits = [(index, *blit) for index, blits in enumerate(by_box) for blit in blits or ()]
+        memo[key] = None if None in by_box else tuple(all_blits)
     return memo[key]
 
 
@@ -345,16 +360,16 @@ class Canvas:
         return True
 
     def _begin(self, scene: Scene) -> None:
-        blits = [box_blits(box, self._shrink) for box in scene.boxes]
-        if None in blits:
+        blits = _scene_blits(scene, self._shrink)
+        if blits is None:
             self.pixels[:] = draw(scene, self._image_size)
             inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
             self._shown = scene.boxes if inside else None
             return
         self.pixels[:] = _empty(self._shrink)
-        for pixels, patches in zip(self._boxes, blits, strict=True):
-            for place, patch in patches or ():
-                pixels[place] = patch
+        boxes = self._boxes
+        for index, place, pixels in blits:
+            boxes[index][place] = pixels
         self._shown = scene.boxes
 
 

@@ -50,7 +50,8 @@ SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
 
-# Where an ADD has its item's upper-left corner before it looks at other items, and why it cannot: box, kind, x, y, reason.
+# What an ADD comes to before other items are looked at: box, kind, x and y in the box, and why it is invalid if it is.
+# A plain tuple, which is taken apart in a third of a named one's time.
 _Corner = tuple[int, int, int, int, InvalidReason | None]
 
 LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
