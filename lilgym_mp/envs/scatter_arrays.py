@@ -46,7 +46,7 @@ class _Starts:
     def __init__(self, tasks: TaskSet, slots: int) -> None:
         self._tasks = tasks
         self._starts: list[_Start | None] = [None] * len(tasks)
-        self.boxes = _by_environment(Boxes.empty(BOX_COUNT * len(tasks), slots))  # (tasks, 3, ...)
+        self.boxes = Boxes.empty(BOX_COUNT * len(tasks), slots).by_environment()  # (tasks, 3, ...)
 
     def of(self, tasks: Int64Array) -> list[_Start]:
         """The starts of tasks (k,); from now on `boxes` tells of them, too, where they are not loose."""
@@ -80,7 +80,7 @@ class ScatterArrays:
         count, slots = len(block.action), block.items.shape[2] + 1
         self._every = np.arange(count)
         boxes = Boxes.empty(BOX_COUNT * count, slots)
-        self._boxes = _by_environment(boxes)
+        self._boxes = boxes.by_environment()
         self._edits = edits(self._appearance, dynamics.rules.placement, boxes, block.image, image_size)
         self._starts = _Starts(tasks, slots)
         self._scenes = [Scene.empty()] * count  # as they were when `_boxes.changed` was cleared
@@ -203,8 +203,3 @@ class ScatterArrays:
     def state(self, number: int) -> State:
         block = self._block
         return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
-
-
-def _by_environment(boxes: Boxes) -> Boxes:
-    """The same arrays by environment and box: (N, 3, ...)."""
-    return Boxes(*(array.reshape(-1, BOX_COUNT, *array.shape[1:]) for array in boxes))

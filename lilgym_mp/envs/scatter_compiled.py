@@ -204,7 +204,7 @@ def _closest(tables: _Tables, boxes: Boxes, row: int, kind: int, place: int) -> 
     origin = kind * NEW_KIND_SIZE + SAME_PLACE + place
     smallest, closest = FIRST_TOO_FAR, 0
     for slot in range(boxes.counts[row]):
-        code = tables.clearance[origin - boxes.slots[row, slot]]
+        code = int(tables.clearance[origin - boxes.slots[row, slot]])
         if code < smallest:
             smallest, closest = code, slot
     return smallest, closest

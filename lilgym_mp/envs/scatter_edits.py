@@ -67,6 +67,17 @@ class Boxes(NamedTuple):
             changed=np.zeros(rows, np.bool_),
         )
 
+    def by_environment(self) -> Boxes:
+        """The same memory as (N, 3, ...)."""
+        slots, items, counts, changed = self
+        shape = -1, BOX_COUNT
+        return Boxes(
+            slots.reshape(*shape, slots.shape[1]),
+            items.reshape(*shape, slots.shape[1]),
+            counts.reshape(shape),
+            changed.reshape(shape),
+        )
+
 
 class Edits(Protocol):
     """Who changes boxes and keeps the images equal to `draw` of them, as long as no items draw a pixel in common."""
@@ -199,7 +210,8 @@ class ArrayEdits:
         parts = adds.kinds[blocked], adds.places[blocked], self._boxes.counts[rows], self._boxes.items[rows]
         kinds, corners, counts, there = (part.tolist() for part in parts)
         for add, kind, corner, count, others in zip(blocked.tolist(), kinds, corners, counts, there, strict=True):
-            place = searched(kind, *divmod(corner, PLACE_PITCH), self._cell, map(item_of, others[:count]))
+            x, y = divmod(corner, PLACE_PITCH)
+            place = searched(kind, x, y, self._cell, map(item_of, others[:count]))
             if place is not None:
                 adds.places[add] = place[0] * PLACE_PITCH + place[1]
                 found.append(add)
@@ -249,7 +261,7 @@ class ArrayEdits:
 
 def _apart(codes: NDArray[np.uint8]) -> BoolArray:
     """(k,) whether new items overlap nothing, by their clearance codes (k, slots)."""
-    return codes.all(1)  # OVERLAPPING is 0
+    return np.asarray(codes.all(1))  # OVERLAPPING is 0
 
 
 def tied_move(kind: int, place: int, other: int, box: int, rules: PlacementRules) -> int:

@@ -7,7 +7,7 @@ y, the difference of two tells how they lie to each other.
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ SAME_PLACE = FARTHEST * PLACE_PITCH + FARTHEST  # in a pair's table, where two p
 PAIR_SIZE = (2 * FARTHEST + 1) * PLACE_PITCH  # entries of a pair's table
 NEW_KIND_SIZE = (KIND_COUNT + 1) * PAIR_SIZE
 EMPTY_SLOT = -NO_KIND * PAIR_SIZE
+
+Code = TypeVar("Code", np.uint8, np.int16)
 
 TIED = np.iinfo(np.int16).max  # instead of a move: nearest points that `PlacementTables.move` must settle
 
@@ -88,7 +90,7 @@ def geometry() -> Geometry:
     return Geometry(_by_offset(codes, FIRST_TOO_FAR), _by_offset(moves, 0), _within())
 
 
-def _by_offset(near: NDArray[np.integer], far: int) -> NDArray[np.integer]:
+def _by_offset(near: NDArray[Code], far: int) -> NDArray[Code]:
     """(9 * 10 * PAIR_SIZE,) a table (9 * 9 * 69 * 69,) of `PlacementTables`; `far` beyond it and for empty slots."""
     table = np.full((KIND_COUNT, KIND_COUNT + 1, 2 * FARTHEST + 1, PLACE_PITCH), far, near.dtype)
     offsets = slice(FARTHEST - OFFSET_LIMIT, FARTHEST + OFFSET_LIMIT + 1)
