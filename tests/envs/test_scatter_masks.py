@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Any
 
 import gymnasium as gym
@@ -12,10 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.appearances import PlacementRules, Scatter
+from lilgym_mp.appearances.legality import allowed_corners
+from lilgym_mp.appearances.placement import is_free
 from lilgym_mp.envs.scatter_masks import ScatterMasks
+from lilgym_mp.envs.scatter_room import cell_room
 from lilgym_mp.envs.scatter_tables import EMPTY_SLOT, PLACE_PITCH, packed
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.scene import BOX_SIDE, Box, Item, Scene
 from tests.envs.alike import random_actions
 from tests.scenes import LARGE, SMALL, circle, loose_boxes, scatter_boxes, scene, square, triangle
 
@@ -27,7 +31,8 @@ BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 class Shown:
     """Masks of some environments' scenes, shown one after another."""
 
-    def __init__(self, appearance: Scatter, rules: str, count: int = 1) -> None:
+    def __init__(self, appearance: Scatter, rules: str, count: int = 1, slots: int = SLOTS) -> None:
+        self._slots = slots
         self._appearance = appearance
         self._rules: PlacementRules = RULE_SETS[rules].placement
         self._masks = np.ones((count, appearance.action_count), np.bool_)  # until shown they may be anything
@@ -37,7 +42,7 @@ class Shown:
         """`loose`: boxes whose items are told otherwise than by slots."""
         boxes = [box for scene in scenes for box in scene.boxes]
         told = {number: boxes[number].items for number in loose}
-        wide = np.full((len(boxes), 2 * SLOTS), EMPTY_SLOT)
+        wide = np.full((len(boxes), 2 * self._slots), EMPTY_SLOT)
         counts = np.array([7 if number in told else len(box.items) for number, box in enumerate(boxes)])
         for number, box in enumerate(boxes):
             items = (square(3, 3),) * 7 if number in told else box.items  # slots that do not tell of a box may be any
@@ -100,6 +105,30 @@ def test_masks__are_exact_of_items_that_overlap_or_lie_outside(
     shown.assert_exact([Scene((left, right, tame))], loose=[0, 1, 2])
     shown.assert_exact([Scene((tame, right, tame))], loose=[1])
     shown.assert_exact([Scene((tame, tame, tame))])
+    shown.assert_exact([Scene((left, tame, tame))], loose=[0])
+
+
+def test_masks__are_exact_of_boxes_that_hold_one_item() -> None:
+    shown = Shown(Scatter(), "paper", slots=1)
+    for now in ([circle(40, 40)], [square(0, 0, LARGE)], [], [circle(40, 40)]):
+        shown.assert_exact([scene(now, [square(60, 60)])])
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+def test_cell_room__has_a_bit_for_each_place_that_an_item_leaves_and_each_part_uncovered(grid: tuple[int, int]) -> None:
+    cell = Scatter(grid).cell
+    room = cell_room(*cell, searches=True)
+    there = square(37, 44, LARGE)
+    left = room.left[room.lines.take(room.corners - slots_of([there]))]
+    places = np.argwhere(allowed_corners(*cell, searches=True)).tolist()
+    free = sum(is_free(kind, x, y, [there]) for kind, x, y in places)
+    width, height = cell[0], cell[1] // len(room.corners)
+    covered = [
+        (x, y)
+        for x, y in product(range(0, BOX_SIDE, width), range(0, BOX_SIDE, height))
+        if x < 67 and x + width > 37 and y < 74 and y + height > 44
+    ]
+    assert int(np.bitwise_count(room.empty & left).sum()) == free + room.corners.size - len(covered)
 
 
 def test_masks__are_exact_of_more_boxes_than_are_looked_at_at_once() -> None:
