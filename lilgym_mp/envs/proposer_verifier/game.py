@@ -30,6 +30,7 @@ from lilgym_mp.envs.proposer_verifier.states import (
     GameStep,
     Intent,
     PastTurn,
+    Proposal,
     Role,
     made_state,
     made_step,
@@ -38,8 +39,10 @@ from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
 
 Int8Array = NDArray[np.int8]
+INT8 = np.dtype(np.int8)
 WAITING = "wait"
 NOTHING, WAIT, _, STOP = Counted  # reading a member off its enum costs ten times as much, in every step
+EDIT = int(Proposal.EDIT)
 
 
 class TurnError(ValueError):
@@ -126,7 +129,8 @@ class Game:
         if asked is None:
             asked = proposal
         book = self.rulebook
-        number = book.numbers[book.case(movers[0], asked, answer, rejections)]
+        kind = EDIT if asked > STOP_ACTION else asked
+        number = book.numbers[movers[0]][kind][answer][rejections >= self.conditions.exchanges]
         ruling = book.rulings[number]
         counted, asks, rejects, _, _ = ruling
         if counted is NOTHING:
@@ -137,7 +141,7 @@ class Game:
             after, (verdict, _, _, terminated, truncated, _), _ = played
             rejections = 0
         holds = book.truth_matters[number] and mdp.task.solved_by(mdp.scene)
-        rewards = book.worths[book.outcome(number, verdict, holds, intent)]
+        rewards = book.worths[number][verdict][holds][intent]
         if self._speaks:
             rewards = self._charged(rewards, proposer_word, verifier_word)
             words = (
@@ -158,7 +162,9 @@ class Game:
             return NO_CHOICE, None, False
         if action is None:
             raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
-        choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
+        if type(action) is not int or not 0 <= action < self.action_counts[role]:  # else there is nothing to check
+            action = self.checked(role, action)
+        choice, word = divmod(action, self.message_sizes[role] + 1) if self._speaks else (action, SILENCE)
         if choice in self.choices[role]:
             return choice, word, False
         return NO_CHOICE, SILENCE, True
@@ -202,12 +208,13 @@ class Game:
             return self.waiting_masks[role].copy()
         if role is VERIFIER:
             return self.answering_mask.copy()
-        return self.proposer_masks(self.conditions.dynamics.legal_mask(state.mdp))
+        legal = self.conditions.dynamics.legal_mask(state.mdp)
+        return legal.view(INT8) if self._proposes_as_mdp else self.proposer_masks(legal)
 
     def proposer_masks(self, legal: BoolArray) -> Int8Array:
         """(..., actions) of proposers in their turn, from `legal`, the MDP's own (..., choices), which is used up."""
         if self._proposes_as_mdp:
-            return legal.view(np.int8)
+            return legal.view(INT8)
         if not self.conditions.ending.proposer_may_stop:
             legal[..., STOP_ACTION] = False
         masks = np.zeros((*legal.shape[:-1], self.action_counts[PROPOSER]), np.int8)

@@ -21,6 +21,7 @@ from lilgym_mp.envs.block import (
     block_forms,
 )
 from lilgym_mp.envs.cores import make_core, wait
+from lilgym_mp.envs.proposer_verifier.game import EDIT
 from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
     NO_CHOICE,
@@ -94,12 +95,13 @@ class GameArrays:
         answer, verifier_word = self._read(VERIFIER, verifiers)
         is_answer = (~self.moves[:, PROPOSER]).astype(np.int64)
         asked = np.where(is_answer, self.proposals, proposal)
-        ruling = self._rulings = tables.numbers[game.rulebook.case(is_answer, asked, answer, self._rejections)]
+        exchanges_are_spent = (self._rejections >= game.conditions.exchanges).astype(np.int64)
+        ruling = tables.numbers[is_answer, np.minimum(asked, EDIT), answer, exchanges_are_spent]
+        self._rulings = ruling
         self._holds = self._truths(ruling)
         counted, asks = tables.counted[ruling], tables.asks[ruling]
         verdict = self._counted(counted, asked)
-        outcome = game.rulebook.outcome(ruling, verdict, self._holds, self.intents)
-        self.rewards = tables.worths.take(outcome, axis=1)
+        self.rewards = tables.worths[:, ruling, verdict, self._holds, self.intents]
         self.terminated, self.truncated = tables.terminated[verdict], tables.truncated[verdict]
         self.proposals = np.where(asks, asked, NO_CHOICE)
         self._rejections = np.where(counted == NOTHING, self._rejections + tables.rejects[ruling], 0)
@@ -218,12 +220,12 @@ class GameArrays:
 class _Tables(NamedTuple):
     """A rulebook as arrays."""
 
-    numbers: Int64Array  # (cases,) of the rulings
+    numbers: Int64Array  # (turns, proposals, answers, 2) of the rulings, as in the rulebook
     counted: Int64Array  # (rulings,) a Counted
     asks: BoolArray  # (rulings,)
     rejects: BoolArray  # (rulings,)
     wants_truth: BoolArray  # (rulings,) whether rewards or infos depend on the truth of what is judged
-    worths: Float64Array  # (2, outcomes)
+    worths: Float64Array  # (2, rulings, verdicts + 1, 2, 2) by Role, then as in the rulebook
     terminated: BoolArray  # (verdicts + 1,) the last for `nothing_played`
     truncated: BoolArray  # (verdicts + 1,)
 
@@ -238,7 +240,7 @@ class _Tables(NamedTuple):
             asks=np.array([ruling.asks for ruling in rulings]),
             rejects=np.array([ruling.rejects for ruling in rulings]),
             wants_truth=np.array(wants_truth) | np.array(book.truth_matters),
-            worths=np.array(book.worths).T.copy(),
+            worths=np.moveaxis(np.array(book.worths), -1, 0),
             terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
             truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
         )

@@ -36,7 +36,11 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         """`options`: "task", an id of the split, and "intent", "helpful" or "sneaky"; others are ignored."""
         infos = self.session.reset(seed, options)
         self.agents = list(AGENTS)
-        return self._observations(), {PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]}
+        proposer, verifier = self.session.observe_both()
+        return (
+            {PROPOSER_NAME: proposer, VERIFIER_NAME: verifier},
+            {PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]},
+        )
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
         """Raises ActionError for a number out of range, TurnError where not just both agents act, ResetNeeded
@@ -46,20 +50,17 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
         step, infos = self.session.play_together(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
-        _, rewards, terminated, truncated, *_ = step
+        _, rewards, terminated, truncated, _, _, _, _ = step
         if terminated or truncated:
             self.agents = []
+        proposer, verifier = self.session.observe_both()
         return (
-            self._observations(),
+            {PROPOSER_NAME: proposer, VERIFIER_NAME: verifier},
             {PROPOSER_NAME: rewards[0], VERIFIER_NAME: rewards[1]},
             {PROPOSER_NAME: terminated, VERIFIER_NAME: terminated},
             {PROPOSER_NAME: truncated, VERIFIER_NAME: truncated},
             {PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]},
         )
-
-    def _observations(self) -> dict[str, AgentObservation]:
-        proposer, verifier = self.session.observe_both()
-        return {PROPOSER_NAME: proposer, VERIFIER_NAME: verifier}
 
 
 def parallel_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierParallel:

@@ -80,11 +80,12 @@ class Session:
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.rng, _ = seeding.np_random()
         self.parts = make_parts(world)
-        distinct = list({id(part): part for parts in self.parts for part in parts.values()}.values())
-        self._encoders = [part.encode for part in distinct]
-        self._places = tuple([(key, distinct.index(part)) for key, part in parts.items()] for parts in self.parts)
-        self._seen: dict[int, Value] = {}  # by place: what both see alike, as one of them has seen it
-        self._seen_state: GameState | None = None
+        alike = {key for key, part in self.parts[PROPOSER].items() if self.parts[VERIFIER].get(key) is part}
+        encoders = [[(key, part.encode, key in alike) for key, part in parts.items()] for parts in self.parts]
+        self._alike = [(key, encode) for key, encode, both in encoders[PROPOSER] if both]
+        self._own = tuple([(key, encode) for key, encode, both in own if not both] for own in encoders)
+        self._seen_alike: dict[str, Value] = {}
+        self._seen_state: GameState | None = None  # the state of what is there
         self.last: GameStep | None = None
         self._state: GameState | None = None
         self._heard: str = ""
@@ -119,11 +120,12 @@ class Session:
 
     def play(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
         """One turn. Raises ResetNeeded before reset and after the end; otherwise as `Game.play`."""
-        state = self.state
-        if not state.movers:
-            raise ResetNeeded("the game is over; call reset before acting again")
-        step = self.game.play(state, proposer, verifier)
-        self._state, self.last = step.state, step
+        state = self._state
+        if state is None or not state.movers:
+            when = "there is no game before the first reset" if state is None else "the game is over"
+            raise ResetNeeded(f"{when}; call reset before acting")
+        step = self.last = self.game.play(state, proposer, verifier)
+        self._state = step.state
         if self.render_mode is not None:
             self._remember(proposer, verifier)
             self._show()
@@ -136,8 +138,7 @@ class Session:
         if not game.takes_turns:
             step = self.play(proposer, verifier)
             return step, self.infos(step)
-        movers = self.state.movers
-        if VERIFIER in movers:
+        if VERIFIER in self.state.movers:
             idle, waits = PROPOSER, game.checked(PROPOSER, proposer) == game.wait_actions[PROPOSER]
             step = self.play(None, verifier)
         else:
@@ -163,17 +164,18 @@ class Session:
     def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
         """By Role. Arrays of what both see alike are the same ones."""
         state, game = self.state, self.game
-        values = [encode(state) for encode in self._encoders]
-        proposer, verifier = self._places
+        seen: dict[str, Value] = {}
+        for key, encode in self._alike:
+            seen[key] = encode(state)
+        also_seen = seen.copy()
+        proposers, verifiers = self._own
+        for key, encode in proposers:
+            seen[key] = encode(state)
+        for key, encode in verifiers:
+            also_seen[key] = encode(state)
         return (
-            {
-                "observation": {key: values[place] for key, place in proposer},
-                "action_mask": game.legal_mask(state, PROPOSER),
-            },
-            {
-                "observation": {key: values[place] for key, place in verifier},
-                "action_mask": game.legal_mask(state, VERIFIER),
-            },
+            {"observation": seen, "action_mask": game.legal_mask(state, PROPOSER)},
+            {"observation": also_seen, "action_mask": game.legal_mask(state, VERIFIER)},
         )
 
     def observe(self, role: Role) -> AgentObservation:
@@ -182,14 +184,14 @@ class Session:
 
     def see(self, role: Role) -> dict[str, Any]:
         """The parts of an observation."""
-        state, seen = self.state, self._seen
+        state = self.state
         if state is not self._seen_state:
-            seen.clear()
+            self._seen_alike = {key: encode(state) for key, encode in self._alike}
             self._seen_state = state
-        for _, place in self._places[role]:
-            if place not in seen:
-                seen[place] = self._encoders[place](state)
-        return {key: seen[place] for key, place in self._places[role]}
+        seen = self._seen_alike.copy()
+        for key, encode in self._own[role]:
+            seen[key] = encode(state)
+        return seen
 
     def spaces(self, role: Role) -> tuple[spaces.Dict, spaces.Discrete]:
         """New spaces of the observations and the actions of `role`."""

@@ -116,11 +116,11 @@ class Conditions:
 
 
 class Proposal(IntEnum):
-    """What the verifier is asked about, or would be."""
+    """What the verifier is asked about, or would be; numbered as the actions of the MDP are as far as possible."""
 
-    NONE = 0
-    STOP = 1  # the claim that the statement has the target value
-    EDIT = 2
+    STOP = STOP_ACTION  # the claim that the statement has the target value
+    EDIT = 1  # any edit
+    NONE = 2
 
 
 class Counted(IntEnum):

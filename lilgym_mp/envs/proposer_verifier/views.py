@@ -107,18 +107,6 @@ class World:
         longest = max(len(words(task.statement)) for tasks in (self.tasks, self._training_tasks) for task in tasks)
         return -(-longest // LENGTH_STEP) * LENGTH_STEP
 
-    def statement_tokens(self, statement: str) -> NDArray[np.int64]:
-        """(statement_length,) the numbers of the statement's words, padded with 0; not to be written."""
-        tokens = self._tokens.get(statement)
-        if tokens is None:
-            tokens = self._tokens[statement] = self.vocabulary.encode(statement, self.statement_length)
-        return tokens
-
-    @cached_property
-    def _tokens(self) -> dict[str, NDArray[np.int64]]:
-        """What `statement_tokens` has made so far."""
-        return {}
-
     @cached_property
     def _training_tasks(self) -> TaskSet:
         origin = self.tasks.provenance
@@ -214,16 +202,24 @@ class TokensPart:
     def __init__(self, world: World) -> None:
         self._world = world
         self.space = spaces.Box(0, len(world.vocabulary) - 1, (world.statement_length,), np.int64)
+        self._tokens: dict[str, NDArray[np.int64]] = {}  # of the statements encoded so far
 
     def encode(self, state: GameState) -> Value:
-        return self._world.statement_tokens(state.mdp.task.statement).copy()
+        return self._of(state.mdp.task.statement).copy()
+
+    def _of(self, statement: str) -> NDArray[np.int64]:
+        tokens = self._tokens.get(statement)
+        if tokens is None:
+            tokens = self._world.vocabulary.encode(statement, self._world.statement_length)
+            self._tokens[statement] = tokens
+        return tokens
 
     def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
         return self._by_task.take(games.tasks[which], axis=0)
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
-        return np.stack([self._world.statement_tokens(task.statement) for task in self._world.tasks])
+        return np.stack([self._of(task.statement) for task in self._world.tasks])
 
 
 class StatementTextPart:
