@@ -19,6 +19,8 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.block import BoolArray
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
+from lilgym_mp.wrappers.tokens import Tokens
+from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
 
 STATEMENT = "statement"  # the observation's part that SB3 takes as word numbers only
 VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment
@@ -35,13 +37,20 @@ class BatchVecEnv(VecEnv):
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any]) -> None:
-        """Raises ValueError unless `venv` resets in the same step, which is what SB3 expects."""
+        """If `venv` is in a TokenizedStatement, word numbers are looked up here instead, in a third of the time.
+
+        Raises ValueError unless `venv` resets in the same step, which is what SB3 expects.
+        """
         mode = venv.metadata["autoreset_mode"]
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"SB3 needs autoreset_mode={AutoresetMode.SAME_STEP!r}, not {mode!r}")
+        space = venv.single_observation_space
+        self._tokens: Tokens | None = None
+        if isinstance(venv, VectorEnvWrapper) and isinstance(venv.transformation, Tokens):
+            self._tokens, venv = venv.transformation, venv.env
         self.venv = venv
-        self._actions = np.zeros(venv.num_envs, np.int64)
-        super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
+        self._actions = self._tasks = np.zeros(venv.num_envs, np.int64)  # the tasks of the observations given last
+        super().__init__(venv.num_envs, space, venv.single_action_space)
 
     def reset(self) -> VecEnvObs:
         tasks = [options.get("task") for options in self._options]
@@ -51,7 +60,7 @@ class BatchVecEnv(VecEnv):
         _spread(infos, self.reset_infos)
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return self._shown(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
@@ -62,19 +71,30 @@ class BatchVecEnv(VecEnv):
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if infos:
             self._tell(told, infos, dones, truncated & ~terminated)
-        return observations, rewards.astype(np.float32), dones, told
+        return self._shown(observations), rewards.astype(np.float32), dones, told
 
     def _tell(self, told: list[dict[str, Any]], infos: dict[str, Any], dones: BoolArray, cut_off: BoolArray) -> None:
         """Gives `told`, (N,), what infos say of this step, and `reset_infos` what they say of episodes just begun."""
         final_info, last = infos.pop("final_info", {}), infos.pop("final_obs", None)
+        ended = dones.nonzero()[0]
         now = told.copy()
-        for number in dones.nonzero()[0].tolist():
+        for number in ended.tolist():
             now[number] = self.reset_infos[number] = {}
         _spread(infos, now)
         _spread(final_info, told)
-        if last is not None:
-            _spread({"terminal_observation": last, "_terminal_observation": dones}, told)
-            _spread({"TimeLimit.truncated": cut_off, "_TimeLimit.truncated": dones}, told)
+        if self._tokens is not None:
+            for number, words in zip(ended.tolist(), self._tokens.of_tasks(self._tasks[ended]), strict=True):
+                last[number][STATEMENT] = words
+        for number in ended.tolist():
+            told[number]["terminal_observation"] = last[number]
+            told[number]["TimeLimit.truncated"] = cut_off.item(number)
+
+    def _shown(self, observations: Any) -> VecEnvObs:
+        """The observations of now, with word numbers for statements if wanted."""
+        if self._tokens is not None:
+            self._tasks = self.venv.unwrapped.task_numbers  # pyright: ignore[reportAttributeAccessIssue]
+            observations[STATEMENT] = self._tokens.of_tasks(self._tasks)
+        return observations
 
     def close(self) -> None:
         self.venv.close()

@@ -20,7 +20,7 @@ from sb3_contrib.common.maskable.utils import get_action_masks
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
-from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
+from lilgym_mp.sb3 import BACKENDS, STATEMENT, BatchVecEnv, make_vec_env
 from lilgym_mp.wrappers import stop_forcing_v0
 from tests.envs.alike import assert_same, random_actions
 
@@ -187,6 +187,21 @@ def test_monitor__is_one_that_evaluation_trusts(made: Any, backend: str, evaluat
     returns, lengths = evaluate(Stopping(), env, n_eval_episodes=10, return_episode_rewards=True)  # warns of no monitor
     assert lengths == [1] * 10
     assert set(returns) <= {1.0, -1.0}
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+def test_observations__are_the_callers_to_change(made: Any, backend: str) -> None:
+    changed, kept = made(TOWER, backend, seed=1), made(TOWER, backend, seed=1)
+    observations, expected = [changed.reset()], [kept.reset()]
+    for action in (1, 0, 2, 0, 0):
+        assert_same(observations, expected, f"before {action}")
+        for observation in observations:
+            for part in ("image", STATEMENT):
+                observation[part][...] = 77
+        (*changes, infos), (*same, same_infos) = (env.step(np.full(COUNT, action)) for env in (changed, kept))
+        assert_same(changes[1:], same[1:])
+        observations = [changes[0], *(info["terminal_observation"] for info in infos if info)]
+        expected = [same[0], *(info["terminal_observation"] for info in same_infos if info)]
 
 
 def test_infos__are_new_and_of_one_environment_each(made: Any) -> None:
