@@ -63,7 +63,7 @@ class CellRoom(NamedTuple):
             for slot, end in enumerate(ends):
                 differences = corners_there[:end] - slots[:, slot].take(boxes[:end])
                 words[:end] &= self.left.take(self.lines.take(differences), axis=0)
-            flags = np.packbits(words != 0, bitorder="little").reshape(len(cells), -1)
+            flags = np.packbits(words != 0, bitorder="little").reshape(len(cells), len(self.edits))
             for group, edits in enumerate(self.edits):
                 found |= edits.take(flags[:, group])
         return found

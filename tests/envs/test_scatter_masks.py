@@ -108,6 +108,13 @@ def test_masks__are_exact_of_items_that_overlap_or_lie_outside(
     shown.assert_exact([Scene((left, tame, tame))], loose=[0])
 
 
+def test_masks__stay_as_they_are_when_an_item_lies_wholly_outside() -> None:
+    shown = Shown(Scatter(), "release")
+    for item in (circle(0, -10, SMALL), square(100, 50), triangle(-40, -40)):
+        shown.assert_exact([scene()])
+        shown.assert_exact([scene([item])], loose=[0])
+
+
 def test_masks__are_exact_of_boxes_that_hold_one_item() -> None:
     shown = Shown(Scatter(), "paper", slots=1)
     for now in ([circle(40, 40)], [square(0, 0, LARGE)], [], [circle(40, 40)]):
