@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
@@ -187,7 +186,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             numbers = ", ".join(map(str, np.flatnonzero(ended)))
             raise gym.error.ResetNeeded(f"environments {numbers} have ended; reset them with a reset_mask first")
         outside = (array < 0) | (array >= count)
-        if outside.any():
+        if np.count_nonzero(outside):
             if self._autoreset is AutoresetMode.NEXT_STEP:
                 outside &= ~ended
                 array = np.where(ended, 0, array)
@@ -217,7 +216,10 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             infos = self._end_infos(block.ended.copy())
         if np.count_nonzero(block.started):
             started = block.started.copy()
-            infos |= {"task": _only(self._task_ids[block.task], started), "_task": started}
+            numbers = started.nonzero()[0]
+            task_ids = np.empty(self.num_envs, object)  # None at first
+            task_ids[numbers] = self._task_ids[block.task[numbers]]
+            infos |= {"task": task_ids, "_task": started}
         return infos
 
     def _end_infos(self, ended: BoolArray) -> Infos:
@@ -235,7 +237,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             infos |= {"repeated": block.repeated & ended, "_repeated": ended.copy()}
             self._evaluated += int((ended & ~block.repeated).sum())
         if self._autoreset is AutoresetMode.SAME_STEP:
-            final = np.full(self.num_envs, None, object)
+            final = np.empty(self.num_envs, object)  # None at first
             for number in ended.nonzero()[0].tolist():
                 final[number] = self._last_observation(number)
             return {
@@ -364,13 +366,6 @@ class BatchedEnv(LilGymVectorEnv):
 
     def _change_tasks(self, change: TaskOperation) -> None:
         self._engine.play(self.tasks)
-
-
-def _only(values: NDArray[np.object_], where: BoolArray) -> NDArray[np.object_]:
-    """(N,) the values where `where` is true, None elsewhere."""
-    chosen = np.full(len(values), None, object)
-    chosen[where] = values[where]
-    return chosen
 
 
 def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
