@@ -113,6 +113,8 @@ class TowerTables(NamedTuple):
     colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
     action_box: NDArray[np.int64]  # (13,) box that an action is about; 0 for STOP
     action_edit: NDArray[np.int64]  # (13,) column of `after`; 0 for STOP
+    heights: NDArray[np.int64]  # (121,)
+    legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
 
 
 EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # by column of `after`
@@ -134,6 +136,8 @@ def tower_tables() -> TowerTables:
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
         action_edit=np.array([_edit_number(action) for action in ACTIONS]),
+        heights=np.array([len(box.items) for box in boxes]),
+        legal=_legal_by_heights(),
     )
 
 

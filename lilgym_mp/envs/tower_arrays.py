@@ -38,6 +38,7 @@ class TowerArrays:
         self._tables = tower_tables()
         self._applies = np.array([verdict.applies for verdict in dynamics.verdicts])
         self._starts = np.array([self._numbers(task.start) for task in tasks])  # (tasks, 3)
+        self._every = np.arange(len(block.action))
         self._boxes = np.zeros((len(block.action), BOX_COUNT), np.int64)
         self._painter = _TowerPainter(block.image, image_size)
 
@@ -55,7 +56,7 @@ class TowerArrays:
     def step(self, which: Int64Array | None) -> None:
         block, tables = self._block, self._tables
         if which is None:
-            which = np.arange(len(self._boxes))
+            which = self._every
             actions = block.action
         else:
             actions = block.action[which]
@@ -63,7 +64,7 @@ class TowerArrays:
         before = self._boxes[which, boxes]
         after = tables.after[before, edits]
         situations = np.where(after < 0, INVALID_EDIT, VALID_EDIT)
-        for place in np.flatnonzero(actions == 0).tolist():
+        for place in (actions == 0).nonzero()[0].tolist():
             solved = self._solved(int(which[place]))
             situations[place] = RIGHT_STOP if solved else WRONG_STOP
         steps = block.steps[which] + 1
@@ -71,7 +72,7 @@ class TowerArrays:
         block.steps[which] = steps
         block.verdict[which] = verdicts
         block.invalid[which] = np.where(situations == INVALID_EDIT, _REASONS[edits], NO_REASON)
-        applied = np.flatnonzero(self._applies[verdicts])
+        applied = self._applies[verdicts].nonzero()[0]
         which, boxes, after = which[applied], boxes[applied], after[applied]
         self._painter.paint(which, boxes, before[applied], after)
         self._boxes[which, boxes] = after
@@ -85,9 +86,8 @@ class TowerArrays:
         return Scene((boxes[left], boxes[middle], boxes[right]))
 
     def write_masks(self) -> None:
-        mask, valid = self._block.mask, self._tables.after[self._boxes] >= 0  # (N, 3, 4)
-        mask[:] = valid[:, self._tables.action_box, self._tables.action_edit]
-        mask[:, 0] = True
+        left, middle, right = self._tables.heights[self._boxes].T
+        self._block.mask[:] = self._tables.legal[left, middle, right]
 
     def write_goals(self) -> None:
         self._block.goal[:] = [self._solved(number) for number in range(len(self._boxes))]

@@ -75,13 +75,15 @@ class BatchedGames:
             self._generators = [seeding.np_random(seed)[0] for seed in seeds]
             self._draws = [[] for _ in seeds]
         self._start(self._every, options or {})
-        return self._observations(), {"turns": self._games.moves.copy()}
+        return self._observations(), {"turns": self._games.moves.T.copy()}
 
     def _start(self, which: Int64Array, options: Mapping[str, Any]) -> None:
         """Starts some games, each with a task and an intent of its own generator's, in this order."""
         world = self._world
         task = world.tasks.number(options["task"]) if "task" in options else None
         intent = chosen_intent(options)
+        if intent is None:
+            intent = world.usual_intent
         tasks: list[int] = []
         intents: list[int] = []
         for number in which.tolist():
@@ -109,23 +111,25 @@ class BatchedGames:
         if len(ended):
             infos = self._final(ended)
             self._start(ended, {})
-        infos["turns"] = games.moves.copy()
+        infos["turns"] = games.moves.T.copy()
         return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
 
     def _checked(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
         """Both agents' actions, by Role."""
         if set(actions) != set(AGENTS):
             raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
-        arrays = [np.asarray(actions[agent]) for agent in AGENTS]
-        for role, array in zip(Role, arrays, strict=True):
-            if array.shape != (self.num_games,) or array.dtype.kind not in "iu":
-                raise ActionError(
-                    f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {array.dtype} {array.shape}"
-                )
-            if array.min() < 0 or array.max() >= self._world.game.action_counts[role]:
-                for action in array.tolist():  # one of them is refused
-                    self._world.game.checked(role, action)
-        return [array.astype(np.int64, copy=False) for array in arrays]
+        return [self._checked_row(role, np.asarray(actions[AGENTS[role]])) for role in Role]
+
+    def _checked_row(self, role: Role, row: NDArray[Any]) -> Int64Array:
+        if row.shape != (self.num_games,) or row.dtype.kind not in "iu":
+            raise ActionError(
+                f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {row.dtype} {row.shape}"
+            )
+        game = self._world.game
+        if row.astype(np.uint64, copy=False).max() >= game.action_counts[role]:  # which negative numbers are as well
+            for action in row.tolist():  # one of them is refused
+                game.checked(role, action)
+        return row.astype(np.int64, copy=False)
 
     def _observations(self) -> dict[str, AgentObservation]:
         return self._observed(self._every, copies_images=self._copies)

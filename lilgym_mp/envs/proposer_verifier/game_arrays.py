@@ -46,10 +46,10 @@ NOTHING, WAIT, PROPOSAL, STOP = map(int, Counted)  # plain numbers for arrays, a
 class GameArrays:
     """The states of N games by number, and what the last turn made of them."""
 
-    moves: BoolArray  # (N, 2) whose turn it is, by Role
+    moves: BoolArray  # (2, N) whose turn it is, by Role
     intents: Int64Array  # (N,)
     proposals: Int64Array  # (N,) that await an answer, or NO_CHOICE
-    words: Int64Array  # (N, 2) the last of each, by Role
+    words: Int64Array  # (2, N) the last of each, by Role
     history: Int64Array  # (N, turns, 4) proposals, answers and both words, newest last; NO_CHOICE before the first
     rewards: Float64Array  # (2, N) of the last turn
     terminated: BoolArray  # (N,) by the last turn
@@ -63,18 +63,20 @@ class GameArrays:
         self._block = Block.new(forms)
         self._core = make_core(dynamics, world.tasks, self._block, world.image_size)
         self._tables = _Tables.of(world)
+        self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
-        self._illegal = np.zeros((num_games, len(Role)), np.bool_)  # by Role: whose last choice was
+        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # whose choice was in the last turn, by Role
         self._rulings = np.zeros(num_games, np.int64)  # the last turn's
         self._holds = np.zeros(num_games, np.int64)  # whether what it judged was true, where that matters
         self._ends: dict[tuple[int, int], Info] = {}  # by verdict and reason
         self._has_masks = self._has_items = False  # whether those in the block are of the present scenes
-        self.moves = np.zeros((num_games, len(Role)), np.bool_)
+        self._first = np.array([[role in game.protocol.first] for role in Role])  # (2, 1) who moves first
+        self.moves = np.zeros((len(Role), num_games), np.bool_)
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)
         self.rewards = np.zeros((len(Role), num_games))
         self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)
-        self.words = np.full((num_games, len(Role)), SILENCE)
+        self.words = np.full((len(Role), num_games), SILENCE)
         self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
 
     def start(self, which: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
@@ -82,10 +84,10 @@ class GameArrays:
         self._core.start(which, tasks)
         self._has_masks = self._has_items = False
         self._rejections[which] = 0
-        self.moves[which] = [role in self._game.protocol.first for role in Role]
+        self.moves[:, which] = self._first
         self.intents[which] = intents
         self.proposals[which] = NO_CHOICE
-        self.words[which] = SILENCE
+        self.words[:, which] = SILENCE
         self.history[which] = NO_CHOICE
 
     def play(self, proposers: Int64Array, verifiers: Int64Array) -> None:
@@ -93,8 +95,10 @@ class GameArrays:
         game, tables = self._game, self._tables
         proposal, proposer_word = self._read(PROPOSER, proposers)
         answer, verifier_word = self._read(VERIFIER, verifiers)
-        is_answer = (~self.moves[:, PROPOSER]).astype(np.int64)
-        asked = np.where(is_answer, self.proposals, proposal)
+        asked, is_answer = proposal, self._no_answers
+        if game.takes_turns:
+            is_answer = self.moves[VERIFIER].astype(np.int64)
+            asked = np.where(is_answer, self.proposals, proposal)
         exchanges_are_spent = (self._rejections >= game.conditions.exchanges).astype(np.int64)
         ruling = tables.numbers[is_answer, np.minimum(asked, EDIT), answer, exchanges_are_spent]
         self._rulings = ruling
@@ -103,32 +107,30 @@ class GameArrays:
         verdict = self._counted(counted, asked)
         self.rewards = tables.worths[:, ruling, verdict, self._holds, self.intents]
         self.terminated, self.truncated = tables.terminated[verdict], tables.truncated[verdict]
-        self.proposals = np.where(asks, asked, NO_CHOICE)
         self._rejections = np.where(counted == NOTHING, self._rejections + tables.rejects[ruling], 0)
-        over = self.terminated | self.truncated
+        going_on = ~(self.terminated | self.truncated)
         if game.takes_turns:
-            np.logical_or(asks, over, out=self.moves[:, PROPOSER])
-            np.logical_not(self.moves[:, PROPOSER], out=self.moves[:, PROPOSER])
-            self.moves[:, VERIFIER] = asks
+            self.proposals = np.where(asks, asked, NO_CHOICE)
+            self.moves = np.array([going_on & ~asks, asks])
         else:
-            self.moves[over] = False
+            self.moves = np.array([going_on, going_on])
         for role, word in ((PROPOSER, proposer_word), (VERIFIER, verifier_word)):
             if word is not None:
                 self.rewards[role] -= game.message_cost * (word > SILENCE)
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
-            self.history[:, -1] = np.stack([proposal, answer, *self.words.T], axis=1)
+            self.history[:, -1] = np.stack([proposal, answer, *self.words], axis=1)
 
     def _read(self, role: Role, actions: Int64Array) -> tuple[Int64Array, Int64Array | None]:
         """(N,) the actions' choices, NO_CHOICE out of turn and for illegal ones; (N,) what they say, if `role` can."""
-        moves, size, own = self.moves[:, role], self._game.message_sizes[role], self._game.choices[role]
+        moves, size, own = self.moves[role], self._game.message_sizes[role], self._game.choices[role]
         choice, word = np.divmod(actions, size + 1) if size else (actions, None)
         legal = moves & (choice >= own.start) & (choice < own.stop)
         wait_action = self._game.wait_actions[role]
-        self._illegal[:, role] = ~legal & (moves if wait_action is None else moves | (actions != wait_action))
+        self._illegal[role] = ~legal & (moves if wait_action is None else moves | (actions != wait_action))
         if word is not None:
             word = np.where(legal, word, SILENCE)
-            self.words[:, role] = np.where(moves, word, self.words[:, role])
+            self.words[role] = np.where(moves, word, self.words[role])
         return np.where(legal, choice, NO_CHOICE), word
 
     def _truths(self, ruling: Int64Array) -> Int64Array:
@@ -176,7 +178,7 @@ class GameArrays:
                 return np.repeat(game.answering_mask[None], len(which), axis=0)
             return game.proposer_masks(self._legal()[which])
         masks = np.repeat(game.waiting_masks[role][None], len(which), axis=0)
-        moving = self.moves[which, role].nonzero()[0]
+        moving = self.moves[role, which].nonzero()[0]
         if role is VERIFIER:
             masks[moving] = game.answering_mask
         elif len(moving):
@@ -213,7 +215,7 @@ class GameArrays:
 
     def last_illegal(self, number: int) -> tuple[bool, bool]:
         """By Role: whose choice in the last turn of a game was illegal."""
-        proposer, verifier = self._illegal[number].tolist()
+        proposer, verifier = self._illegal[:, number].tolist()
         return proposer, verifier
 
 

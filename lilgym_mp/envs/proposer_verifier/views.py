@@ -352,7 +352,7 @@ class WordPart:
         return np.int64(state.words[self._speaker])
 
     def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return games.words[which, self._speaker]
+        return games.words[self._speaker, which]
 
 
 class IntentPart:
