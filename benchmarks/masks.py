@@ -2,7 +2,8 @@
 
 Legal edits are drawn from the masks themselves, so each step changes one box of each environment; the time is of
 `action_masks()` alone, its copy for the caller included, in CPU seconds of this process: the median of rounds.
-Run: python benchmarks/masks.py [--envs 1 8 64 256 1024] [--id lilgym_mp/ScatterFlipIt-v0] [--grid 19x5] [--rounds 5]
+Run: python benchmarks/masks.py [--envs 1 8 64 256 1024] [--id lilgym_mp/ScatterFlipIt-v0] [--grid 19x5]
+[--rules release] [--corpus lilgym] [--rounds 5]
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import gymnasium as gym
 import numpy as np
 
 import lilgym_mp  # noqa: F401  registers the environments
+from lilgym_mp.rules import RULE_SETS
 
 IDS = ("lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterScratch-v0", "lilgym_mp/ScatterFlipIt-v0")
 ENV_STEPS = 3_000  # in a round, at least
@@ -55,12 +57,14 @@ def main() -> None:
     parser.add_argument("--envs", type=int, nargs="+", default=[1, 8, 64, 256, 1024])
     parser.add_argument("--id", action="append", help=f"default: {', '.join(IDS)}")
     parser.add_argument("--grid", type=_grid, default=(19, 5), help="of Scatter, COLUMNSxROWS (default 19x5)")
+    parser.add_argument("--rules", choices=sorted(RULE_SETS), default="paper")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--rounds", type=int, default=5)
     given = parser.parse_args()
     for env_id in given.id or IDS:
         for count in given.envs:
-            env: Any = gym.make_vec(env_id, num_envs=count, copy=False, corpus=given.corpus, grid=given.grid)
+            settings = {"corpus": given.corpus, "grid": given.grid, "rules": given.rules}
+            env: Any = gym.make_vec(env_id, num_envs=count, copy=False, **settings)
             cost = microseconds(env, given.rounds, np.random.default_rng(0))
             spread = f"{min(cost):.1f} .. {max(cost):.1f}"
             print(f"{env_id:30} {count:5} environments  {statistics.median(cost):7.1f} us a mask  ({spread})")

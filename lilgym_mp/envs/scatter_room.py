@@ -70,16 +70,16 @@ class CellRoom(NamedTuple):
 
 
 class _Word(NamedTuple):
-    """Up to 64 bits of every cell's words, all asked by one legal edit."""
+    """A word of every cell, whose bits tell of one legal edit."""
 
-    edit: int
+    edit: int  # a bit
     left: Words  # (9, x, y) by kind of an item and how a part lies to it
     empty: Words  # (parts, cells)
 
 
 @cache
 def cell_room(cell_width: int, cell_height: int, *, searches: bool) -> CellRoom:
-    """`searches`: whether an item may go elsewhere in its cell."""
+    """The tables for cells of that size in pixels; `searches`: whether an item may go elsewhere in its cell."""
     height = cell_height if cell_height <= HIGHEST_PART else LOW_PART
     allowed = _allowed_places(cell_width, cell_height, height, searches=searches)
     words = [*_adding(allowed), _removing(cell_width, height, allowed.shape[3:])]
@@ -110,15 +110,20 @@ def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool
 
 
 def _corners(width: int, cell_height: int, height: int) -> Int64Array:
+    """`CellRoom.corners` of parts that are `height` pixels high."""
     xs, ys = np.arange(0, BOX_SIDE, width), np.arange(0, BOX_SIDE, cell_height)
     cells = (xs[:, None] * PLACE_PITCH + ys).ravel()
     return np.arange(0, cell_height, height)[:, None] + cells + SAME_PLACE
 
 
 def _adding(allowed: BoolArray) -> Iterator[_Word]:
-    """The words of all kinds. The window of how a part lies to an item is as wide and high as both together."""
+    """The words of all kinds, from `_allowed_places`.
+
+    How a part lies to an item goes, in x and y, from -LARGEST_SIDE less the part's last pixel to LARGEST_SIDE.
+    """
     _, width, height, *_ = allowed.shape
-    clear = np.pad(clear_templates(), [(0, 0), (0, 0), *_margins(width - 1, height - 1)], constant_values=True)
+    margins = [(0, 0), (0, 0), (width - 1, width - 1), (height - 1, height - 1)]
+    clear = np.pad(clear_templates(), margins, constant_values=True)
     for kind, places in enumerate(allowed):
         pixels = np.argwhere(places.any(axis=(2, 3))).tolist()
         columns, rows = clear.shape[2] - width + 1, clear.shape[3] - height + 1
@@ -129,14 +134,11 @@ def _adding(allowed: BoolArray) -> Iterator[_Word]:
 
 
 def _removing(width: int, height: int, cells: tuple[int, ...]) -> _Word:
+    """The word of REMOVABLE, of (parts, cells) `cells`, over the same window as those of `_adding`."""
     uncovered = np.array(cell_areas(width, height)) == 0
-    before, after = LARGEST_SIDE, 1
-    left = np.pad(uncovered, [(0, 0), (before, after), (before, after)], constant_values=True)
+    beyond = LARGEST_SIDE, 1  # offsets that `cell_areas` leaves out on either side, where nothing is covered
+    left = np.pad(uncovered, [(0, 0), beyond, beyond], constant_values=True)
     return _Word(REMOVABLE, _packed([left]), np.ones(cells, np.uint64))
-
-
-def _margins(*sizes: int) -> list[tuple[int, int]]:
-    return [(size, size) for size in sizes]
 
 
 def _packed(flags: Sequence[BoolArray]) -> Words:
