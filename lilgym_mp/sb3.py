@@ -159,8 +159,7 @@ def _spread(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
-    venv = gym.make_vec(id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
-    return BatchVecEnv(wrap(venv))
+    return _adapted(gym.make_vec(id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs), wrap)
 
 
 def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
@@ -172,11 +171,22 @@ def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
         autoreset_mode=AutoresetMode.SAME_STEP,
         **kwargs,
     )
-    return BatchVecEnv(wrap(venv))
+    return _adapted(venv, wrap)
+
+
+def _adapted(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> BatchVecEnv:
+    """Closes `venv`, which may have processes, when it cannot be wrapped."""
+    try:
+        return BatchVecEnv(wrap(venv))
+    except BaseException:
+        venv.close()
+        raise
 
 
 def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
-    return SubprocVecEnv(_makers(id, n_envs, wrap, kwargs), start_method=options.get("start_method"))
+    makers = _makers(id, n_envs, wrap, kwargs)
+    makers[0]().close()  # what is wrong is said here, where SB3's processes would only hang up
+    return SubprocVecEnv(makers, start_method=options.get("start_method"))
 
 
 def _dummy(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:

@@ -220,6 +220,13 @@ def test_monitor__can_be_left_out(made: Any) -> None:
     assert isinstance(made(TOWER, "dummy", monitor=False), DummyVecEnv)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_environments_that_cannot_be_wrapped__say_why_and_leave_no_process(made: Any, backend: str) -> None:
+    with pytest.raises(ValueError, match="/no/such/file: cannot be read"):
+        made(TOWER, backend, vocabulary="/no/such/file")
+    assert not multiprocessing.active_children()
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
