@@ -40,7 +40,6 @@ SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
 PATCH_CACHE = 16_384  # surroundings of items that are kept
 LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
-MASK_PITCH = 4 * LARGEST_PATCH  # so that of two items near one patch neither reaches into another row of the other
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
 
 
@@ -174,7 +173,10 @@ class Blit(NamedTuple):
 
 
 class _Patch(NamedTuple):
-    """An item's surroundings: the smallest patch of whole blocks that holds it, in native pixels of its box."""
+    """An item's surroundings: the smallest patch of whole blocks that holds it, in native pixels of its box.
+
+    The numbers stand for pictures from the patch's upper-left corner on, row by row, `_pitch` entries each.
+    """
 
     left: int
     top: int
@@ -182,7 +184,8 @@ class _Patch(NamedTuple):
     bottom: int
     alone: Blit
     bare: Blit  # without the item
-    counts: int  # the stamp's counts as a number, as `_counts_number` gives it
+    drawn: int  # a bit for each native pixel, set where it is the item's
+    counts: int  # a byte for each block, as in the item's stamp
 
 
 class _Patches(dict[Item, "_Patch | None"]):
@@ -211,36 +214,25 @@ def _patch(item: Item, shrink: int) -> _Patch | None:
     look = (item.kind, item.colour, x % 2, y % 2, shrink)
     sprite = stamp(*look).sprite
     blank = _blank(shrink)[: sprite.shape[0], : sprite.shape[1]]
-    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank), _counts_number(*look))
+    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank), *_numbers(*look))
 
 
 def _pitch(shrink: int) -> int:
-    """Columns of a number that stands for a patch: so many that no item near it reaches into another row."""
-    return 2 * LARGEST_PATCH // shrink
+    """Entries in a row of the numbers of `_Patch`: so many that whatever is near a patch has bits of its own."""
+    return 3 * LARGEST_PATCH // shrink
 
 
 @cache
-def _counts_number(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> int:
-    """A stamp's counts as the bytes of a number, in rows of `_pitch`."""
-    counts = stamp(kind, colour, odd_x, odd_y, shrink).counts
-    return int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
-
-
-@cache
-def _mask_number(kind: int) -> int:
-    """The pixels that a kind draws as the bits of a number, in rows of MASK_PITCH."""
-    return int.from_bytes(np.packbits(_in_rows(_mask(kind), MASK_PITCH), bitorder="little").tobytes(), "little")
+def _numbers(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> tuple[int, int]:
+    """`drawn` and `counts` of a patch."""
+    drawn = np.pad(_mask(kind), ((odd_y, 0), (odd_x, 0)))
+    bits = np.packbits(_in_rows(drawn, _pitch(1)), bitorder="little")
+    counts = _in_rows(stamp(kind, colour, odd_x, odd_y, shrink).counts, _pitch(shrink))
+    return int.from_bytes(bits.tobytes(), "little"), int.from_bytes(counts.tobytes(), "little")
 
 
 def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
     return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
-
-
-def _draws_over(item: Item, near: Item) -> bool:
-    """Whether two items near one patch have a pixel in common that both draw."""
-    shift = (near.y - item.y) * MASK_PITCH + near.x - item.x
-    ours, theirs = _mask_number(item.kind), _mask_number(near.kind)
-    return ours & (theirs << shift if shift >= 0 else theirs >> -shift) != 0
 
 
 def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, *, shown: bool) -> Blit | None:
@@ -251,13 +243,12 @@ def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, *, shown:
     patch = patches[item]
     if patch is None:
         return None
-    left, top, right, bottom, alone, bare, _ = patch
+    left, top, right, bottom, alone, bare, _, _ = patch
     near: list[Item] = []
     for other in others:
-        x, y, _, _, size = other
-        if x < right and y < bottom:
-            side = SIZE_PIXELS[size]
-            if left < x + side and top < y + side:
+        if other[0] < right and other[1] < bottom:
+            side = SIZE_PIXELS[other[4]]
+            if left < other[0] + side and top < other[1] + side:
                 near.append(other)
     if near:
         return _composed(patch, [item, *near] if shown else near, patches)
@@ -265,22 +256,30 @@ def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, *, shown:
 
 
 def _composed(patch: _Patch, items: Sequence[Item], patches: _Patches) -> Blit | None:
-    """Items that may share the patch's blocks, together; None as in `_patch_blit`.
+    """Items near a patch together; None as in `_patch_blit`.
 
-    Numbers are added rather than arrays, as an array operation takes ten times as long on so few counts.
+    Numbers are shifted and added rather than arrays, whose operations take ten times as long on so few entries.
     """
     shrink = patches.shrink
-    pitch = _pitch(shrink)
-    total = 0
-    for number, item in enumerate(items):
+    pitch, block_pitch = _pitch(1), _pitch(shrink)
+    drawn = counts = 0
+    for item in items:
         own = patches[item]
-        if own is None or any(_draws_over(item, other) for other in items[:number]):
+        if own is None:
             return None
-        shift = 8 * ((own.top - patch.top) // shrink * pitch + (own.left - patch.left) // shrink)
-        total += own.counts << shift if shift >= 0 else own.counts >> -shift
+        across, down = own.left - patch.left, own.top - patch.top
+        shift = down * pitch + across
+        own_drawn = own.drawn << shift if shift >= 0 else own.drawn >> -shift
+        if drawn & own_drawn:
+            return None
+        drawn |= own_drawn
+        shift = 8 * (down // shrink * block_pitch + across // shrink)
+        counts += own.counts << shift if shift >= 0 else own.counts >> -shift
     place, sprite = patch.alone
-    counts = np.ndarray(sprite.shape[:2], np.uint8, total.to_bytes(pitch * pitch, "little"), strides=(pitch, 1))
-    return Blit(place, palette(shrink).colours.take(counts, axis=0))
+    # As long as the number can be: what is near may begin at the patch's last row.
+    by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
+    blocks = np.ndarray(sprite.shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
+    return Blit(place, palette(shrink).colours.take(blocks, axis=0))
 
 
 _BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in memos, by shrink
