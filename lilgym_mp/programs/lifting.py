@@ -7,7 +7,7 @@ in `box.memo`: a box never changes, and play shares boxes between scenes.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import cache
 from typing import Any
@@ -70,17 +70,29 @@ def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
     return _by_look(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
 
 
+class _Rows(dict[int, Mask]):
+    """By index of an item, the mask of the items related to it; found when asked for, as programs ask for few."""
+
+    def __init__(self, word: Word, box: Box) -> None:
+        self._related = word.function
+        self._box = box
+
+    def __missing__(self, index: int) -> Mask:
+        related = self._related(_view(self._box).members[index])
+        row = self[index] = sum([1 << view.index for view in related])
+        return row
+
+
 @cache
-def lifted_relation(word: Word) -> Callable[[Box], tuple[Mask, ...]]:
-    """For each item of a box, the mask of the items related to it."""
+def lifted_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
+    """For each item of a box, by index, the mask of the items related to it."""
     key = f"program relation {word.name}"
 
-    def lifted(box: Box) -> tuple[Mask, ...]:
+    def lifted(box: Box) -> Mapping[int, Mask]:
         rows = box.memo.get(key)
         if rows is None:
             check_size(box)
-            related = (word.function(view) for view in _view(box).members)
-            rows = box.memo[key] = tuple(sum(1 << view.index for view in views) for views in related)
+            rows = box.memo[key] = _Rows(word, box)
         return rows
 
     return lifted
@@ -147,7 +159,7 @@ def _by_box(key: str, test: Test) -> Callable[[Box], Mask]:
         mask = box.memo.get(key)
         if mask is None:
             check_size(box)
-            mask = box.memo[key] = sum(1 << view.index for view in _view(box).members if test(view))
+            mask = box.memo[key] = sum([1 << view.index for view in _view(box).members if test(view)])
         return mask
 
     return lifted

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from lilgym_mp.programs import lifting
@@ -34,7 +35,7 @@ def _only_meets(masks: tuple[int, ...], tests: tuple[int, ...]) -> bool:
     return any(mask & test for mask, test in zip(masks, tests, strict=True))
 
 
-def _united(rows: tuple[int, ...], mask: int) -> int:
+def _united(rows: Mapping[int, int], mask: int) -> int:
     united = 0
     for position in _bits(mask):
         united |= rows[position]

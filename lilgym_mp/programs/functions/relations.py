@@ -18,7 +18,7 @@ def get_touching(x: EachItem) -> set[ItemView]:
 @word("related items", reach="box")
 def get_closely_touching(x: EachItem) -> set[ItemView]:
     """The other items of the box at most 4 pixels from `x`."""
-    return {y for y in x.box.members if y is not x and _distance(x, y) <= MARGIN}
+    return {y for y in x.box.members if _within(x, y, MARGIN)}
 
 
 @word("related items", reach="box")
@@ -87,9 +87,18 @@ def _above(higher: ItemView, lower: ItemView) -> bool:
 
 
 def _touching(x: ItemView, y: ItemView) -> bool:
-    return y is not x and _distance(x, y) <= TOUCHING
+    return _within(x, y, TOUCHING)
 
 
-def _distance(x: ItemView, y: ItemView) -> int:
-    """Pixels between the bounding squares of two items of one box; negative when they overlap."""
-    return max(x.left - y.right, y.left - x.right, x.bottom - y.top, y.bottom - x.top)
+def _within(x: ItemView, y: ItemView, reach: int) -> bool:
+    """Whether there are at most `reach` pixels between the bounding squares of two items of one box.
+
+    The greatest of the four differences tells; most pairs are told apart by the first of them.
+    """
+    return (
+        y is not x
+        and x.left - y.right <= reach
+        and y.left - x.right <= reach
+        and x.bottom - y.top <= reach
+        and y.bottom - x.top <= reach
+    )
