@@ -104,6 +104,13 @@ def _legal_by_heights() -> BoolArray:
     return legal
 
 
+@cache
+def _legal_rows() -> list[list[list[BoolArray]]]:
+    """The rows of `_legal_by_heights`, looked up in half the time; not to be written."""
+    heights = range(CAPACITY + 1)
+    return [[[_legal_by_heights()[left, middle, right] for right in heights] for middle in heights] for left in heights]
+
+
 class TowerTables(NamedTuple):
     """The 121 boxes by number, the empty one first, as arrays to index by many boxes at once."""
 
@@ -211,7 +218,7 @@ class Tower:
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         left, middle, right = scene.boxes
-        return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
+        return _legal_rows()[len(left.items)][len(middle.items)][len(right.items)].copy()
 
     def check_scene(self, scene: Scene) -> Scene:
         """The same scene made of the shared boxes."""

@@ -213,14 +213,20 @@ class Game:
 
     def proposer_masks(self, legal: BoolArray) -> Int8Array:
         """(..., actions) of proposers in their turn, from `legal`, the MDP's own (..., choices), which is used up."""
-        if self._proposes_as_mdp:
-            return legal.view(INT8)
         if not self.conditions.ending.proposer_may_stop:
             legal[..., STOP_ACTION] = False
-        masks = np.zeros((*legal.shape[:-1], self.action_counts[PROPOSER]), np.int8)
+        count, choices = self.action_counts[PROPOSER], legal.shape[-1]
+        if choices == count:
+            return legal.view(INT8)
+        masks = np.zeros((*legal.shape[:-1], count), INT8)
         spoken = self.message_sizes[PROPOSER] + 1
-        masks[..., : legal.shape[-1] * spoken] = legal if spoken == 1 else legal.repeat(spoken, axis=-1)
+        masks[..., : choices * spoken] = legal if spoken == 1 else legal.repeat(spoken, axis=-1)
         return masks
+
+    def waits(self, role: Role, action: SupportsIndex) -> bool:
+        """Whether an agent whose turn it is not does what it must: "wait". Raises ActionError as `checked` does."""
+        wait = self.wait_actions[role]
+        return (type(action) is int and action == wait) or self.checked(role, action) == wait
 
     def describe(self, role: Role, action: SupportsIndex) -> str:
         """An action as people write it, such as "ADD(LEFT, BLUE)", "accept" or "reject, word 2"."""

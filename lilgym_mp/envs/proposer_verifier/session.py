@@ -139,10 +139,10 @@ class Session:
             step = self.play(proposer, verifier)
             return step, self.infos(step)
         if VERIFIER in self.state.movers:
-            idle, waits = PROPOSER, game.checked(PROPOSER, proposer) == game.wait_actions[PROPOSER]
+            idle, waits = PROPOSER, game.waits(PROPOSER, proposer)
             step = self.play(None, verifier)
         else:
-            idle, waits = VERIFIER, game.checked(VERIFIER, verifier) == game.wait_actions[VERIFIER]
+            idle, waits = VERIFIER, game.waits(VERIFIER, verifier)
             step = self.play(proposer, None)
         infos = self.infos(step)
         if not waits:
