@@ -49,7 +49,8 @@ class BatchVecEnv(VecEnv):
         if isinstance(venv, VectorEnvWrapper) and isinstance(venv.transformation, Tokens):
             self._tokens, venv = venv.transformation, venv.env
         self.venv = venv
-        self._actions = self._tasks = np.zeros(venv.num_envs, np.int64)  # the tasks of the observations given last
+        self._actions = np.zeros(venv.num_envs, np.int64)
+        self._tasks = np.zeros(venv.num_envs, np.int64)  # of the observations given last
         super().__init__(venv.num_envs, space, venv.single_action_space)
 
     def reset(self) -> VecEnvObs:

@@ -21,7 +21,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 from lilgym_mp.sb3 import BACKENDS, STATEMENT, BatchVecEnv, make_vec_env
-from lilgym_mp.wrappers import stop_forcing_v0
+from lilgym_mp.wrappers import action_mask_v0, stop_forcing_v0
 from tests.envs.alike import assert_same, random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -202,6 +202,15 @@ def test_observations__are_the_callers_to_change(made: Any, backend: str) -> Non
         assert_same(changes[1:], same[1:])
         observations = [changes[0], *(info["terminal_observation"] for info in infos if info)]
         expected = [same[0], *(info["terminal_observation"] for info in same_infos if info)]
+
+
+def test_infos__hold_the_rows_that_wrappers_tell(made: Any) -> None:
+    env = made(TOWER, "batched", seed=0, wrap=action_mask_v0, monitor=False)
+    env.reset()
+    _, _, dones, infos = env.step(np.array([1, 0, 2, 0]))
+    assert dones.tolist() == [False, True, False, True]
+    now = [env.reset_infos[number] if dones[number] else infos[number] for number in range(COUNT)]
+    assert_same([info["action_mask"] for info in now], list(masks_of(env).astype(np.int8)))
 
 
 def test_infos__are_new_and_of_one_environment_each(made: Any) -> None:
