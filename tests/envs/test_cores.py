@@ -19,7 +19,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
-from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, installed_edits, make_core
+from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, installed_edits, make_core, wait
 from lilgym_mp.envs.scatter_arrays import ScatterArrays
 from lilgym_mp.envs.scatter_edits import ArrayEdits
 from lilgym_mp.envs.tower_arrays import TowerArrays
@@ -270,3 +270,19 @@ def test_compiled_edits__warns_and_goes_on_where_numba_cannot_be_used(fresh_choi
     fresh_choice.setattr(cores, "import_module", fails)
     with pytest.warns(RuntimeWarning, match="without numba, LILGYM_NUMBA=0 silences this: numba knows no such NumPy"):
         assert compiled_edits() is None
+
+
+@pytest.mark.parametrize("core", [EpisodeLoop, TowerArrays])
+def test_waiting__spends_a_step_and_leaves_the_scene(core: Callable[..., Core]):
+    dynamics = make_dynamics(make_appearance("tower"), horizon=2)
+    tasks = task_set(random_starts("tower"))
+    side = Side(core, dynamics, tasks)
+    some, everyone = np.array([1, 4]), np.arange(COUNT)
+    side.core.start(everyone, everyone)
+    for which in (some, everyone):
+        before = [side.core.state(number) for number in which.tolist()]
+        wait(dynamics, side.block, which)
+        for number, state in zip(which.tolist(), before, strict=True):
+            transition = dynamics.wait(state)
+            assert side.core.state(number) == transition.state
+            assert side.block.verdict[number] == transition.verdict.number

@@ -10,16 +10,27 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.actions import ActionError
+from lilgym_mp.envs import cores
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env
+from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW
 
 PROPOSER, VERIFIER = AGENTS
 GAMES, STEPS, SEED = 3, 60, 11
 VIEWS = {PROPOSER: {"history": 2}, VERIFIER: {"scene": "structured", "history": 1}}
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "views": VIEWS, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
+    *(
+        {"protocol": protocol, "ending": ending, "rewards": "correctness", "message_cost": 0.25, "message_size": 2}
+        for protocol in PROTOCOLS
+        for ending in PROTOCOLS[protocol].endings[1:]
+    ),
     {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True},
+    {"protocol": "joint", "reveal_truth": True, "horizon": 3, "image_size": "native"},
     {"protocol": "joint", "appearance": "scatter", "start": "flipit", "homogeneous": True},
+    {"protocol": "veto", "appearance": "scatter", "start": "flipit", "views": VIEWS},
+    {"protocol": "critique", "exchanges": 0, "homogeneous": True, "views": {"statement": "none", "target": False}},
     {"protocol": "audit", "views": "text", "verdict_bins": 4, "rewards": "log"},
+    {"protocol": "audit", "verdict_bins": 3, "rewards": {PROPOSER: {"sneaky": 2.0, "mdp": -0.5}, VERIFIER: "brier"}},
 ]
 
 
@@ -34,9 +45,12 @@ def row(observations: dict[str, Any], number: int) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("copy", [True, False])
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_batch__equals_single_games(settings: dict[str, Any], copy: bool):
+def an_action(mask: np.ndarray, rng: np.random.Generator) -> int:
+    """Mostly a legal one."""
+    return int(rng.choice(np.flatnonzero(mask)) if rng.random() < 0.9 else rng.integers(len(mask)))
+
+
+def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
     batch = BatchedGames(GAMES, copy=copy, **settings)
     singles = [parallel_env(**settings) for _ in range(GAMES)]
     rng = np.random.default_rng(0)
@@ -47,7 +61,8 @@ def test_batch__equals_single_games(settings: dict[str, Any], copy: bool):
         for number, single in enumerate(singles):
             assert data_equivalence(row(observations, number), expected[number])
             assert infos["turns"][number].tolist() == [role in single.session.state.movers for role in (0, 1)]
-        actions = {agent: rng.integers(batch.single_action_spaces[agent].n, size=GAMES) for agent in AGENTS}
+        masks = {agent: observation["action_mask"] for agent, observation in observations.items()}
+        actions = {agent: np.array([an_action(mask, rng) for mask in masks[agent]]) for agent in AGENTS}
         observations, rewards, terminated, truncated, infos = batch.step(actions)
         for number, single in enumerate(singles):
             last, reward, ends, cuts, info = single.step({agent: actions[agent][number] for agent in AGENTS})
@@ -60,6 +75,68 @@ def test_batch__equals_single_games(settings: dict[str, Any], copy: bool):
                 assert infos["final_info"][number] == info
                 expected[number], _ = single.reset()
     assert endings > 0
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_batch__equals_single_games(settings: dict[str, Any]):
+    assert_equals_single_games(settings, copy=True)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_batch__without_copies_equals_single_games(protocol: str):
+    assert_equals_single_games({"protocol": protocol}, copy=False)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_batch__of_so_many_scatter_games_that_arrays_step_them_equals_single_games(
+    protocol: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(cores, "FEWEST_SCATTER_ARRAYS", 1)
+    settings = {"appearance": "scatter", "start": "flipit", "views": VIEWS, "rules": "release", "reveal_truth": True}
+    assert_equals_single_games({"protocol": protocol, **settings}, copy=True)
+
+
+@pytest.mark.parametrize("rewards", ["common", "hidden"])
+def test_reset__without_a_seed_goes_on_as_single_games_do(rewards: str):
+    batch = BatchedGames(GAMES, rewards=rewards)
+    singles = [parallel_env(rewards=rewards) for _ in range(GAMES)]
+    batch.reset(seed=SEED)
+    for number, single in enumerate(singles):
+        single.reset(seed=SEED + number)
+    observations, _ = batch.reset()
+    for number, single in enumerate(singles):
+        assert data_equivalence(row(observations, number), single.reset()[0])
+
+
+def test_reset__options_choose_task_and_intent_of_all_games():
+    batch, single = BatchedGames(GAMES, rewards="hidden"), parallel_env(rewards="hidden")
+    options = {"task": single.tasks.ids[3], "intent": "sneaky"}
+    observations, _ = batch.reset(options=options)
+    expected, _ = single.reset(options=options)
+    assert all(data_equivalence(row(observations, number), expected) for number in range(GAMES))
+    assert observations[PROPOSER]["observation"]["intent"].tolist() == [1] * GAMES
+    with pytest.raises(ValueError, match="no task 'nothing'"):
+        batch.reset(options={"task": "nothing"})
+    with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
+        batch.reset(options={"intent": "kind"})
+
+
+def test_last_observations__stay_as_they_were():
+    batch = BatchedGames(2, protocol="joint", copy=False)
+    batch.reset(seed=0)
+    *_, infos = batch.step({PROPOSER: np.array([ADD_BLUE, ADD_BLUE]), VERIFIER: np.array([CONTINUE, STOP_NOW])})
+    image = infos["final_observation"][1][VERIFIER]["observation"]["image"]
+    before = image.copy()
+    batch.step({PROPOSER: np.array([ADD_BLUE, ADD_BLUE]), VERIFIER: np.array([CONTINUE, CONTINUE])})
+    assert np.array_equal(image, before)
+    assert infos["final_observation"][0] is None
+
+
+def test_without_copies__images_are_the_same_array_in_every_step():
+    batch = BatchedGames(2, copy=False)
+    first, _ = batch.reset(seed=0)
+    second, *_ = batch.step({PROPOSER: np.array([1, 1]), VERIFIER: np.array([2, 2])})
+    assert second[VERIFIER]["observation"]["image"] is first[PROPOSER]["observation"]["image"]
 
 
 def test_copies__are_the_callers_own():
@@ -81,5 +158,8 @@ def test_step__refuses_what_is_no_batch_of_actions():
         batch.step({})
     with pytest.raises(ActionError, match="actions of verifier_0 must be 2 whole numbers, not float64"):
         batch.step({PROPOSER: np.zeros(2, int), VERIFIER: np.zeros(2)})
-    with pytest.raises(ActionError, match="action 14 of proposer_0 is out of range"):
-        batch.step({PROPOSER: np.array([0, 14]), VERIFIER: np.array([2, 2])})
+    with pytest.raises(ActionError, match="actions of proposer_0 must be 2 whole numbers, not int64"):
+        batch.step({PROPOSER: np.zeros(3, int), VERIFIER: np.zeros(2, int)})
+    for beyond in (14, -1):
+        with pytest.raises(ActionError, match=f"action {beyond} of proposer_0 is out of range"):
+            batch.step({PROPOSER: np.array([0, beyond]), VERIFIER: np.array([2, 2])})

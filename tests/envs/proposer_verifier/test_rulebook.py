@@ -1,0 +1,57 @@
+"""What is worked out in advance is what the protocol decides and the rewards say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent
+from lilgym_mp.envs.proposer_verifier.rewards import Judged
+from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, Case, Proposal
+from tests.envs.proposer_verifier.games import ACCEPT, game
+
+GAMES = [
+    *({"protocol": protocol, "ending": ending} for protocol in PROTOCOLS for ending in PROTOCOLS[protocol].endings),
+    {"protocol": "audit", "verdict_bins": 5, "rewards": "log"},
+]
+
+
+@pytest.mark.parametrize("settings", GAMES, ids=str)
+def test_numbers__find_what_the_protocol_decides(settings: dict[str, Any]):
+    this = game(**settings)
+    book, decide = this.rulebook, this.protocol.decide
+    for is_answer, by_proposal in enumerate(book.numbers):
+        for kind in Proposal:
+            for answer in (*this.choices[1], NO_CHOICE):
+                for spent in (False, True):
+                    case = Case(bool(is_answer), kind, None if answer == NO_CHOICE else answer, spent)
+                    ruling = book.rulings[by_proposal[kind][answer][spent]]
+                    assert ruling == decide(this.conditions, case)
+
+
+@pytest.mark.parametrize("rewards", ["correctness", "hidden"])
+def test_worths__are_what_the_rewards_give(rewards: str):
+    this = game(rewards=rewards, false_accept_cost=3.0)
+    book = this.rulebook
+    stop = book.numbers[True][Proposal.STOP][ACCEPT][False]
+    for verdict in this.conditions.dynamics.verdicts:
+        for holds in (False, True):
+            for intent in Intent:
+                expected = this.rewards(verdict.reward, Judged(1.0, final=True, holds=holds), intent)
+                assert book.worths[stop][verdict.number][holds][intent] == expected
+
+
+def test_worths__where_the_mdp_does_nothing_are_of_the_judgement_alone():
+    this = game(protocol="critique", rewards="correctness", false_reject_cost=0.5)
+    book = this.rulebook
+    rejected = book.numbers[True][Proposal.STOP][NO_CHOICE][False]
+    assert book.worths[rejected][book.nothing_played] == [[(0.0, 0.0)] * 2, [(0.0, -0.5)] * 2]
+
+
+@pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("sneaky", True)])
+def test_truth__is_asked_for_only_where_a_reward_depends_on_it(rewards: str, matters: bool):
+    book = game(protocol="joint", rewards=rewards).rulebook
+    judging = [number for number, ruling in enumerate(book.rulings) if ruling.probability is not None]
+    assert any(book.truth_matters[number] for number in judging) == matters
+    assert not any(matters for number, matters in enumerate(book.truth_matters) if number not in judging)
