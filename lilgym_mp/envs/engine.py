@@ -190,8 +190,8 @@ class Engine:
         self._ends.take(block.verdict, out=block.ended)
         if self._evaluation:
             np.logical_and(block.ended, self._repeats, out=block.repeated)
-        if self._autoreset is AutoresetMode.SAME_STEP and block.ended.any():
-            ended = np.flatnonzero(block.ended)
+        ended = block.ended.nonzero()[0]
+        if self._autoreset is AutoresetMode.SAME_STEP and len(ended):
             for number in ended.tolist():  # copied once, while an array of numbers would have it copied twice
                 block.last_image[number] = block.image[number]
             block.last_task[ended] = block.task[ended]
