@@ -179,9 +179,9 @@ class Engine:
         """Takes `block.action`, and begins new episodes as the autoreset mode has it."""
         block = self.block
         block.started[:] = False
-        if self._autoreset is AutoresetMode.NEXT_STEP and block.ended.any():
-            waiting, playing = np.flatnonzero(block.ended), np.flatnonzero(~block.ended)
-            self.core.step(playing)
+        waiting = block.ended.nonzero()[0]
+        if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):
+            self.core.step((~block.ended).nonzero()[0])
             self._begin_next(waiting)
             block.verdict[waiting] = NO_ACTION
             block.invalid[waiting] = NO_REASON
