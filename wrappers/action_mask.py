@@ -22,7 +22,7 @@ class MaskTold(Transformation):
     tells = True
 
     def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
-        return {MASK: moment.legal().astype(np.int8)}
+        return {MASK: moment.legal().view(np.int8)}
 
 
 class ActionMask(EnvWrapper[MaskTold]):

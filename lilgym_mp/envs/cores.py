@@ -16,8 +16,7 @@ from typing import Protocol
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, VALID_EDIT, Block, Int64Array
-from lilgym_mp.envs.scatter_arrays import ScatterArrays
-from lilgym_mp.envs.scatter_edits import EditsMaker
+from lilgym_mp.envs.scatter_arrays import Makers, ScatterArrays
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
@@ -62,7 +61,7 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str)
     if isinstance(dynamics.appearance, Tower):
         return TowerArrays(dynamics, tasks, block, image_size)
     if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_COMPILED:
-        compiled = compiled_edits()
+        compiled = compiled_makers()
         if compiled is not None:
             return ScatterArrays(dynamics, tasks, block, image_size, compiled)
         if len(block.action) >= FEWEST_SCATTER_ARRAYS:
@@ -78,18 +77,19 @@ def wait(dynamics: Dynamics, block: Block, which: Int64Array) -> None:
     block.invalid[which] = NO_REASON
 
 
-def compiled_edits() -> EditsMaker | None:
-    """Edits compiled by numba; None where it is not installed or switched off."""
-    return None if os.environ.get(NUMBA_SWITCH) == "0" else installed_edits()
+def compiled_makers() -> Makers | None:
+    """Of what numba compiles; None where it is not installed or switched off."""
+    return None if os.environ.get(NUMBA_SWITCH) == "0" else installed_makers()
 
 
 @cache
-def installed_edits() -> EditsMaker | None:
-    """`compiled_edits`, switched off or not. Warns where numba is installed and cannot be used."""
+def installed_makers() -> Makers | None:
+    """`compiled_makers`, switched off or not. Warns where numba is installed and cannot be used."""
     if find_spec("numba") is None:
         return None
     try:
-        return import_module("lilgym_mp.envs.scatter_compiled").CompiledEdits
+        compiled = import_module("lilgym_mp.envs.scatter_compiled")
+        return Makers(compiled.CompiledEdits, compiled.CompiledMasks)
     except (ImportError, RuntimeError) as fault:  # another NumPy than it knows; nowhere to keep what it compiles
         warnings.warn(f"going on without numba, {NUMBA_SWITCH}=0 silences this: {fault}", RuntimeWarning, stacklevel=2)
         return None

@@ -26,13 +26,25 @@ from lilgym_mp.envs.block import (
 from lilgym_mp.envs.scatter_edits import LOOSE, NO_ITEM, ArrayEdits, Boxes, EditsMaker, item_of
 from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_painter import adds_up
-from lilgym_mp.envs.scatter_tables import KINDS, NO_LOOK, PLACE_PITCH, packed
-from lilgym_mp.observation import EMPTY, item_array
+from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH, packed
+from lilgym_mp.observation import EMPTY, Int16Array, item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.scene import BOX_COUNT, Box, Colour, Scene, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Size
 
-_LOOK_FIELDS = np.array([*LOOKS, (EMPTY, EMPTY, EMPTY)], np.int16)  # (28, 3) shape, colour, size
+NOT_WRITTEN = NO_ITEM - 1
+_FIELDS = np.dtype([("place", "V4"), ("look", "V6")])  # an item in `observation.item_array`
+_XS, _YS = np.divmod(np.arange(BOX_SIDE * PLACE_PITCH), PLACE_PITCH)
+_PLACE_FIELDS = np.stack([_XS, _YS], axis=1).astype(np.int16).view("V4")[:, 0]  # (places,) x, y
+_LOOK_FIELDS = np.array(LOOKS, np.int16).view("V6")[:, 0]  # (27,) shape, colour, size
+_EMPTY_FIELDS = np.full(len(Item._fields), EMPTY, np.int16).view(_FIELDS)
+
+
+class Makers(NamedTuple):
+    """Who makes what a core leaves to others."""
+
+    edits: EditsMaker
+    masks: type[ScatterMasks]
 
 
 class _Start(NamedTuple):
@@ -69,8 +81,9 @@ class ScatterArrays:
     """`cores.Core` for Scatter."""
 
     def __init__(
-        self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str, edits: EditsMaker = ArrayEdits
+        self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str, makers: Makers | None = None
     ) -> None:
+        """`makers`: by default those that use NumPy."""
         self._dynamics = dynamics
         self._appearance = cast(Scatter, dynamics.appearance)
         self._tasks = tasks
@@ -81,12 +94,14 @@ class ScatterArrays:
         self._every = np.arange(count)
         boxes = Boxes.empty(BOX_COUNT * count, slots)
         self._boxes = boxes.by_environment()
-        self._edits = edits(self._appearance, dynamics.rules.placement, boxes, block.image, image_size)
+        self._makers = makers = makers or Makers(ArrayEdits, ScatterMasks)
+        self._edits = makers.edits(self._appearance, dynamics.rules.placement, boxes, block.image, image_size)
         self._starts = _Starts(tasks, slots)
         self._scenes = [Scene.empty()] * count  # as they were when `_boxes.changed` was cleared
         self._loose = np.zeros(count, np.bool_)  # environments of which only `_scenes` tells
         self._canvases: dict[int, Canvas] = {}  # of those
         self._masks: ScatterMasks | None = None  # made when they are first asked for
+        self._written = np.full((BOX_COUNT * count, slots - 1), NOT_WRITTEN)  # what `block.items` is of
 
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         if not len(which):
@@ -178,7 +193,7 @@ class ScatterArrays:
 
     def write_masks(self) -> None:
         if self._masks is None:
-            self._masks = ScatterMasks(self._appearance, self._dynamics.rules.placement, self._block.mask)
+            self._masks = self._makers.masks(self._appearance, self._dynamics.rules.placement, self._block.mask)
         loose = {
             BOX_COUNT * number + index: box.items
             for number in self._loose.nonzero()[0].tolist()
@@ -192,14 +207,26 @@ class ScatterArrays:
 
     def write_items(self) -> None:
         items = self._block.items
-        numbers = self._boxes.items[..., :-1]
-        places, looks = np.divmod(numbers, len(LOOKS))
-        for field, values in enumerate(np.divmod(places, PLACE_PITCH)):
-            items[..., field] = np.where(numbers == NO_ITEM, EMPTY, values)
-        items[..., 2:] = _LOOK_FIELDS[np.where(numbers == NO_ITEM, NO_LOOK, looks)]
+        numbers = self._boxes.items.reshape(len(self._written), -1)[:, :-1]
+        differing = numbers != self._written
+        rows, slots = differing.any(axis=1).nonzero()[0], differing.any(axis=0).nonzero()[0]
+        if len(rows):
+            upto = int(slots[-1]) + 1
+            items.reshape(*numbers.shape, -1)[rows, :upto] = _fields(numbers[rows, :upto])
+            self._written[rows] = numbers[rows]
         for number in self._loose.nonzero()[0].tolist():
             items[number] = item_array(self._scenes[number], items.shape[2])
+            self._written[number * BOX_COUNT : (number + 1) * BOX_COUNT] = NOT_WRITTEN
 
     def state(self, number: int) -> State:
         block = self._block
         return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
+
+
+def _fields(numbers: Int64Array) -> Int16Array:
+    """(k, slots, 5) the items with these numbers (k, slots) as `observation.item_array` tells of them."""
+    items = np.empty(numbers.shape, _FIELDS)
+    places, looks = np.divmod(numbers, len(LOOKS))
+    items["place"], items["look"] = _PLACE_FIELDS.take(places), _LOOK_FIELDS.take(looks)
+    items[numbers == NO_ITEM] = _EMPTY_FIELDS
+    return items.view(np.int16).reshape(*numbers.shape, len(Item._fields))

@@ -1,6 +1,6 @@
-"""Edits of many Scatter scenes at once, compiled by numba: one environment after another, without Python between them.
+"""Edits and masks of many Scatter scenes, compiled by numba: one environment after another, without Python between.
 
-The tables and the boxes are those of `scatter_edits`; only the extra "numba" makes this module importable.
+The tables are those of the array operations; only the extra "numba" makes this module importable.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.placement import FIRST_TOO_FAR, OVERLAPPING, search_offsets
-from lilgym_mp.appearances.scatter import LOOKS
+from lilgym_mp.appearances.scatter import LOOK_KINDS, LOOKS
 from lilgym_mp.envs.block import NO_REASON, BoolArray, Int64Array
 from lilgym_mp.envs.scatter_edits import LOOSE, NOTHING_TO_REMOVE, OVERLAP, Boxes, Cells, tied_move
+from lilgym_mp.envs.scatter_masks import ScatterMasks
+from lilgym_mp.envs.scatter_room import FLAGS, REMOVABLE, CellRoom
 from lilgym_mp.envs.scatter_tables import (
     EMPTY_SLOT,
     KINDS,
@@ -94,6 +96,17 @@ class CompiledEdits:
             move = tied_move(int(KINDS[look]), int(places[tied]), other, row % BOX_COUNT, self._rules)
             reasons[tied] = _settle(tables, canvases, row, look, places[tied], move, applies[tied])
         return reasons
+
+
+class CompiledMasks(ScatterMasks):
+    """`ScatterMasks` by numba."""
+
+    def __init__(self, appearance: Scatter, rules: PlacementRules, masks: BoolArray) -> None:
+        super().__init__(appearance, rules, masks)
+        self._masks = masks
+
+    def _renew(self, boxes: Int64Array, grown: BoolArray, slots: Int64Array, counts: Int64Array) -> None:
+        _renew_masks(self._room, self._first_cells, LOOK_KINDS, boxes, grown, slots, counts, self._masks)
 
 
 def _tables(appearance: Scatter, rules: PlacementRules, image_size: str) -> _Tables:
@@ -279,3 +292,52 @@ def _remove(tables: _Tables, canvases: _Canvases, row: int, cell: int, applies: 
         boxes.changed[row] = True
         _paint(tables, canvases, row, place, look, -1)
     return NO_REASON
+
+
+@_compiled
+def _renew_masks(
+    room: CellRoom,
+    first_cells: Int64Array,
+    look_kinds: Int64Array,
+    boxes: Int64Array,
+    grown: BoolArray,
+    slots: Int64Array,
+    counts: Int64Array,
+    masks: BoolArray,
+) -> None:
+    """`ScatterMasks._renew`; `first_cells` (3,) of the grid's cells in each box, `look_kinds` (27,)."""
+    parts, cells, width = room.empty.shape
+    words = np.empty(width, np.uint64)
+    first_remove = 1 + (masks.shape[1] - 1) // (LOOK_COUNT + 1) * LOOK_COUNT  # 27 ADDs and a REMOVE for each cell
+    for k in range(len(boxes)):
+        environment, first = boxes[k] // BOX_COUNT, first_cells[boxes[k] % BOX_COUNT]
+        for cell in range(cells):
+            if grown[k] and not _reaches(room, slots[k, counts[k] - 1], cell):
+                continue
+            edits = 0
+            for part in range(parts):
+                words[:] = room.empty[part, cell]
+                for slot in range(counts[k]):
+                    line = room.lines[room.corners[part, cell] - slots[k, slot]]
+                    if line != 0:
+                        for word in range(width):
+                            words[word] &= room.left[line, word]
+                for group in range(width // FLAGS):
+                    flags = 0
+                    for flag in range(FLAGS):
+                        if words[group * FLAGS + flag] != 0:
+                            flags |= 1 << flag
+                    edits |= room.edits[group, flags]
+            number = first + cell
+            for look in range(LOOK_COUNT):
+                masks[environment, 1 + number * LOOK_COUNT + look] = (edits >> look_kinds[look]) & 1
+            masks[environment, first_remove + number] = (edits & REMOVABLE) != 0
+
+
+@_compiled
+def _reaches(room: CellRoom, slot: int, cell: int) -> bool:
+    """Whether an item in a slot may take something away from a cell."""
+    reaches = False
+    for part in range(len(room.corners)):
+        reaches |= room.lines[room.corners[part, cell] - slot] != 0
+    return reaches

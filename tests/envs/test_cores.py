@@ -19,9 +19,10 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
-from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_edits, installed_edits, make_core, wait
-from lilgym_mp.envs.scatter_arrays import ScatterArrays
+from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_makers, installed_makers, make_core, wait
+from lilgym_mp.envs.scatter_arrays import Makers, ScatterArrays
 from lilgym_mp.envs.scatter_edits import ArrayEdits
+from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.tower_arrays import TowerArrays
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.render import draw
@@ -67,10 +68,10 @@ def scatter_core(request: pytest.FixtureRequest) -> Callable[..., Core]:
     """`ScatterArrays` by NumPy, and compiled."""
     if request.param == "numpy":
         return ScatterArrays
-    compiled = compiled_edits()
+    compiled = compiled_makers()
     if compiled is None:
         pytest.skip("the extra numba is not installed")
-    return partial(ScatterArrays, edits=compiled)
+    return partial(ScatterArrays, makers=compiled)
 
 
 class Side:
@@ -235,9 +236,9 @@ def test_touching_items__look_the_same_in_any_order() -> None:
 @pytest.fixture
 def fresh_choice(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     """Has numba looked for again, in the test and after it."""
-    installed_edits.cache_clear()
+    installed_makers.cache_clear()
     yield monkeypatch
-    installed_edits.cache_clear()
+    installed_makers.cache_clear()
 
 
 def core_of(dynamics: Dynamics, count: int) -> type:
@@ -255,13 +256,13 @@ def test_make_core__chooses_by_appearance_and_number(fresh_choice: pytest.Monkey
 
 
 def test_make_core__takes_what_numba_compiled_from_few_environments_on(fresh_choice: pytest.MonkeyPatch) -> None:
-    fresh_choice.setattr(cores, "compiled_edits", lambda: ArrayEdits)
+    fresh_choice.setattr(cores, "compiled_makers", lambda: Makers(ArrayEdits, ScatterMasks))
     dynamics = make_dynamics(make_appearance("scatter"))
     assert core_of(dynamics, cores.FEWEST_COMPILED - 1) is EpisodeLoop
     assert core_of(dynamics, cores.FEWEST_COMPILED) is ScatterArrays
 
 
-def test_compiled_edits__warns_and_goes_on_where_numba_cannot_be_used(fresh_choice: pytest.MonkeyPatch) -> None:
+def test_compiled_makers__warns_and_goes_on_where_numba_cannot_be_used(fresh_choice: pytest.MonkeyPatch) -> None:
     def fails(name: str) -> None:
         raise ImportError("numba knows no such NumPy")
 
@@ -269,7 +270,7 @@ def test_compiled_edits__warns_and_goes_on_where_numba_cannot_be_used(fresh_choi
     fresh_choice.setattr(cores, "find_spec", lambda name: object())
     fresh_choice.setattr(cores, "import_module", fails)
     with pytest.warns(RuntimeWarning, match="without numba, LILGYM_NUMBA=0 silences this: numba knows no such NumPy"):
-        assert compiled_edits() is None
+        assert compiled_makers() is None
 
 
 @pytest.mark.parametrize("core", [EpisodeLoop, TowerArrays])

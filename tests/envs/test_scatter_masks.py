@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.legality import allowed_corners
 from lilgym_mp.appearances.placement import is_free
+from lilgym_mp.envs.cores import compiled_makers
 from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_room import cell_room
 from lilgym_mp.envs.scatter_tables import EMPTY_SLOT, PLACE_PITCH, packed
@@ -35,8 +36,11 @@ class Shown:
         self._slots = slots
         self._appearance = appearance
         self._rules: PlacementRules = RULE_SETS[rules].placement
-        self._masks = np.ones((count, appearance.action_count), np.bool_)  # until shown they may be anything
-        self._kept = ScatterMasks(appearance, self._rules, self._masks)
+        compiled = compiled_makers()  # None where the extra numba is not installed
+        makers = [ScatterMasks, *([compiled.masks] if compiled else [])]
+        # Until they are shown, they may be anything.
+        self._masks = [np.ones((count, appearance.action_count), np.bool_) for _ in makers]
+        self._kept = [make(appearance, self._rules, masks) for make, masks in zip(makers, self._masks, strict=True)]
 
     def assert_exact(self, scenes: Sequence[Scene], loose: Iterable[int] = ()) -> None:
         """`loose`: boxes whose items are told otherwise than by slots."""
@@ -47,9 +51,10 @@ class Shown:
         for number, box in enumerate(boxes):
             items = (square(3, 3),) * 7 if number in told else box.items  # slots that do not tell of a box may be any
             wide[number, : 2 * len(items) : 2] = slots_of(items)
-        self._kept.refresh(wide[:, ::2], counts, told)
-        for mask, shown in zip(self._masks, scenes, strict=True):
-            assert np.array_equal(mask, self._appearance.legal_mask(shown, self._rules))
+        for kept, masks in zip(self._kept, self._masks, strict=True):
+            kept.refresh(wide[:, ::2], counts, told)
+            for mask, shown in zip(masks, scenes, strict=True):
+                assert np.array_equal(mask, self._appearance.legal_mask(shown, self._rules))
 
 
 def slots_of(items: Sequence[Item]) -> Any:

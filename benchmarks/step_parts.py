@@ -1,0 +1,106 @@
+"""What a step of a batch is made of: microseconds of each part, for one environment's action.
+
+The play is that of `lilgym-mp bench`. Clocks are read around the functions that do the parts, and a part's time is
+without that of the parts within it; so the sum is a little more than a step takes unobserved. Medians of rounds.
+Run: python benchmarks/step_parts.py [--envs 64] [--configurations TowerFlipIt ScatterFlipIt] [--rounds 15]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import defaultdict
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import gymnasium as gym
+
+from lilgym_mp.benchmark.traces import Course, Trace, vector_trace
+from lilgym_mp.envs.cores import NUMBA_SWITCH, installed_makers
+
+WARM_UPS = 3
+
+
+class Clocks:
+    """Time spent in named parts, each without the parts called within it."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._within = [0.0]  # of each open part: time spent in the parts within it
+
+    def watch(self, owner: Any, function: str, part: str) -> None:
+        """Has the time that an object's method takes counted."""
+        watched: Callable[..., Any] = getattr(owner, function)
+
+        def timed(*arguments: Any) -> Any:
+            self._within.append(0.0)
+            started = perf_counter()
+            try:
+                return watched(*arguments)
+            finally:
+                elapsed = perf_counter() - started
+                self.seconds[part] += elapsed - self._within.pop()
+                self._within[-1] += elapsed
+
+        setattr(owner, function, timed)
+
+
+def watched_parts(env: Any) -> Clocks:
+    """Clocks in a batched environment."""
+    clocks, core = Clocks(), env._engine.core
+    watched = [
+        (env, "step", "the interface: arrays and dicts for the caller"),
+        (env, "_images", "images copied for the caller"),
+        (env, "_step", "whose turn it is, and which task is next"),
+        (core, "start", "episodes begun, with their pictures"),
+        (core, "step", "what actions mean, and verdicts"),
+        (core, "_solved", "STOPs: scenes for programs, and their truth"),
+    ]
+    if hasattr(core, "_edits"):
+        watched.append((core._edits, "edit", "items placed and taken, and drawn"))
+    else:
+        watched.append((core._painter, "paint", "blocks drawn"))
+    for owner, function, part in watched:
+        clocks.watch(owner, function, part)
+    return clocks
+
+
+def rounds_of(env: Any, trace: Trace, rounds: int) -> list[dict[str, float]]:
+    """Microseconds by part for one action, in each round."""
+    clocks = watched_parts(env)
+    found: list[dict[str, float]] = []
+    for _ in range(WARM_UPS + rounds):
+        env.reset(seed=0)
+        clocks.seconds.clear()
+        for row in trace.rows:
+            env.step(row)
+        found.append({part: seconds / trace.actions * 1e6 for part, seconds in clocks.seconds.items()})
+    return found[WARM_UPS:]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--envs", type=int, default=64)
+    parser.add_argument("--configurations", nargs="+", default=["TowerFlipIt", "ScatterFlipIt"])
+    parser.add_argument("--rounds", type=int, default=15)
+    given = parser.parse_args()
+    for configuration in given.configurations:
+        course = Course(configuration)
+        ways = {"": "0"} | ({", numba": "1"} if course.appearance == "scatter" and installed_makers() else {})
+        for way, switch in ways.items():
+            os.environ[NUMBA_SWITCH] = switch
+            env: Any = gym.make_vec(course.environment_id, num_envs=given.envs, **course.arguments)
+            trace = vector_trace(course.scripts(given.envs), env.metadata["autoreset_mode"])
+            found = rounds_of(env, trace, given.rounds)
+            medians = {part: median(one[part] for one in found) for part in found[0]}
+            whole = sum(medians.values())
+            print(f"\n{configuration}{way}, {given.envs} environments: {whole:.2f} us")
+            for part, cost in sorted(medians.items(), key=lambda item: -item[1]):
+                print(f"  {cost:6.2f} us  {cost / whole:4.0%}  {part}")
+            env.close()
+
+
+if __name__ == "__main__":
+    main()
