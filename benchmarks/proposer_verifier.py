@@ -23,6 +23,7 @@ from lilgym_mp.envs.proposer_verifier.states import STOP_ACTION
 
 PROPOSER, VERIFIER = AGENTS
 
+BATCHED_STEPS = 8_192  # of a repetition, all games together
 CLOCKS = {"wall": perf_counter, "cpu": process_time}
 
 Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the parallel form's actions
@@ -96,18 +97,17 @@ def turns(settings: dict[str, Any], task: str, actions: list[dict[str, int]], *,
 
 
 def play_batched(settings: dict[str, Any], recorded: list[Recorded], games: int, *, copy: bool) -> Callable[[], int]:
-    """All games go through the same turns: those of the first recorded game, again and again."""
+    """Game i plays the recorded games one after another, from the i-th on. In any task: all start empty."""
     batch = BatchedGames(games, copy=copy, **settings)
-    task, actions = recorded[0]
-    calls = [{agent: np.full(games, pair[agent]) for agent in AGENTS} for pair in actions]
+    columns = [[pair for _, actions in recorded[i:] + recorded[:i] for pair in actions] for i in range(games)]
+    rows = list(zip(*columns, strict=True))[: max(1, BATCHED_STEPS // games)]
+    calls = [{agent: np.array([pair[agent] for pair in row]) for agent in AGENTS} for row in rows]
 
     def run() -> int:
-        rounds = max(1, len(recorded) // games)
-        for _ in range(rounds):
-            batch.reset(options={"task": task})
-            for call in calls:
-                batch.step(call)
-        return rounds * len(calls) * games
+        batch.reset()
+        for call in calls:
+            batch.step(call)
+        return len(calls) * games
 
     return run
 
