@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, overload
 
 import numpy as np
 from gymnasium import spaces
@@ -41,8 +41,8 @@ class BatchedGames:
     """N games of the parallel form; a game that ends starts anew in the same step.
 
     Observations as those of `parallel_env` with a leading axis of N. Rewards by agent; both agents end together.
-    Infos: "turns", bool (N, 2), whose turn it is now; and where games ended, "final_observation" and "final_info",
-    tuples of N, None or what the parallel form gave by agent.
+    Infos: "turns", bool (N, 2), whose turn it is now; and where games ended, "final_observation" (LastObservations) and
+    "final_info", sequences of N: None, or what the parallel form gives by agent.
     """
 
     def __init__(self, num_games: int, *, copy: bool = True, **settings: Any) -> None:
@@ -84,12 +84,13 @@ class BatchedGames:
         intent = chosen_intent(options)
         if intent is None:
             intent = world.usual_intent
-        tasks: list[int] = []
-        intents: list[int] = []
-        for number in which.tolist():
-            tasks.append(self._drawn_task(number) if task is None else task)
-            intents.append(world.drawn_intent(self._generators[number]) if intent is None else intent)
-        self._games.start(which, np.array(tasks), np.array(intents))
+        tasks = np.empty(len(which), np.int64)
+        intents = np.full(len(which), 0 if intent is None else int(intent))
+        for place, number in enumerate(which.tolist()):
+            tasks[place] = self._drawn_task(number) if task is None else task
+            if intent is None:
+                intents[place] = int(world.drawn_intent(self._generators[number]))
+        self._games.start(which, tasks, intents)
 
     def _drawn_task(self, number: int) -> int:
         generator, world = self._generators[number], self._world
@@ -153,13 +154,11 @@ class BatchedGames:
 
     def _final(self, ended: Int64Array) -> dict[str, Any]:
         """What infos tell of the games (k,) that have just ended."""
-        seen = self._observed(ended)
-        observations: list[dict[str, AgentObservation] | None] = [None] * self.num_games
         infos: list[dict[str, Info] | None] = [None] * self.num_games
-        for place, number in enumerate(ended.tolist()):
-            observations[number] = {agent: _of_game(observation, place) for agent, observation in seen.items()}
+        for number in ended.tolist():
             infos[number] = self._last_infos(number)
-        return {"final_observation": tuple(observations), "final_info": tuple(infos)}
+        observations = LastObservations(self.num_games, ended, self._observed(ended))
+        return {"final_observation": observations, "final_info": tuple(infos)}
 
     def _last_infos(self, number: int) -> dict[str, Info]:
         """Both agents' infos of a game that has just ended."""
@@ -175,8 +174,35 @@ class BatchedGames:
         """Nothing is held beside memory."""
 
 
-def _of_game(observation: AgentObservation, place: int) -> AgentObservation:
-    """One game's observation out of those of several."""
+class LastObservations(Sequence[dict[str, AgentObservation] | None]):
+    """By game, what each agent saw last, as the parallel form gives it; None where a game goes on.
+
+    Each is made when it is asked for, out of arrays of those that ended.
+    """
+
+    def __init__(self, num_games: int, ended: Int64Array, stacked: dict[str, AgentObservation]) -> None:
+        self.numbers = ended  # (k,) of the games that ended
+        self.stacked = stacked  # arrays (k, ...) of what their agents saw
+        self._num_games = num_games
+
+    def __len__(self) -> int:
+        return self._num_games
+
+    @overload
+    def __getitem__(self, number: int) -> dict[str, AgentObservation] | None: ...
+    @overload
+    def __getitem__(self, number: slice) -> tuple[dict[str, AgentObservation] | None, ...]: ...
+    def __getitem__(self, number: int | slice) -> Any:
+        which = range(self._num_games)[number]
+        return self._of(which) if isinstance(which, int) else tuple(map(self._of, which))
+
+    def _of(self, number: int) -> dict[str, AgentObservation] | None:
+        for place in (self.numbers == number).nonzero()[0].tolist():
+            return {agent: _at(place, observation) for agent, observation in self.stacked.items()}
+        return None
+
+
+def _at(place: int, observation: AgentObservation) -> AgentObservation:
     return {
         "observation": {key: array[place] for key, array in observation["observation"].items()},
         "action_mask": observation["action_mask"][place],

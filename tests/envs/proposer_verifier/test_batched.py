@@ -129,7 +129,21 @@ def test_last_observations__stay_as_they_were():
     before = image.copy()
     batch.step({PROPOSER: np.array([ADD_BLUE, ADD_BLUE]), VERIFIER: np.array([CONTINUE, CONTINUE])})
     assert np.array_equal(image, before)
-    assert infos["final_observation"][0] is None
+
+
+def test_last_observations__are_a_sequence_of_all_games_and_arrays_of_those_that_ended():
+    batch = BatchedGames(3, protocol="joint")
+    batch.reset(seed=0)
+    *_, infos = batch.step({PROPOSER: np.full(3, ADD_BLUE), VERIFIER: np.array([CONTINUE, STOP_NOW, CONTINUE])})
+    last = infos["final_observation"]
+    assert [observation is None for observation in last] == [True, False, True]
+    assert last[-2] is not None
+    assert [len(last), len(last[:2])] == [3, 2]
+    assert last.numbers.tolist() == [1]
+    stacked = last.stacked[VERIFIER]["action_mask"]
+    assert np.array_equal(stacked[0], last[1][VERIFIER]["action_mask"])
+    with pytest.raises(IndexError):
+        last[3]
 
 
 def test_without_copies__images_are_the_same_array_in_every_step():
