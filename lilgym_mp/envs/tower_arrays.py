@@ -126,16 +126,19 @@ class _TowerPainter:
         self._per_row = width // side
         self._per_image = height * self._per_row
         self._columns = (BOX_PITCH * np.arange(BOX_COUNT) + BLOCK_X) // shrink // side  # (3,) by box
-        self._rows, self._looks = _level_cells(image_size, cell)
-        self._colours = tower_tables().colours + 1  # (121, 4) place in `_looks`
+        rows, looks = _level_cells(image_size, cell)
+        self._rows = rows * self._per_row  # (4, rows) by level: cells from the image's first to each row's first
+        self._looks = looks.reshape(-1, looks.shape[-1])  # (4 levels * 4 looks, rows)
+        self._colours = tower_tables().colours + 1  # (121, 4) by level: none, or a colour
 
     def paint(self, which: Int64Array, boxes: Int64Array, before: Int64Array, after: Int64Array) -> None:
         """Boxes (k,) of environments (k,) turn from numbers (k,) into numbers (k,)."""
-        colours = self._colours[after]
-        changes, levels = np.nonzero(self._colours[before] != colours)
+        colours = self._colours.take(after, axis=0)
+        changes, levels = (self._colours.take(before, axis=0) != colours).nonzero()
         first = which[changes] * self._per_image + self._columns[boxes[changes]]
-        places = first[:, None] + self._rows[levels] * self._per_row
-        self._cells[places] = self._looks[levels, colours[changes, levels]]
+        places = first[:, None] + self._rows.take(levels, axis=0)
+        looks = levels * (1 + len(Colour)) + colours[changes, levels]
+        self._cells[places] = self._looks.take(looks, axis=0)
 
 
 def _level_cells(image_size: str, cell: np.dtype[np.void]) -> tuple[Int64Array, NDArray[Any]]:
