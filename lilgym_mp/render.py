@@ -6,6 +6,7 @@ Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -39,6 +40,8 @@ BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
 PATCH_CACHE = 16_384  # surroundings of items that are kept
+KEPT_BYTES = 48 << 20  # room for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
+RUN_PIXELS = 32
 LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
 
@@ -282,7 +285,7 @@ def _composed(patch: _Patch, items: Sequence[Item], patches: _Patches) -> Blit |
     return Blit(place, palette(shrink).colours.take(blocks, axis=0))
 
 
-_BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in memos, by shrink
+_BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a box's memo, by shrink
 
 
 def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
@@ -298,33 +301,60 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     return memo[key]
 
 
-def _scene_blits(scene: Scene, shrink: int) -> Sequence[tuple[int, tuple[slice, slice], UInt8Array]] | None:
-    """What to put on empty boxes: box, place and pixels; None as in `_patch_blit`.
+class _Picture(NamedTuple):
+    """A picture as what differs from empty boxes, in runs of RUN_PIXELS native pixels: put on in one assignment."""
 
-    Kept in the scene's memo, since the boxes of a start scene are far apart in memory.
-    """
-    key, memo = _BLITS_KEYS[shrink], scene.memo
-    if key not in memo:
-        by_box = [box_blits(box, shrink) for box in scene.boxes]
-        all_blits = [(index, *blit) for index, blits in enumerate(by_box) for blit in blits or ()]
-        memo[key] = None if None in by_box else tuple(all_blits)
-    return memo[key]
+    starts: NDArray[np.int64]  # (runs,) pixel that each run begins with, the image's pixels counted row by row
+    runs: NDArray[np.void]  # (runs,) the pixels' bytes
+
+    @classmethod
+    def of(cls, pixels: UInt8Array, shrink: int) -> _Picture:
+        every_run = _every_run(pixels, shrink)
+        starts: list[int] = []
+        end = 0
+        for pixel in np.flatnonzero((pixels != _empty(shrink)).any(axis=2)).tolist():
+            if pixel >= end:
+                starts.append(min(pixel, len(every_run) - 1))
+                end = pixel + RUN_PIXELS // shrink
+        places = np.array(starts, np.int64)
+        return cls(places, every_run[places])
+
+
+def _every_run(pixels: UInt8Array, shrink: int) -> NDArray[np.void]:
+    """The runs that begin with each pixel of an image, over its memory."""
+    length = RUN_PIXELS // shrink
+    run = np.dtype((np.void, 3 * length))
+    return np.ndarray((pixels.size // 3 - length + 1,), run, pixels, strides=(3,))
+
+
+@dataclass
+class _Room:
+    """How many bytes of pictures may still be kept, those of all scenes and image sizes together."""
+
+    left: int
+
+
+_ROOM = _Room(KEPT_BYTES)
 
 
 class Canvas:
     """An image buffer kept equal to `draw` of the scene last shown, by redrawing only what changed."""
 
     def __init__(self, image_size: str = "half", pixels: UInt8Array | None = None) -> None:
-        """`pixels`: the buffer to draw into, of `image_shape(image_size)`; a new one by default."""
+        """`pixels`: the contiguous buffer to draw into, of `image_shape(image_size)`; a new one by default."""
         self._image_size = image_size
         self._shrink = shrink_of(image_size)
         shape = image_shape(image_size)
         if pixels is not None and (pixels.shape != shape or pixels.dtype != np.uint8):
             raise ValueError(f"pixels must be a uint8 array of shape {shape}, not {pixels.dtype} {pixels.shape}")
+        if pixels is not None and not pixels.flags.c_contiguous:
+            raise ValueError("pixels must be a contiguous array, not a part of one with gaps")
         self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
+        self._every_run = _every_run(self.pixels, self._shrink)
         self._patches = _patches(self._shrink)
+        self._memo_key = f"picture {image_size}"
         self._shown: tuple[Box, Box, Box] | None = None  # None when the buffer must be drawn as a whole
 
     def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
@@ -359,17 +389,36 @@ class Canvas:
         return True
 
     def _begin(self, scene: Scene) -> None:
-        blits = _scene_blits(scene, self._shrink)
-        if blits is None:
+        """Shows a scene that has little to do with the last one; from the second time on its picture is kept."""
+        key, memo = self._memo_key, scene.memo
+        picture: _Picture | None = memo.get(key)
+        if picture is not None:
+            self.pixels[:] = _empty(self._shrink)
+            self._every_run[picture.starts] = picture.runs
+            self._shown = scene.boxes
+        elif not self._draw_items(scene):
             self.pixels[:] = draw(scene, self._image_size)
             inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
             self._shown = scene.boxes if inside else None
-            return
+        elif key not in memo:
+            memo[key] = None
+        elif _ROOM.left > 0:
+            picture = memo[key] = _Picture.of(self.pixels, self._shrink)
+            _ROOM.left -= picture.starts.nbytes + picture.runs.nbytes
+            for box in scene.boxes:
+                box.memo.pop(_BLITS_KEYS[self._shrink], None)  # the picture takes their place
+
+    def _draw_items(self, scene: Scene) -> bool:
+        """Shows the scene item by item; False, and nothing done, where that cannot be done."""
+        by_box = [box_blits(box, self._shrink) for box in scene.boxes]
+        if None in by_box:
+            return False
         self.pixels[:] = _empty(self._shrink)
-        boxes = self._boxes
-        for index, place, pixels in blits:
-            boxes[index][place] = pixels
+        for pixels, blits in zip(self._boxes, by_box, strict=True):
+            for place, patch in blits or ():
+                pixels[place] = patch
         self._shown = scene.boxes
+        return True
 
 
 def _taken(before: Sequence[Item], after: Sequence[Item]) -> Item | None:

@@ -14,12 +14,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
+from lilgym_mp import render
 from lilgym_mp.render import Canvas, UInt8Array, box_blits, draw, frame, image_shape, text
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.scenes import (
     LARGE,
     LOOSE_SCENES,
     MEDIUM,
+    SCENES,
     SMALL,
     B,
     K,
@@ -249,6 +251,31 @@ def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
 
 
 @IMAGE_SIZES
+@given(first=LOOSE_SCENES, second=SCENES["scatter"])
+def test_canvas__scenes_begun_again_and_again_look_the_same(image_size: str, first: Scene, second: Scene):
+    canvas = Canvas(image_size)
+    for shown in [first, second] * 3:
+        assert np.array_equal(canvas.show(shown), draw(shown, image_size))
+
+
+@IMAGE_SIZES
+def test_canvas__edits_follow_a_scene_begun_again(image_size: str):
+    canvas = Canvas(image_size)
+    start, other = scene([circle(3, 5)], [triangle(51, 70, LARGE, K)]), scene([], [], [square(10, 10), circle(31, 9)])
+    for _ in range(3):
+        for shown in (other, start, start.with_box(0, start.boxes[0].with_item(square(23, 6, SMALL, B)))):
+            assert np.array_equal(canvas.show(shown), draw(shown, image_size))
+
+
+def test_canvas__keeps_no_more_pictures_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(render, "_ROOM", render._Room(1))
+    canvas, scenes = Canvas(), [scene([circle(number, number)]) for number in range(3)]
+    for shown in scenes * 3:
+        assert np.array_equal(canvas.show(shown), draw(shown, "half"))
+    assert [sum(value is not None for value in shown.memo.values()) for shown in scenes] == [1, 0, 0]
+
+
+@IMAGE_SIZES
 def test_canvas__towers_grow_shrink_and_swap(image_size: str):
     canvas = Canvas(image_size)
     for colours in ((), (Y,), (Y, K), (Y, K, B), (Y, K), (Y, B), (K,), (), (B, B, B, B), ()):
@@ -291,6 +318,11 @@ def test_canvas__a_copy_goes_on_in_a_buffer_of_its_own(image_size: str, duplicat
 def test_canvas__another_buffer_is_refused_with_the_shape(pixels: Any):
     with pytest.raises(ValueError, match=r"pixels must be a uint8 array of shape \(50, 190, 3\), not "):
         Canvas("half", pixels)
+
+
+def test_canvas__a_buffer_with_gaps_is_refused():
+    with pytest.raises(ValueError, match="pixels must be a contiguous array"):
+        Canvas("half", np.zeros((50, 380, 3), np.uint8)[:, ::2])
 
 
 # For people

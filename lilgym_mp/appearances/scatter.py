@@ -218,7 +218,8 @@ class Scatter:
             _, closest = tables.closest(kind, x, y, items)
         if closest is not None and not self.is_native:
             x, y = snapped(kind, x, y, closest, items, box_index, rules)
-        item = new_tuple(Item, (x, y, *action[2:]))
+        _, _, shape, colour, size = action
+        item = new_tuple(Item, (x, y, shape, colour, size))
         return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
 
     def _corner(self, action: AddItem) -> _Corner:

@@ -131,7 +131,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         return {
             "image": self._canvas.show(state.scene).copy(),
             "statement": task.statement,
-            "target": int(task.target),
+            "target": 1 if task.target else 0,  # int() takes a call
         }
 
     @property
