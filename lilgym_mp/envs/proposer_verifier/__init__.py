@@ -11,7 +11,7 @@ except ImportError as missing:
     message = 'the proposer-verifier game needs pettingzoo: pip install "lilgym-mp[pettingzoo]"'
     raise ImportError(message, name=missing.name) from missing
 
-from lilgym_mp.envs.proposer_verifier.batched import BatchedGames
+from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, LastObservations
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.metrics import (
     GameRecord,
@@ -63,6 +63,7 @@ __all__ = [
     "Game",
     "GameRecord",
     "Intent",
+    "LastObservations",
     "Metrics",
     "OracleVerifier",
     "Partner",
