@@ -22,7 +22,7 @@ from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
 
-FEWEST_SCATTER_ARRAYS = 48  # environments: fewer are faster one after another
+FEWEST_SCATTER_ARRAYS = 24  # environments: fewer are faster one after another, if masks are not asked for
 FEWEST_COMPILED = 8  # likewise, with numba
 NUMBA_SWITCH = "LILGYM_NUMBA"  # environment variable: 0 leaves numba unused where it is installed
 
