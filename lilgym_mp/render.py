@@ -39,7 +39,6 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
-PATCH_CACHE = 16_384  # surroundings of items that are kept
 KEPT_BYTES = 48 << 20  # room for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
 RUN_PIXELS = 32
 LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
@@ -168,121 +167,105 @@ def _blank(shrink: int) -> UInt8Array:
     return np.full((side, side, 3), BOX_RGB, np.uint8)
 
 
-class Blit(NamedTuple):
-    """Pixels to put somewhere in a box."""
+# What play draws by is kept in plain tuples: they are taken apart in a third of a named tuple's time.
 
-    place: tuple[slice, slice]  # rows and columns of the box's part of the image
-    pixels: UInt8Array  # (rows, columns, 3)
+# Pixels to put somewhere in a box: first row, row after the last, columns likewise, (rows, columns, 3) pixels.
+Blit = tuple[int, int, int, int, UInt8Array]
 
-
-class _Patch(NamedTuple):
-    """An item's surroundings: the smallest patch of whole blocks that holds it, in native pixels of its box.
-
-    The numbers stand for pictures from the patch's upper-left corner on, row by row, `_pitch` entries each.
-    """
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-    alone: Blit
-    bare: Blit  # without the item
-    drawn: int  # a bit for each native pixel, set where it is the item's
-    counts: int  # a byte for each block, as in the item's stamp
-
-
-class _Patches(dict[Item, "_Patch | None"]):
-    """The surroundings of items, None where they reach out of the box; looked up in half the time of an `lru_cache`."""
-
-    def __init__(self, shrink: int) -> None:
-        self.shrink = shrink
-
-    def __missing__(self, item: Item) -> _Patch | None:
-        if len(self) >= PATCH_CACHE:
-            self.clear()
-        patch = self[item] = _patch(item, self.shrink)
-        return patch
-
-
-_patches = cache(_Patches)
-
-
-def _patch(item: Item, shrink: int) -> _Patch | None:
-    x, y, side = item.x, item.y, item.side
-    left, top = x - x % 2, y - y % 2
-    right, bottom = x + side + (x + side) % 2, y + side + (y + side) % 2
-    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
-        return None
-    place = slice(top // shrink, bottom // shrink), slice(left // shrink, right // shrink)
-    look = (item.kind, item.colour, x % 2, y % 2, shrink)
-    sprite = stamp(*look).sprite
-    blank = _blank(shrink)[: sprite.shape[0], : sprite.shape[1]]
-    return _Patch(left, top, right, bottom, Blit(place, sprite), Blit(place, blank), *_numbers(*look))
+# How an item shows on its patch, the smallest one of whole blocks that holds it: the patch's width and height in native
+# pixels, (rows, columns, 3) the patch with the item alone, the patch without it, `drawn` and `counts`. These two are
+# numbers that stand for a picture, row by row, in `_pitch` entries each: a bit for each native pixel, set where it is
+# the item's, and a byte for each block, as in the item's stamp.
+_Look = tuple[int, int, UInt8Array, UInt8Array, int, int]
+_Looks = Sequence[Sequence[Sequence[Sequence[Sequence[_Look]]]]]  # by shape, colour, size, oddness of x, of y
 
 
 def _pitch(shrink: int) -> int:
-    """Entries in a row of the numbers of `_Patch`: so many that whatever is near a patch has bits of its own."""
+    """Entries in a row of `drawn` (shrink 1) or `counts`: so many that all that is near a patch has its own."""
     return 3 * LARGEST_PATCH // shrink
 
 
-@cache
-def _numbers(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> tuple[int, int]:
-    """`drawn` and `counts` of a patch."""
-    drawn = np.pad(_mask(kind), ((odd_y, 0), (odd_x, 0)))
-    bits = np.packbits(_in_rows(drawn, _pitch(1)), bitorder="little")
-    counts = _in_rows(stamp(kind, colour, odd_x, odd_y, shrink).counts, _pitch(shrink))
-    return int.from_bytes(bits.tobytes(), "little"), int.from_bytes(counts.tobytes(), "little")
+def _look(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Look:
+    sprite, counts = stamp(kind, colour, odd_x, odd_y, shrink)
+    rows, columns = counts.shape
+    bare = _blank(shrink)[:rows, :columns]
+    mask = np.pad(_mask(kind), ((odd_y, 0), (odd_x, 0)))
+    drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
+    number = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
+    return columns * shrink, rows * shrink, sprite, bare, drawn, number
 
 
 def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
     return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
 
 
-def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, *, shown: bool) -> Blit | None:
+@cache
+def _looks(shrink: int) -> _Looks:
+    """Of all items. Computing the rest by place takes no longer than looking up what is remembered of an item."""
+    return [
+        [
+            [
+                [
+                    [_look(shape * len(Size) + size, colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
+                    for odd_x in (0, 1)
+                ]
+                for size in Size
+            ]
+            for colour in Colour
+        ]
+        for shape in Shape
+    ]
+
+
+def _patch_blit(item: Item, others: Sequence[Item], looks: _Looks, shrink: int, *, shown: bool) -> Blit | None:
     """What a box looks like on the patch of `item` with its `others`, and with it if `shown`.
 
     None when some item there reaches out of the box or is drawn over by another: then order matters.
     """
-    patch = patches[item]
-    if patch is None:
+    x, y, shape, colour, size = item
+    width, height, alone, bare, _, _ = looks[shape][colour][size][x & 1][y & 1]
+    left, top = x & -2, y & -2
+    right, bottom = left + width, top + height
+    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
         return None
-    left, top, right, bottom, alone, bare, _, _ = patch
     near: list[Item] = []
     for other in others:
         if other[0] < right and other[1] < bottom:
             side = SIZE_PIXELS[other[4]]
             if left < other[0] + side and top < other[1] + side:
                 near.append(other)
+    pixels = alone if shown else bare
     if near:
-        return _composed(patch, [item, *near] if shown else near, patches)
-    return alone if shown else bare
+        pixels = _composed(left, top, bare.shape, [item, *near] if shown else near, shrink)
+        if pixels is None:
+            return None
+    return top // shrink, bottom // shrink, left // shrink, right // shrink, pixels
 
 
-def _composed(patch: _Patch, items: Sequence[Item], patches: _Patches) -> Blit | None:
-    """Items near a patch together; None as in `_patch_blit`.
+def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
+    """A patch of that shape (rows, columns, 3) with items near it; None as in `_patch_blit`.
 
     Numbers are shifted and added rather than arrays, whose operations take ten times as long on so few entries.
     """
-    shrink = patches.shrink
-    pitch, block_pitch = _pitch(1), _pitch(shrink)
+    looks, pitch, block_pitch = _looks(shrink), _pitch(1), _pitch(shrink)
     drawn = counts = 0
     for item in items:
-        own = patches[item]
-        if own is None:
+        if not fits_box(item.kind, item.x, item.y):
             return None
-        across, down = own.left - patch.left, own.top - patch.top
+        x, y, item_shape, colour, size = item
+        _, _, _, _, own_drawn, own_counts = looks[item_shape][colour][size][x & 1][y & 1]
+        across, down = (x & -2) - left, (y & -2) - top
         shift = down * pitch + across
-        own_drawn = own.drawn << shift if shift >= 0 else own.drawn >> -shift
+        own_drawn = own_drawn << shift if shift >= 0 else own_drawn >> -shift
         if drawn & own_drawn:
             return None
         drawn |= own_drawn
         shift = 8 * (down // shrink * block_pitch + across // shrink)
-        counts += own.counts << shift if shift >= 0 else own.counts >> -shift
-    place, sprite = patch.alone
+        counts += own_counts << shift if shift >= 0 else own_counts >> -shift
     # As long as the number can be: what is near may begin at the patch's last row.
     by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
-    blocks = np.ndarray(sprite.shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
-    return Blit(place, palette(shrink).colours.take(blocks, axis=0))
+    blocks = np.ndarray(shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
+    return palette(shrink).colours.take(blocks, axis=0)
 
 
 _BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a box's memo, by shrink
@@ -292,9 +275,9 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
     key, memo = _BLITS_KEYS[shrink], box.memo
     if key not in memo:
-        items, patches = box.items, _patches(shrink)
+        items, looks = box.items, _looks(shrink)
         blits = [
-            _patch_blit(item, items[:number] + items[number + 1 :], patches, shown=True)
+            _patch_blit(item, items[:number] + items[number + 1 :], looks, shrink, shown=True)
             for number, item in enumerate(items)
         ]
         memo[key] = None if None in blits else tuple(blits)
@@ -353,7 +336,7 @@ class Canvas:
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
         self._every_run = _every_run(self.pixels, self._shrink)
-        self._patches = _patches(self._shrink)
+        self._looks = _looks(self._shrink)
         self._memo_key = f"picture {image_size}"
         self._shown: tuple[Box, Box, Box] | None = None  # None when the buffer must be drawn as a whole
 
@@ -378,14 +361,15 @@ class Canvas:
         """Makes a box show `after`; False, and nothing done, unless one item was added at the end or taken away."""
         difference = len(after) - len(before)
         if difference == 1 and after[:-1] == before:
-            blit = _patch_blit(after[-1], before, self._patches, shown=True)
+            blit = _patch_blit(after[-1], before, self._looks, self._shrink, shown=True)
         elif difference == -1 and (taken := _taken(before, after)) is not None:
-            blit = _patch_blit(taken, after, self._patches, shown=False)
+            blit = _patch_blit(taken, after, self._looks, self._shrink, shown=False)
         else:
             return False
         if blit is None:
             return False
-        self._boxes[index][blit[0]] = blit[1]
+        top, bottom, left, right, pixels = blit
+        self._boxes[index][top:bottom, left:right] = pixels
         return True
 
     def _begin(self, scene: Scene) -> None:
@@ -415,8 +399,8 @@ class Canvas:
             return False
         self.pixels[:] = _empty(self._shrink)
         for pixels, blits in zip(self._boxes, by_box, strict=True):
-            for place, patch in blits or ():
-                pixels[place] = patch
+            for top, bottom, left, right, patch in blits or ():
+                pixels[top:bottom, left:right] = patch
         self._shown = scene.boxes
         return True
 

@@ -245,8 +245,8 @@ def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
     blits = box_blits(box, shrink)
     assume(blits is not None)
     pixels = draw(Scene.empty(), image_size)
-    for place, patch in blits or ():
-        pixels[place] = patch
+    for top, bottom, left, right, patch in blits or ():
+        pixels[top:bottom, left:right] = patch
     assert np.array_equal(pixels, draw(scene(box.items), image_size))
 
 

@@ -125,9 +125,11 @@ def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[
     return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
+LAST_CORNER = tuple(BOX_SIDE - side for side in KIND_PIXELS)  # by kind: largest x and y of an item inside the box
+
+
 def fits_box(kind: int, x: int, y: int) -> bool:
-    last = BOX_SIDE - KIND_PIXELS[kind]
-    return 0 <= x <= last and 0 <= y <= last
+    return 0 <= x <= LAST_CORNER[kind] and 0 <= y <= LAST_CORNER[kind]
 
 
 def is_free(kind: int, x: int, y: int, items: Iterable[Item]) -> bool:

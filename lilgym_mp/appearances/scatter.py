@@ -6,7 +6,7 @@ Source: SPEC sections 3, 4 and 7.
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import SupportsIndex, cast
 
@@ -16,11 +16,11 @@ from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, Re
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.placement import (
+    LAST_CORNER,
     OVERLAPPING,
     PlacementRules,
     cell_areas,
     check_apart,
-    fits_box,
     placement_tables,
     searched,
     snapped,
@@ -49,10 +49,6 @@ LARGEST_TABLE = 20_000  # actions that are kept decoded; finer grids decode each
 SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
-
-# What an ADD comes to before other items are looked at: box, kind, x and y in the box, and why it is invalid if it is.
-# A plain tuple, which is taken apart in a third of a named one's time.
-_Corner = tuple[int, int, int, int, InvalidReason | None]
 
 LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
 _LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
@@ -108,7 +104,6 @@ class Scatter:
     box_numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
     is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
-    _corners: Mapping[AddItem, _Corner] = field(init=False, repr=False, compare=False)  # of the actions in the table
 
     def __post_init__(self) -> None:
         columns, rows = checked_grid(self.grid)
@@ -122,10 +117,7 @@ class Scatter:
         object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
         object.__setattr__(self, "box_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
         kept = self.action_count if self.action_count <= LARGEST_TABLE else 0
-        table = tuple(map(self._decoded, range(kept)))
-        object.__setattr__(self, "_table", table)
-        corners = {action: self._corner(action) for action in table if isinstance(action, AddItem)}
-        object.__setattr__(self, "_corners", corners)
+        object.__setattr__(self, "_table", tuple(map(self._decoded, range(kept))))
 
     def _box_numbers(self, box: int) -> tuple[slice, slice]:
         """The numbers of the ADDs and of the REMOVEs in a box's cells."""
@@ -204,9 +196,15 @@ class Scatter:
         raise ActionError(f"{action!r} is no edit of scatter")
 
     def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
-        box_index, kind, x, y, invalid = self._corners.get(action) or self._corner(action)
-        if invalid is not None:
-            return Edit(scene, invalid)
+        column, row, shape, colour, size = action
+        place = self._columns[column]
+        if place is None:
+            return Edit(scene, InvalidReason.SEPARATOR)
+        box_index, x = place
+        y = row * self.cell[1]
+        kind = shape * 3 + size
+        if x > LAST_CORNER[kind] or y > LAST_CORNER[kind]:
+            return Edit(scene, InvalidReason.OUT_OF_BOX)
         items = scene.boxes[box_index].items
         tables = placement_tables()
         clearance, closest = tables.closest(kind, x, y, items)
@@ -218,17 +216,8 @@ class Scatter:
             _, closest = tables.closest(kind, x, y, items)
         if closest is not None and not self.is_native:
             x, y = snapped(kind, x, y, closest, items, box_index, rules)
-        _, _, shape, colour, size = action
         item = new_tuple(Item, (x, y, shape, colour, size))
         return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
-
-    def _corner(self, action: AddItem) -> _Corner:
-        column, row, shape, _, size = action
-        place = self._columns[column]
-        if place is None:
-            return 0, 0, 0, 0, InvalidReason.SEPARATOR
-        (box, x), y, kind = place, row * self.cell[1], shape * len(Size) + size
-        return box, kind, x, y, None if fits_box(kind, x, y) else InvalidReason.OUT_OF_BOX
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
         place = self._columns[action.column]
