@@ -18,6 +18,7 @@ from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, R
 from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.tuples import new_tuple
 
 BLOCK_X = 40
 LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
@@ -206,15 +207,13 @@ class Tower:
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddBlock):
             box = _stack(scene.boxes[action.box]).with_block[action.colour]
-            reason = InvalidReason.FULL_TOWER
         elif isinstance(action, RemoveBlock):
             box = _stack(scene.boxes[action.box]).without_top
-            reason = InvalidReason.EMPTY_TOWER
         else:
             raise ActionError(f"{action!r} is no edit of tower")
         if box is None:
-            return Edit(scene, reason)
-        return Edit(scene.with_box(action.box, box))
+            return Edit(scene, EDIT_REASONS[_edit_number(action)])
+        return new_tuple(Edit, (scene.with_box(action.box, box), None))
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         left, middle, right = scene.boxes

@@ -32,11 +32,10 @@ from lilgym_mp.envs.proposer_verifier.states import (
     PastTurn,
     Proposal,
     Role,
-    made_state,
-    made_step,
 )
 from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
+from lilgym_mp.tuples import new_tuple
 
 Int8Array = NDArray[np.int8]
 INT8 = np.dtype(np.int8)
@@ -150,9 +149,11 @@ class Game:
             )
         next_movers = NOBODY_MOVES if terminated or truncated else VERIFIER_MOVES if asks else self.protocol.first
         history = self._remembered(state, proposal, answer, words) if self.history_length else ()
-        following = made_state((after, next_movers, intent, asked if asks else None, rejections, words, history))
+        following = new_tuple(
+            GameState, (after, next_movers, intent, asked if asks else None, rejections, words, history)
+        )
         illegal = (proposer_errs, verifier_errs)
-        return made_step((following, rewards, terminated, truncated, played, illegal, ruling, mdp))
+        return new_tuple(GameStep, (following, rewards, terminated, truncated, played, illegal, ruling, mdp))
 
     def _read(self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None) -> tuple[int, int | None, bool]:
         """An action's choice, or NO_CHOICE; its word, None when it is not the agent's turn; whether it is illegal."""
@@ -162,10 +163,11 @@ class Game:
             return NO_CHOICE, None, False
         if action is None:
             raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
-        if type(action) is not int or not 0 <= action < self.action_counts[role]:  # else there is nothing to check
-            action = self.checked(role, action)
-        choice, word = divmod(action, self.message_sizes[role] + 1) if self._speaks else (action, SILENCE)
-        if choice in self.choices[role]:
+        choices = self.choices[role]
+        if type(action) is int and action in choices and not self._speaks:  # then there is nothing to check or divide
+            return action, SILENCE, False
+        choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
+        if choice in choices:
             return choice, word, False
         return NO_CHOICE, SILENCE, True
 

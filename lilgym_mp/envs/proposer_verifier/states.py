@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lilgym_mp.rules import Dynamics, State, Transition
 
@@ -167,8 +166,3 @@ class GameStep(NamedTuple):
     def judgement(self) -> Judgement | None:
         _, _, _, probability, final = self.ruling
         return None if probability is None else Judgement(self.before, probability, final)
-
-
-# A NamedTuple's own constructor takes twice as long, and play makes one of each a step. They take one tuple.
-made_state: Callable[[tuple[Any, ...]], GameState] = partial(tuple.__new__, GameState)
-made_step: Callable[[tuple[Any, ...]], GameStep] = partial(tuple.__new__, GameStep)

@@ -202,24 +202,30 @@ class TokensPart:
     def __init__(self, world: World) -> None:
         self._world = world
         self.space = spaces.Box(0, len(world.vocabulary) - 1, (world.statement_length,), np.int64)
-        self._tokens: dict[str, NDArray[np.int64]] = {}  # of the statements encoded so far
+        self._tokens = StatementTokens(world)
 
     def encode(self, state: GameState) -> Value:
-        return self._of(state.mdp.task.statement).copy()
-
-    def _of(self, statement: str) -> NDArray[np.int64]:
-        tokens = self._tokens.get(statement)
-        if tokens is None:
-            tokens = self._world.vocabulary.encode(statement, self._world.statement_length)
-            self._tokens[statement] = tokens
-        return tokens
+        return self._tokens[state.mdp.task.statement].copy()
 
     def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
         return self._by_task.take(games.tasks[which], axis=0)
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
-        return np.stack([self._of(task.statement) for task in self._world.tasks])
+        return np.stack([self._tokens[task.statement] for task in self._world.tasks])
+
+
+class StatementTokens(dict[str, NDArray[np.int64]]):
+    """(length,) the numbers of each statement's words, made when first asked for; not to be written."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__()
+        self._encode = world.vocabulary.encode
+        self._length = world.statement_length
+
+    def __missing__(self, statement: str) -> NDArray[np.int64]:
+        tokens = self[statement] = self._encode(statement, self._length)
+        return tokens
 
 
 class StatementTextPart:
