@@ -155,7 +155,7 @@ class GameArrays:
 
     @property
     def images(self) -> UInt8Array:
-        """(N, height, width, 3), drawn anew in every turn; not to be written."""
+        """(N, height, width, 3), brought up to date in every turn; not to be written."""
         return self._block.image
 
     @property
