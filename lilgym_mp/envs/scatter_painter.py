@@ -19,7 +19,7 @@ from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH
 from lilgym_mp.render import UInt8Array, draw, image_shape, palette, shrink_of, stamp
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Item, Scene, Size
 
 PATCH_PIXELS = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
 TAKEN = len(LOOKS)
@@ -113,30 +113,40 @@ def _windows(array: UInt8Array, length: int) -> NDArray[Any]:
 
 def adds_up(scene: Scene) -> bool:
     """Whether its items lie inside their boxes and draw no pixel in common."""
-    for box in scene.boxes:
-        drawn = np.zeros((BOX_SIDE, BOX_SIDE), np.uint8)
-        for item in box.items:
-            if not fits_box(item.kind, item.x, item.y):
-                return False
-            own = stamp(item.kind, item.colour, 0, 0, 1).counts > 0
-            drawn[item.y : item.y + item.side, item.x : item.x + item.side] += own
-        if drawn.max() > 1:
-            return False
-    return True
+    return all(
+        fits_box(item.kind, item.x, item.y) and not any(_meet(item, other) for other in box.items[:number])
+        for box in scene.boxes
+        for number, item in enumerate(box.items)
+    )
+
+
+def _meet(item: Item, other: Item) -> bool:
+    """Whether two items, inside their box, draw a pixel in common."""
+    left, right = max(item.x, other.x), min(item.x + item.side, other.x + other.side)
+    top, bottom = max(item.y, other.y), min(item.y + item.side, other.y + other.side)
+    if left >= right or top >= bottom:
+        return False
+    drawn = (
+        stamp(each.kind, each.colour, 0, 0, 1).counts[top - each.y : bottom - each.y, left - each.x : right - each.x]
+        for each in (item, other)
+    )
+    return bool(np.logical_and(*drawn).any())
 
 
 def _scene_lines(scene: Scene, shrink: int) -> _Lines:
     side, patch = BOX_SIDE // shrink, PATCH_PIXELS // shrink
     counts = np.zeros((BOX_COUNT, side, side), np.uint8)
-    starts: set[int] = set()
+    starts: list[int] = []
     for index, box in enumerate(scene.boxes):
-        for item in box.items:
-            own = stamp(item.kind, item.colour, item.x % 2, item.y % 2, shrink).counts
-            left, top = (item.x - item.x % 2) // shrink, (item.y - item.y % 2) // shrink
-            counts[index, top : top + own.shape[0], left : left + own.shape[1]] += own
-            first = index * side**2 + min(left, side - patch)
-            starts.update(first + row * side for row in range(top, top + own.shape[0]))
-    chosen = np.array(sorted(starts), np.uint16)
+        in_box = counts[index]
+        for x, y, shape, colour, size in box.items:
+            own = stamp(shape * len(Size) + size, colour, x % 2, y % 2, shrink).counts
+            rows, columns = own.shape
+            left, top = x // 2 * 2 // shrink, y // 2 * 2 // shrink
+            in_box[top : top + rows, left : left + columns] += own
+            first = (index * side + top) * side + min(left, side - patch)
+            starts += range(first, first + rows * side, side)
+    chosen = np.array(starts, np.uint16)
     return _Lines(chosen, _windows(counts, patch)[chosen])
 
 
