@@ -347,6 +347,7 @@ class Canvas:
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
         before, after = self._shown, scene.boxes
+        self._shown = None  # until all is drawn: an interrupt leaves the buffer to be drawn as a whole
         if before is not None and (
             (after[0] is before[0] or self._update(0, before[0].items, after[0].items))
             and (after[1] is before[1] or self._update(1, before[1].items, after[1].items))

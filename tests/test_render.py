@@ -267,6 +267,20 @@ def test_canvas__edits_follow_a_scene_begun_again(image_size: str):
             assert np.array_equal(canvas.show(shown), draw(shown, image_size))
 
 
+def test_canvas__draws_as_a_whole_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
+    canvas, before = Canvas(), Scene.empty()
+    canvas.show(before)
+
+    def interrupted(canvas: Canvas, scene: Scene) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Canvas, "_begin", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            canvas.show(scene([circle(0, 0)], [square(9, 9), square(50, 9)]))  # the circle was drawn by then
+    assert np.array_equal(canvas.show(before), draw(before, "half"))
+
+
 def test_canvas__keeps_no_more_pictures_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(render, "_ROOM", render._Room(1))
     canvas, scenes = Canvas(), [scene([circle(number, number)]) for number in range(3)]
