@@ -41,7 +41,6 @@ def _single() -> list[Subject]:
     forcing = partial(players.single, wrap=stop_forcing_v0, masks=True)
     openers: dict[str, Callable[[Course], AbstractContextManager[Play]]] = {
         "single": players.single,
-        "single, without Gymnasium's wrappers": partial(players.single, wrap=players.bare),
         "single, masks": partial(players.single, masks=True),
         "single, stop forcing": forcing,
     }

@@ -80,11 +80,6 @@ def single(course: Course, *, wrap: Wrap = unwrapped, masks: bool = False) -> It
     env.close()
 
 
-def bare(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-    """Without Gymnasium's own wrappers."""
-    return env.unwrapped
-
-
 def batched_env(course: Course, num_envs: int, *, copy: bool = True) -> Any:
     return gym.make_vec(course.environment_id, num_envs=num_envs, copy=copy, **course.arguments)
 
