@@ -299,7 +299,7 @@ def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: p
     written = json.loads((tmp_path / "bench.json").read_text())
     assert written["is_interrupted"]
     assert {result["configuration"] for result in written["results"]} == {"TowerFlipIt"}
-    assert len(written["results"]) == 8
+    assert len(written["results"]) == 7
 
 
 @pytest.mark.parametrize(
