@@ -71,7 +71,10 @@ def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
 
 
 class _Rows(dict[int, Mask]):
-    """By index of an item, the mask of the items related to it; found when asked for, as programs ask for few."""
+    """By index of an item, the mask of the items related to it; found when asked for, as programs ask for few.
+
+    To be indexed: going over it tells only of the items that were asked about.
+    """
 
     def __init__(self, word: Word, box: Box) -> None:
         self._related = word.function

@@ -14,7 +14,7 @@ from lilgym_mp.task import Task
 KEPT_SETS = 8
 
 
-@lru_cache(maxsize=KEPT_SETS)
+@lru_cache(maxsize=KEPT_SETS, typed=True)  # True is no number of edits, though it equals 1
 def tasks_near_success(
     appearance: Appearance, rules: str, horizon: int, edits: int, budget: int | None, tasks: TaskSet
 ) -> TaskSet:

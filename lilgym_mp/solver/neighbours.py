@@ -118,7 +118,7 @@ def _related(word: Word, box: Box, numbers: list[int]) -> list[Any]:
     """By item, what the word says of it, in terms of classes; its place where the word is of another kind."""
     if word.reach == "box" and word.parameters[0].kind.each:
         masks = lifting.lifted_relation(word)(box)
-        return [tuple(sorted(_chosen(numbers, mask))) for mask in masks]
+        return [tuple(sorted(_chosen(numbers, masks[position]))) for position in range(len(numbers))]
     kinds = [parameter.kind.name for parameter in word.parameters]
     if word.reach == "box" and kinds == ["item"]:
         mask = lifting.lifted_test(word, ())(box)

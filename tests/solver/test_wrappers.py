@@ -140,3 +140,9 @@ def test_reverse_curriculum__refuses_batches_of_scatter_with_advice(make_batch: 
 def test_reverse_curriculum__needs_a_number_of_edits(make: Make, edits: int):
     with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
         ReverseCurriculum(make("TowerScratch"), edits)
+
+
+def test_reverse_curriculum__takes_true_for_no_number_after_one_edit_too(make: Make):
+    ReverseCurriculum(make("TowerScratch"), 1)
+    with pytest.raises(ValueError, match="edits must be a whole number of at least 0, not True"):
+        ReverseCurriculum(make("TowerScratch"), True)
