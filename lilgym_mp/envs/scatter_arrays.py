@@ -208,12 +208,11 @@ class ScatterArrays:
     def write_items(self) -> None:
         items = self._block.items
         numbers = self._boxes.items.reshape(len(self._written), -1)[:, :-1]
-        differing = numbers != self._written
-        rows, slots = differing.any(axis=1).nonzero()[0], differing.any(axis=0).nonzero()[0]
-        if len(rows):
-            upto = int(slots[-1]) + 1
-            items.reshape(*numbers.shape, -1)[rows, :upto] = _fields(numbers[rows, :upto])
-            self._written[rows] = numbers[rows]
+        differing = (numbers != self._written).ravel().nonzero()[0]
+        rows, slots = np.divmod(differing, numbers.shape[1])
+        changed = numbers[rows, slots]
+        items.reshape(-1, items.shape[3])[differing] = _fields(changed)
+        self._written[rows, slots] = changed
         for number in self._loose.nonzero()[0].tolist():
             items[number] = item_array(self._scenes[number], items.shape[2])
             self._written[number * BOX_COUNT : (number + 1) * BOX_COUNT] = NOT_WRITTEN
@@ -224,9 +223,9 @@ class ScatterArrays:
 
 
 def _fields(numbers: Int64Array) -> Int16Array:
-    """(k, slots, 5) the items with these numbers (k, slots) as `observation.item_array` tells of them."""
+    """(k, 5) the items with these numbers (k,) as `observation.item_array` tells of them."""
     items = np.empty(numbers.shape, _FIELDS)
     places, looks = np.divmod(numbers, len(LOOKS))
     items["place"], items["look"] = _PLACE_FIELDS.take(places), _LOOK_FIELDS.take(looks)
     items[numbers == NO_ITEM] = _EMPTY_FIELDS
-    return items.view(np.int16).reshape(*numbers.shape, len(Item._fields))
+    return items.view(np.int16).reshape(len(numbers), len(Item._fields))
