@@ -47,34 +47,30 @@ class Makers(NamedTuple):
     masks: type[ScatterMasks]
 
 
-class _Start(NamedTuple):
-    scene: Scene
-    loose: bool
-
-
 class _Starts:
     """The tasks' start scenes, each written down when it is first played."""
 
     def __init__(self, tasks: TaskSet, slots: int) -> None:
         self._tasks = tasks
-        self._starts: list[_Start | None] = [None] * len(tasks)
-        self.boxes = Boxes.empty(BOX_COUNT * len(tasks), slots).by_environment()  # (tasks, 3, ...)
+        self._known: list[Scene | None] = [None] * len(tasks)
+        self.loose = np.zeros(len(tasks), np.bool_)
+        self.boxes = Boxes.empty(BOX_COUNT * len(tasks), slots)  # by 3 * task + box; empty where loose
 
-    def of(self, tasks: Int64Array) -> list[_Start]:
-        """The starts of tasks (k,); from now on `boxes` tells of them, too, where they are not loose."""
-        return [self._starts[task] or self._first(task) for task in tasks.tolist()]
+    def scenes(self, tasks: Int64Array) -> list[Scene]:
+        """Those of tasks (k,); from now on `boxes` and `loose` tell of them, too."""
+        return [self._known[task] or self._first(task) for task in tasks.tolist()]
 
-    def _first(self, task: int) -> _Start:
-        scene = self._tasks[task].start
-        start = self._starts[task] = _Start(scene, loose=not adds_up(scene))
-        for index, box in enumerate(scene.boxes):
-            if box.items and not start.loose:
-                count = self.boxes.counts[task, index] = len(box.items)
+    def _first(self, task: int) -> Scene:
+        scene = self._known[task] = self._tasks[task].start
+        self.loose[task] = not adds_up(scene)
+        for row, box in enumerate(scene.boxes, BOX_COUNT * task):
+            if box.items and not self.loose[task]:
+                count = self.boxes.counts[row] = len(box.items)
                 xs, ys, shapes, colours, sizes = np.array(box.items, np.int64).T
                 places, looks = xs * PLACE_PITCH + ys, (shapes * len(Colour) + colours) * len(Size) + sizes
-                self.boxes.slots[task, index, :count] = packed(KINDS[looks], places)
-                self.boxes.items[task, index, :count] = places * len(LOOKS) + looks
-        return start
+                self.boxes.slots[row, :count] = packed(KINDS[looks], places)
+                self.boxes.items[row, :count] = places * len(LOOKS) + looks
+        return scene
 
 
 class ScatterArrays:
@@ -106,27 +102,21 @@ class ScatterArrays:
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         if not len(which):
             return
-        starts = self._starts.of(tasks)
+        scenes = self._starts.scenes(tasks)
         self._block.task[which] = tasks
         self._block.steps[which] = 0
-        boxes, begun = self._boxes, self._starts.boxes
-        boxes.slots[which] = begun.slots[tasks]
-        boxes.items[which] = begun.items[tasks]
-        boxes.counts[which] = begun.counts[tasks]
-        boxes.changed[which] = False
-        self._loose[which] = [start.loose for start in starts]
-        shown: list[int] = []
-        scenes: list[Scene] = []
-        for number, (scene, loose) in zip(which.tolist(), starts, strict=True):
+        loose = self._loose[which] = self._starts.loose[tasks]
+        numbers = which.tolist()
+        for number, scene in zip(numbers, scenes, strict=True):
             self._scenes[number] = scene
-            self._canvases.pop(number, None)
-            if loose:
-                self._draw_loose(number)
-            else:
-                shown.append(number)
-                scenes.append(scene)
-        if shown:
-            self._edits.show(np.array(shown), scenes)
+        for number in self._canvases.keys() & numbers:
+            del self._canvases[number]
+        unfollowed = loose.nonzero()[0].tolist()
+        for place in unfollowed:
+            scenes[place] = Scene.empty()
+        self._edits.begin(which, self._starts.boxes, tasks, scenes)
+        for place in unfollowed:
+            self._draw_loose(numbers[place])
 
     def step(self, which: Int64Array | None) -> None:
         block = self._block

@@ -53,6 +53,7 @@ class _Tables(NamedTuple):
     stamps: UInt8Array  # (27, 2, 2, side, side) by look, odd x and odd y: counts, as in `render.Stamp`
     stamp_sides: Int64Array  # (27, 2) by look and odd coordinate: rows or columns of the stamp
     colours: UInt8Array  # (counts, 3) `render.Palette.colours`
+    background: UInt8Array  # (height * width * 3,) the image of empty boxes
     shrink: int
     snaps: bool
     keeps_unfit_snaps: bool
@@ -76,14 +77,10 @@ class CompiledEdits:
         self._tables = _tables(appearance, rules, image_size)
         side = BOX_SIDE // shrink_of(image_size)
         self._canvases = _Canvases(boxes, np.zeros((len(boxes.counts), side, side), np.uint8), images)
-        self._counts_by_environment = self._canvases.counts.reshape(len(images), BOX_COUNT, side, side)
-        self._background = draw(Scene.empty(), image_size)
-        images[:] = self._background
+        images[:] = draw(Scene.empty(), image_size)
 
-    def show(self, numbers: Int64Array, scenes: Sequence[Scene]) -> None:
-        self._canvases.images[numbers] = self._background
-        self._counts_by_environment[numbers] = 0
-        _show(self._tables, self._canvases, numbers)
+    def begin(self, numbers: Int64Array, starts: Boxes, tasks: Int64Array, scenes: Sequence[Scene]) -> None:
+        _begin(self._tables, self._canvases, numbers, starts, tasks)
 
     def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
         tables, canvases = self._tables, self._canvases
@@ -131,6 +128,7 @@ def _tables(appearance: Scatter, rules: PlacementRules, image_size: str) -> _Tab
         stamps=table,
         stamp_sides=np.array([[by_x[0][odd].shape[0] for odd in (0, 1)] for by_x in stamps]),
         colours=palette(shrink).colours,
+        background=draw(Scene.empty(), image_size).ravel(),
         shrink=shrink,
         snaps=not appearance.is_native,
         keeps_unfit_snaps=rules.keeps_unfit_snaps,
@@ -141,12 +139,25 @@ _compiled: Any = njit(cache=True)
 
 
 @_compiled
-def _show(tables: _Tables, canvases: _Canvases, numbers: Int64Array) -> None:
-    """Draws the items of environments (k,), which look empty."""
-    for number in numbers:
-        for row in range(number * BOX_COUNT, (number + 1) * BOX_COUNT):
-            for slot in range(canvases.boxes.counts[row]):
-                place, look = divmod(canvases.boxes.items[row, slot], LOOK_COUNT)
+def _begin(tables: _Tables, canvases: _Canvases, numbers: Int64Array, starts: Boxes, tasks: Int64Array) -> None:
+    """`Edits.begin`."""
+    boxes = canvases.boxes
+    for k in range(len(numbers)):
+        number, task = numbers[k], tasks[k]
+        pixels = canvases.images[number].reshape(-1)
+        for index in range(
+            len(pixels)
+        ):  # a single run of memory, while a slice of the image is copied along three axes
+            pixels[index] = tables.background[index]
+        for index in range(BOX_COUNT):
+            row, start = number * BOX_COUNT + index, task * BOX_COUNT + index
+            boxes.slots[row] = starts.slots[start]
+            boxes.items[row] = starts.items[start]
+            boxes.counts[row] = starts.counts[start]
+            boxes.changed[row] = False
+            canvases.counts[row] = 0
+            for slot in range(boxes.counts[row]):
+                place, look = divmod(boxes.items[row, slot], LOOK_COUNT)
                 _paint(tables, canvases, row, place, look, 1)
 
 

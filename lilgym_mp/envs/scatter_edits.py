@@ -82,8 +82,8 @@ class Boxes(NamedTuple):
 class Edits(Protocol):
     """Who changes boxes and keeps the images equal to `draw` of them, as long as no items draw a pixel in common."""
 
-    def show(self, numbers: Int64Array, scenes: Sequence[Scene]) -> None:
-        """Draws environments (k,) anew, whose boxes have come to be those of scenes that add up."""
+    def begin(self, numbers: Int64Array, starts: Boxes, tasks: Int64Array, scenes: Sequence[Scene]) -> None:
+        """Makes the boxes of environments (k,) those of tasks (k,) in `starts`, which are `scenes` that add up."""
         ...
 
     def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
@@ -146,7 +146,12 @@ class ArrayEdits:
         self._snaps = not appearance.is_native
         self._area_ranks = area_ranks(*appearance.cell)
 
-    def show(self, numbers: Int64Array, scenes: Sequence[Scene]) -> None:
+    def begin(self, numbers: Int64Array, starts: Boxes, tasks: Int64Array, scenes: Sequence[Scene]) -> None:
+        boxes, begun = self._boxes.by_environment(), starts.by_environment()
+        boxes.slots[numbers] = begun.slots[tasks]
+        boxes.items[numbers] = begun.items[tasks]
+        boxes.counts[numbers] = begun.counts[tasks]
+        boxes.changed[numbers] = False
         self._painter.show(numbers, scenes)
 
     def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
