@@ -61,11 +61,9 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str)
     if isinstance(dynamics.appearance, Tower):
         return TowerArrays(dynamics, tasks, block, image_size)
     if isinstance(dynamics.appearance, Scatter) and len(block.action) >= FEWEST_COMPILED:
-        compiled = compiled_makers()
-        if compiled is not None:
-            return ScatterArrays(dynamics, tasks, block, image_size, compiled)
-        if len(block.action) >= FEWEST_SCATTER_ARRAYS:
-            return ScatterArrays(dynamics, tasks, block, image_size)
+        makers = compiled_makers()
+        if makers is not None or len(block.action) >= FEWEST_SCATTER_ARRAYS:
+            return ScatterArrays(dynamics, tasks, block, image_size, makers)
     return EpisodeLoop(dynamics, tasks, block, image_size)
 
 

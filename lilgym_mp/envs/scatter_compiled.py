@@ -16,7 +16,7 @@ from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.placement import FIRST_TOO_FAR, OVERLAPPING, search_offsets
 from lilgym_mp.appearances.scatter import LOOK_KINDS, LOOKS
 from lilgym_mp.envs.block import NO_REASON, BoolArray, Int64Array
-from lilgym_mp.envs.scatter_edits import LOOSE, NOTHING_TO_REMOVE, OVERLAP, Boxes, Cells, tied_move
+from lilgym_mp.envs.scatter_edits import LOOSE, NO_ITEM, NOTHING_TO_REMOVE, OVERLAP, Boxes, Cells, tied_move
 from lilgym_mp.envs.scatter_masks import ScatterMasks
 from lilgym_mp.envs.scatter_room import FLAGS, REMOVABLE, CellRoom
 from lilgym_mp.envs.scatter_tables import (
@@ -36,7 +36,6 @@ from lilgym_mp.render import UInt8Array, draw, palette, shrink_of, stamp
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Scene
 
 LOOK_COUNT = len(LOOKS)
-NO_ITEM = -1
 TIE = -3  # instead of a reason: nearest points tie, and `tied_move` has the word
 
 
@@ -118,13 +117,12 @@ def _tables(appearance: Scatter, rules: PlacementRules, image_size: str) -> _Tab
         for x, by_y in enumerate(by_x):
             for y, counts in enumerate(by_y):
                 table[look, x, y, : counts.shape[0], : counts.shape[1]] = counts
-    searches = rules.searches_cell and not appearance.is_native
     return _Tables(
         *geometry(),
         areas=area_ranks(*appearance.cell),
         cells=Cells.of(appearance),
         kinds=KINDS,
-        searched=search_offsets(*appearance.cell) if searches else np.zeros((0, 0, 0), np.bool_),
+        searched=search_offsets(*appearance.cell) if appearance.searches(rules) else np.zeros((0, 0, 0), np.bool_),
         stamps=table,
         stamp_sides=np.array([[by_x[0][odd].shape[0] for odd in (0, 1)] for by_x in stamps]),
         colours=palette(shrink).colours,

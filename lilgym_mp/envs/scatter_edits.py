@@ -122,7 +122,6 @@ class Cells(NamedTuple):
 class _Adds(NamedTuple):
     """ADDs, one an environment. All arrays (k,)."""
 
-    numbers: Int64Array  # of the environments
     rows: Int64Array  # 3 * environment + box
     looks: Int64Array  # in LOOKS
     kinds: Int64Array
@@ -142,7 +141,7 @@ class ArrayEdits:
         self._cell = appearance.cell
         self._cells = Cells.of(appearance)
         self._first_remove = 1 + self._cells.count * len(LOOKS)
-        self._searches = rules.searches_cell and not appearance.is_native
+        self._searches = appearance.searches(rules)
         self._snaps = not appearance.is_native
         self._area_ranks = area_ranks(*appearance.cell)
 
@@ -171,11 +170,11 @@ class ArrayEdits:
         cells, looks = np.divmod(actions - 1, len(LOOKS))
         kinds = KINDS.take(looks)
         rows = numbers * BOX_COUNT + self._cells.boxes.take(cells)
-        adds = _Adds(numbers, rows, looks, kinds, self._cells.places.take(cells))
+        adds = _Adds(rows, looks, kinds, self._cells.places.take(cells))
         reasons = self._cells.add_reasons.take(kinds * self._cells.count + cells)
         self._land(adds, reasons)
         done = (applies & (reasons == NO_REASON)).nonzero()[0]
-        _, rows, looks, kinds, places = (array[done] for array in adds)
+        rows, looks, kinds, places = (array[done] for array in adds)
         free = rows * self._boxes.slots.shape[1] + self._boxes.counts[rows]
         self._flat_slots[free] = packed(kinds, places)
         self._flat_items[free] = places * len(LOOKS) + looks
@@ -188,7 +187,7 @@ class ArrayEdits:
 
         `reasons` come as those why nothing can be added to the cells, whatever is there.
         """
-        _, rows, _, kinds, places = adds
+        rows, _, kinds, places = adds
         clearance = geometry().clearance
         slots = self._boxes.slots.take(rows, 0)[:, : int(self._boxes.counts.take(rows).max()) + 1]
         pairs = origins(kinds, places)[:, None] - slots  # (k, slots) where the tables tell of the new item and each
@@ -227,7 +226,7 @@ class ArrayEdits:
 
         (k,) whether they overlap nothing and lie in the box there. `pairs` as in `_land`.
         """
-        _, rows, _, kinds, places = adds
+        rows, _, kinds, places = adds
         moves = geometry().moves.take(pairs[np.arange(len(closest)), closest]).astype(np.int64)
         for tied in (moves == TIED).nonzero()[0].tolist():
             other, row = int(self._boxes.items[rows[tied], closest[tied]]), int(rows[tied])

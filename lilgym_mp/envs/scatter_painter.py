@@ -18,10 +18,9 @@ from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.scatter_tables import KINDS, PLACE_PITCH
-from lilgym_mp.render import UInt8Array, draw, image_shape, palette, shrink_of, stamp
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, KIND_PIXELS, Item, Scene, Size
+from lilgym_mp.render import LARGEST_PATCH, UInt8Array, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Item, Scene, Size
 
-PATCH_PIXELS = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
 TAKEN = len(LOOKS)
 
 
@@ -53,7 +52,7 @@ class ScatterPainter:
         self._counts = np.zeros((len(images), BOX_COUNT, side, side), np.uint8)
         self._sheet = _sheet(image_size)
         self._pairs = _pixel_pairs(self._shrink)
-        patch = PATCH_PIXELS // self._shrink
+        patch = LARGEST_PATCH // self._shrink
         self._count_rows = _windows(self._counts, patch)
         self._pixel_rows = _windows(images.reshape(-1, 3), patch)
         rows, lefts = np.arange(patch), BOX_PITCH // self._shrink * np.arange(BOX_COUNT)
@@ -134,7 +133,7 @@ def _meet(item: Item, other: Item) -> bool:
 
 
 def _scene_lines(scene: Scene, shrink: int) -> _Lines:
-    side, patch = BOX_SIDE // shrink, PATCH_PIXELS // shrink
+    side, patch = BOX_SIDE // shrink, LARGEST_PATCH // shrink
     counts = np.zeros((BOX_COUNT, side, side), np.uint8)
     starts: list[int] = []
     for index, box in enumerate(scene.boxes):
@@ -167,7 +166,7 @@ class _Sheet(NamedTuple):
 @cache
 def _sheet(image_size: str) -> _Sheet:
     shrink = shrink_of(image_size)
-    side, width, patch = BOX_SIDE // shrink, image_shape(image_size)[1], PATCH_PIXELS // shrink
+    side, width, patch = BOX_SIDE // shrink, image_shape(image_size)[1], LARGEST_PATCH // shrink
     margin = side - patch
     pitch = margin + patch
     stamps = np.zeros((2, len(LOOKS), 2, 2, pitch, pitch), np.uint8)  # added or taken, look, odd x, odd y

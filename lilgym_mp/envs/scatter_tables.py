@@ -72,12 +72,6 @@ def packed(kinds: Int64Array, places: Int64Array) -> Int64Array:
     return places - kinds * PAIR_SIZE
 
 
-def unpacked(slots: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Kinds and places of items in slots."""
-    kinds = -(slots // PAIR_SIZE)
-    return kinds, slots + kinds * PAIR_SIZE
-
-
 @cache
 def geometry() -> Geometry:
     tables = placement_tables()
