@@ -34,11 +34,11 @@ class Clocks:
         """Has the time that an object's method takes counted."""
         watched: Callable[..., Any] = getattr(owner, function)
 
-        def timed(*arguments: Any) -> Any:
+        def timed(*arguments: Any, **named: Any) -> Any:
             self._within.append(0.0)
             started = perf_counter()
             try:
-                return watched(*arguments)
+                return watched(*arguments, **named)
             finally:
                 elapsed = perf_counter() - started
                 self.seconds[part] += elapsed - self._within.pop()

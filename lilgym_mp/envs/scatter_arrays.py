@@ -93,7 +93,7 @@ class ScatterArrays:
         self._makers = makers = makers or Makers(ArrayEdits, ScatterMasks)
         self._edits = makers.edits(self._appearance, dynamics.rules.placement, boxes, block.image, image_size)
         self._starts = _Starts(tasks, slots)
-        self._scenes = [Scene.empty()] * count  # as they were when `_boxes.changed` was cleared
+        self._scenes = [Scene.empty()] * count  # as they were when `_boxes.kept` became `_boxes.counts`
         self._loose = np.zeros(count, np.bool_)  # environments of which only `_scenes` tells
         self._canvases: dict[int, Canvas] = {}  # of those
         self._masks: ScatterMasks | None = None  # made when they are first asked for
@@ -125,15 +125,11 @@ class ScatterArrays:
         steps = block.steps[which] + 1
         last = steps >= self._dynamics.horizon
         applies = self._applies[2 * VALID_EDIT + last]
-        stops = actions == 0
-        reasons = np.where(stops, NO_REASON, LOOSE)
-        edits = (~(self._loose[which] | stops)).nonzero()[0]
-        if len(edits):
-            reasons[edits] = self._edits.edit(which[edits], actions[edits], applies[edits])
+        reasons = self._edits.edit(which, actions, applies, self._loose)
         for place in (reasons == LOOSE).nonzero()[0].tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
         situations = np.where(reasons == NO_REASON, VALID_EDIT, INVALID_EDIT)
-        stopping = stops.nonzero()[0]
+        stopping = (actions == 0).nonzero()[0]
         if len(stopping):
             situations[stopping] = np.where(self._solved(which[stopping]), RIGHT_STOP, WRONG_STOP)
         block.steps[which] = steps
@@ -168,18 +164,15 @@ class ScatterArrays:
 
     def _bring_scenes(self, numbers: Int64Array) -> None:
         """Makes `_scenes` tell of environments (k,)."""
-        changed = self._boxes.changed[numbers]
-        if not changed.any():
-            return
-        self._boxes.changed[numbers] = False
-        counts = self._boxes.counts[numbers]
-        parts = changed, counts, self._boxes.items[numbers, :, : int(counts.max())]
-        for number, *boxes in zip(numbers.tolist(), *(part.tolist() for part in parts), strict=True):
-            left, middle, right = (
-                Box(tuple(map(item_of, items[:count]))) if differs else box
-                for differs, count, items, box in zip(*boxes, self._scenes[number].boxes, strict=True)
-            )
-            self._scenes[number] = Scene((left, middle, right))
+        kept, counts, every = self._boxes.kept[numbers], self._boxes.counts[numbers], self._boxes.items[numbers]
+        self._boxes.kept[numbers] = counts
+        parts = kept.tolist(), counts.tolist(), every[:, :, : int(counts.max())].tolist()
+        for number, kept_there, there, items in zip(numbers.tolist(), *parts, strict=True):
+            if not self._loose[number]:
+                before = self._scenes[number].boxes
+                left, middle, right = map(_box_of, before, kept_there, there, items)
+                if not (left is before[0] and middle is before[1] and right is before[2]):
+                    self._scenes[number] = Scene((left, middle, right))
 
     def write_masks(self) -> None:
         if self._masks is None:
@@ -210,6 +203,13 @@ class ScatterArrays:
     def state(self, number: int) -> State:
         block = self._block
         return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
+
+
+def _box_of(before: Box, kept: int, count: int, numbers: list[int]) -> Box:
+    """The box of the items with the first `count` of these numbers, the first `kept` of which it had `before`."""
+    if kept == count == len(before.items):
+        return before
+    return Box((*before.items[:kept], *map(item_of, numbers[kept:count])))
 
 
 def _fields(numbers: Int64Array) -> Int16Array:

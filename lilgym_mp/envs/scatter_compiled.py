@@ -81,10 +81,10 @@ class CompiledEdits:
     def begin(self, numbers: Int64Array, starts: Boxes, tasks: Int64Array, scenes: Sequence[Scene]) -> None:
         _begin(self._tables, self._canvases, numbers, starts, tasks)
 
-    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
+    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray, loose: BoolArray) -> Int64Array:
         tables, canvases = self._tables, self._canvases
         reasons, places, closest = np.empty((3, len(numbers)), np.int64)
-        _edit(tables, canvases, numbers, actions, applies, reasons, places, closest)
+        _edit(tables, canvases, numbers, actions, applies, loose, reasons, places, closest)
         for tied in (reasons == TIE).nonzero()[0].tolist():
             cell, look = divmod(int(actions[tied]) - 1, LOOK_COUNT)
             row = int(numbers[tied]) * BOX_COUNT + int(tables.cells.boxes[cell])
@@ -152,7 +152,7 @@ def _begin(tables: _Tables, canvases: _Canvases, numbers: Int64Array, starts: Bo
             boxes.slots[row] = starts.slots[start]
             boxes.items[row] = starts.items[start]
             boxes.counts[row] = starts.counts[start]
-            boxes.changed[row] = False
+            boxes.kept[row] = starts.counts[start]
             canvases.counts[row] = 0
             for slot in range(boxes.counts[row]):
                 place, look = divmod(boxes.items[row, slot], LOOK_COUNT)
@@ -183,6 +183,7 @@ def _edit(
     numbers: Int64Array,
     actions: Int64Array,
     applies: BoolArray,
+    loose: BoolArray,
     reasons: Int64Array,
     places: Int64Array,
     closest: Int64Array,
@@ -191,6 +192,12 @@ def _edit(
     cells = tables.cells
     first_remove = 1 + cells.count * LOOK_COUNT
     for k in range(len(numbers)):
+        if actions[k] == 0:
+            reasons[k] = NO_REASON
+            continue
+        if loose[numbers[k]]:
+            reasons[k] = LOOSE
+            continue
         if actions[k] >= first_remove:
             cell = actions[k] - first_remove
             row = numbers[k] * BOX_COUNT + cells.boxes[cell]
@@ -273,7 +280,6 @@ def _settle(tables: _Tables, canvases: _Canvases, row: int, look: int, place: in
         boxes.slots[row, slot] = place - kind * PAIR_SIZE
         boxes.items[row, slot] = place * LOOK_COUNT + look
         boxes.counts[row] += 1
-        boxes.changed[row] = True
         _paint(tables, canvases, row, place, look, 1)
     return NO_REASON
 
@@ -298,7 +304,7 @@ def _remove(tables: _Tables, canvases: _Canvases, row: int, cell: int, applies: 
         boxes.slots[row, last] = EMPTY_SLOT
         boxes.items[row, last] = NO_ITEM
         boxes.counts[row] = last
-        boxes.changed[row] = True
+        boxes.kept[row] = min(boxes.kept[row], taken)
         _paint(tables, canvases, row, place, look, -1)
     return NO_REASON
 

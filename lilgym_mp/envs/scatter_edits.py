@@ -56,7 +56,7 @@ class Boxes(NamedTuple):
     slots: Int64Array  # (3 N, slots)
     items: Int64Array  # (3 N, slots) place * 27 + look of what the slots hold, or NO_ITEM
     counts: Int64Array  # (3 N,) how many items there are
-    changed: BoolArray  # (3 N,) set where an item comes or goes
+    kept: Int64Array  # (3 N,) how many of them, from the left, are still those of the `Scene` made last
 
     @classmethod
     def empty(cls, rows: int, slots: int) -> Boxes:
@@ -64,18 +64,18 @@ class Boxes(NamedTuple):
             slots=np.full((rows, slots), EMPTY_SLOT),
             items=np.full((rows, slots), NO_ITEM),
             counts=np.zeros(rows, np.int64),
-            changed=np.zeros(rows, np.bool_),
+            kept=np.zeros(rows, np.int64),
         )
 
     def by_environment(self) -> Boxes:
         """The same memory as (N, 3, ...)."""
-        slots, items, counts, changed = self
+        slots, items, counts, kept = self
         shape = -1, BOX_COUNT
         return Boxes(
             slots.reshape(*shape, slots.shape[1]),
             items.reshape(*shape, slots.shape[1]),
             counts.reshape(shape),
-            changed.reshape(shape),
+            kept.reshape(shape),
         )
 
 
@@ -86,10 +86,11 @@ class Edits(Protocol):
         """Makes the boxes of environments (k,) those of tasks (k,) in `starts`, which are `scenes` that add up."""
         ...
 
-    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        """(k,) why actions of environments (k,) but STOP are invalid, NO_REASON, or LOOSE.
+    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray, loose: BoolArray) -> Int64Array:
+        """(k,) why actions of environments (k,) are invalid, NO_REASON also for STOP, or LOOSE.
 
-        Those that are valid and apply are done, but for those that are LOOSE.
+        Those that are valid and apply are done, but for those that are LOOSE, as all are in environments that are
+        `loose` (N,) already.
         """
         ...
 
@@ -150,19 +151,22 @@ class ArrayEdits:
         boxes.slots[numbers] = begun.slots[tasks]
         boxes.items[numbers] = begun.items[tasks]
         boxes.counts[numbers] = begun.counts[tasks]
-        boxes.changed[numbers] = False
+        boxes.kept[numbers] = begun.counts[tasks]
         self._painter.show(numbers, scenes)
 
-    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        reasons = np.full(len(numbers), NO_REASON)
-        changes: list[Change] = []
+    def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray, loose: BoolArray) -> Int64Array:
+        stops = actions == 0
+        reasons = np.where(stops, NO_REASON, LOOSE)
+        follows = ~(stops | loose[numbers])
         removes = actions >= self._first_remove
-        for chosen, take in ((~removes, self._add), (removes, self._remove)):
+        changes: list[Change] = []
+        for chosen, take in ((follows & ~removes, self._add), (follows & removes, self._remove)):
             edits = chosen.nonzero()[0]
             if len(edits):
                 reasons[edits], change = take(numbers[edits], actions[edits], applies[edits])
                 changes.append(change)
-        self._painter.change(changes)
+        if changes:
+            self._painter.change(changes)
         return reasons
 
     def _add(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray) -> tuple[Int64Array, Change]:
@@ -179,7 +183,6 @@ class ArrayEdits:
         self._flat_slots[free] = packed(kinds, places)
         self._flat_items[free] = places * len(LOOKS) + looks
         self._boxes.counts[rows] += 1
-        self._boxes.changed[rows] = True
         return reasons, Change(rows, places, looks)
 
     def _land(self, adds: _Adds, reasons: Int64Array) -> None:
@@ -259,7 +262,7 @@ class ArrayEdits:
         self._boxes.slots[rows, :-1] = self._boxes.slots[rows[:, None], sources]
         self._boxes.items[rows, :-1] = self._boxes.items[rows[:, None], sources]
         self._boxes.counts[rows] -= 1
-        self._boxes.changed[rows] = True
+        self._boxes.kept[rows] = np.minimum(self._boxes.kept[rows], taken)
         return Change(rows, places, looks + TAKEN)
 
 
