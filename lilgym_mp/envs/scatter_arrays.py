@@ -164,9 +164,10 @@ class ScatterArrays:
 
     def _bring_scenes(self, numbers: Int64Array) -> None:
         """Makes `_scenes` tell of environments (k,)."""
-        kept, counts, every = self._boxes.kept[numbers], self._boxes.counts[numbers], self._boxes.items[numbers]
+        items, counts = self._boxes.items.take(numbers, 0), self._boxes.counts.take(numbers, 0)
+        kept = self._boxes.kept.take(numbers, 0)
         self._boxes.kept[numbers] = counts
-        parts = kept.tolist(), counts.tolist(), every[:, :, : int(counts.max())].tolist()
+        parts = kept.tolist(), counts.tolist(), items[:, :, : int(counts.max())].tolist()
         for number, kept_there, there, items in zip(numbers.tolist(), *parts, strict=True):
             if not self._loose[number]:
                 before = self._scenes[number].boxes
