@@ -163,9 +163,9 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         table = self._verdicts
         return (
             self._observe(),
-            table.rewards[verdict],
-            table.terminated[verdict],
-            table.truncated[verdict],
+            table.rewards.take(verdict),
+            table.terminated.take(verdict),
+            table.truncated.take(verdict),
             self._infos(),
         )
 
@@ -200,8 +200,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         block = self._block
         return {
             "image": self._images(),
-            "statement": tuple(self._statements[block.task].tolist()),
-            "target": self._targets[block.task],
+            "statement": tuple(self._statements.take(block.task).tolist()),
+            "target": self._targets.take(block.task),
         }
 
     def _images(self) -> UInt8Array:

@@ -40,7 +40,17 @@ class TowerArrays:
         self._starts = np.array([self._numbers(task.start) for task in tasks])  # (tasks, 3)
         self._every = np.arange(len(block.action))
         self._boxes = np.zeros((len(block.action), BOX_COUNT), np.int64)
+        self._flat_boxes = self._boxes.reshape(-1)
         self._painter = _TowerPainter(block.image, image_size)
+        self._after = self._tables.after.reshape(-1)  # by box * edits + edit, here and in the next
+        self._looks = self._edit_looks()  # what `_TowerPainter.paint` is to show of the level that changes
+
+    def _edit_looks(self) -> Int64Array:
+        before = np.arange(len(self._tables.after)).repeat(self._tables.after.shape[1])
+        edits, looks = self._painter.changes(before, np.where(self._after < 0, before, self._after))
+        by_edit = np.zeros(len(before), np.int64)  # an edit that is invalid changes no level, the others one
+        by_edit[edits] = looks
+        return by_edit
 
     def _numbers(self, scene: Scene) -> list[int]:
         return [self._tables.numbers[box.items] for box in scene.boxes]
@@ -48,40 +58,41 @@ class TowerArrays:
     def start(self, which: Int64Array, tasks: Int64Array) -> None:
         self._block.task[which] = tasks
         self._block.steps[which] = 0
-        before, after = self._boxes[which], self._starts[tasks]
+        before, after = self._boxes.take(which, axis=0), self._starts.take(tasks, axis=0)
         rows, boxes = np.nonzero(before != after)
-        self._painter.paint(which[rows], boxes, before[rows, boxes], after[rows, boxes])
+        changes, looks = self._painter.changes(before[rows, boxes], after[rows, boxes])
+        self._painter.paint(which[rows[changes]], boxes[changes], looks)
         self._boxes[which] = after
 
     def step(self, which: Int64Array | None) -> None:
         block, tables = self._block, self._tables
-        if which is None:
-            which = self._every
-            actions = block.action
-        else:
-            actions = block.action[which]
-        boxes, edits = tables.action_box[actions], tables.action_edit[actions]
-        before = self._boxes[which, boxes]
-        after = tables.after[before, edits]
+        chosen = slice(None) if which is None else which
+        which = self._every if which is None else which
+        actions = block.action[chosen]
+        boxes, edits = tables.action_box.take(actions), tables.action_edit.take(actions)
+        rows = which * BOX_COUNT + boxes
+        moves = self._flat_boxes.take(rows) * tables.after.shape[1] + edits
+        after = self._after.take(moves)
         situations = np.where(after < 0, INVALID_EDIT, VALID_EDIT)
-        for place in (actions == 0).nonzero()[0].tolist():
-            solved = self._solved(int(which[place]))
-            situations[place] = RIGHT_STOP if solved else WRONG_STOP
-        steps = block.steps[which] + 1
+        stops = (actions == 0).nonzero()[0]
+        if len(stops):
+            situations[stops] = np.where(self._solved(which[stops]), RIGHT_STOP, WRONG_STOP)
+        steps = block.steps[chosen] + 1
         verdicts = 2 * situations + (steps >= self._dynamics.horizon)
-        block.steps[which] = steps
-        block.verdict[which] = verdicts
-        block.invalid[which] = np.where(situations == INVALID_EDIT, _REASONS[edits], NO_REASON)
-        applied = self._applies[verdicts].nonzero()[0]
-        which, boxes, after = which[applied], boxes[applied], after[applied]
-        self._painter.paint(which, boxes, before[applied], after)
-        self._boxes[which, boxes] = after
+        block.steps[chosen] = steps
+        block.verdict[chosen] = verdicts
+        block.invalid[chosen] = np.where(situations == INVALID_EDIT, _REASONS.take(edits), NO_REASON)
+        applied = self._applies.take(verdicts).nonzero()[0]
+        looks = self._looks.take(moves.take(applied))
+        self._painter.paint(which.take(applied), boxes.take(applied), looks)
+        self._flat_boxes[rows.take(applied)] = after.take(applied)
 
-    def _solved(self, number: int) -> bool:
-        return self._tasks[self._block.task[number]].solved_by(self._scene(number))
+    def _solved(self, numbers: Int64Array) -> list[bool]:
+        """(k,) whether STOP succeeds in environments."""
+        tasks, boxes = self._block.task.take(numbers).tolist(), self._boxes.take(numbers, axis=0).tolist()
+        return [self._tasks[task].solved_by(self._scene(*there)) for task, there in zip(tasks, boxes, strict=True)]
 
-    def _scene(self, number: int) -> Scene:
-        left, middle, right = self._boxes[number].tolist()
+    def _scene(self, left: int, middle: int, right: int) -> Scene:
         boxes = self._tables.boxes
         return Scene((boxes[left], boxes[middle], boxes[right]))
 
@@ -90,7 +101,7 @@ class TowerArrays:
         self._block.mask[:] = self._tables.legal[left, middle, right]
 
     def write_goals(self) -> None:
-        self._block.goal[:] = [self._solved(number) for number in range(len(self._boxes))]
+        self._block.goal[:] = self._solved(self._every)
 
     def write_items(self) -> None:
         items = self._block.items
@@ -98,7 +109,9 @@ class TowerArrays:
 
     def state(self, number: int) -> State:
         block = self._block
-        return State(self._tasks[block.task[number]], self._scene(number), int(block.steps[number]))
+        return State(
+            self._tasks[block.task[number]], self._scene(*self._boxes[number].tolist()), int(block.steps[number])
+        )
 
 
 @cache
@@ -127,18 +140,25 @@ class _TowerPainter:
         self._per_image = height * self._per_row
         self._columns = (BOX_PITCH * np.arange(BOX_COUNT) + BLOCK_X) // shrink // side  # (3,) by box
         rows, looks = _level_cells(image_size, cell)
-        self._rows = rows * self._per_row  # (4, rows) by level: cells from the image's first to each row's first
-        self._looks = looks.reshape(-1, looks.shape[-1])  # (4 levels * 4 looks, rows)
+        # Both by level and look, none or a colour, as one number: (16, rows) the cells from the image's first to each
+        # row's first, and what is there.
+        self._rows = (rows * self._per_row).repeat(1 + len(Colour), axis=0)
+        self._looks = looks.reshape(-1, looks.shape[-1])
         self._colours = tower_tables().colours + 1  # (121, 4) by level: none, or a colour
 
-    def paint(self, which: Int64Array, boxes: Int64Array, before: Int64Array, after: Int64Array) -> None:
-        """Boxes (k,) of environments (k,) turn from numbers (k,) into numbers (k,)."""
+    def changes(self, before: Int64Array, after: Int64Array) -> tuple[Int64Array, Int64Array]:
+        """What differs between boxes with numbers (k,) and with numbers (k,).
+
+        Two arrays, an entry for each level that differs: which of the k, and what to show.
+        """
         colours = self._colours.take(after, axis=0)
         changes, levels = (self._colours.take(before, axis=0) != colours).nonzero()
-        first = which[changes] * self._per_image + self._columns[boxes[changes]]
-        places = first[:, None] + self._rows.take(levels, axis=0)
-        looks = levels * (1 + len(Colour)) + colours[changes, levels]
-        self._cells[places] = self._looks.take(looks, axis=0)
+        return changes, levels * (1 + len(Colour)) + colours[changes, levels]
+
+    def paint(self, which: Int64Array, boxes: Int64Array, looks: Int64Array) -> None:
+        """Shows levels (k,) of boxes (k,) of environments (k,) as `changes` tells."""
+        first = which * self._per_image + self._columns.take(boxes)
+        self._cells[first[:, None] + self._rows.take(looks, axis=0)] = self._looks.take(looks, axis=0)
 
 
 def _level_cells(image_size: str, cell: np.dtype[np.void]) -> tuple[Int64Array, NDArray[Any]]:
