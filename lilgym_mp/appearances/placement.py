@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import NamedTuple, TypeVar
 
@@ -29,6 +29,7 @@ OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
 NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # where a pair's table tells of equal top-left corners
 LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
+KEPT_MOVES = 16_384  # of those that are settled in place: play on a grid soon meets the same ones again
 AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
 
 OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
@@ -78,18 +79,13 @@ class PlacementTables:
         """
         other_kind = other.kind
         offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
-        pairs = self.ties.get((kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset)
-        if pairs is None and other[0] + frame_x >= 0 and other[1] >= 0:
-            code = self.moves[kind][other_kind][offset]
-            return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
-        if pairs is None:
-            pairs = all_pairs(self.outlines[kind], self.outlines[other_kind])
-        new_ring = self._points(kind, x + frame_x, y, {i for i, _ in pairs})
-        other_ring = self._points(other_kind, other[0] + frame_x, other[1], {j for _, j in pairs})
-        p, q = nearest_points(new_ring, other_ring, pairs)
-        return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
+        tied = (kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset in self.ties
+        if tied or other[0] + frame_x < 0 or other[1] < 0:
+            return _settled(kind, x + frame_x, y, other_kind, other[0] + frame_x, other[1])
+        code = self.moves[kind][other_kind][offset]
+        return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
 
-    def _points(self, kind: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
+    def points(self, kind: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
         """The ends of some segments of the outline of an item of `kind` at (x, y), by number."""
         centre_x, centre_y = x + KIND_PIXELS[kind] / 2, y + KIND_PIXELS[kind] / 2
         outline = self.outlines[kind]
@@ -98,6 +94,20 @@ class PlacementTables:
             for segment in segments
             for i in (segment, segment + 1)
         }
+
+
+@lru_cache(maxsize=KEPT_MOVES)
+def _settled(kind: int, x: int, y: int, other_kind: int, other_x: int, other_y: int) -> tuple[int, int]:
+    """`PlacementTables.move` from the nearest points of the two outlines, in the coordinates that are rounded."""
+    tables = placement_tables()
+    offset = (x - other_x) * OFFSET_COUNT + y - other_y + NO_OFFSET
+    pairs = tables.ties.get((kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset)
+    if pairs is None:
+        pairs = all_pairs(tables.outlines[kind], tables.outlines[other_kind])
+    new_ring = tables.points(kind, x, y, {i for i, _ in pairs})
+    other_ring = tables.points(other_kind, other_x, other_y, {j for _, j in pairs})
+    p, q = nearest_points(new_ring, other_ring, pairs)
+    return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
 
 @cache

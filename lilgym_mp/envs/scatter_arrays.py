@@ -37,6 +37,7 @@ _FIELDS = np.dtype([("place", "V4"), ("look", "V6")])  # an item in `observation
 _XS, _YS = np.divmod(np.arange(BOX_SIDE * PLACE_PITCH), PLACE_PITCH)
 _PLACE_FIELDS = np.stack([_XS, _YS], axis=1).astype(np.int16).view("V4")[:, 0]  # (places,) x, y
 _LOOK_FIELDS = np.array(LOOKS, np.int16).view("V6")[:, 0]  # (27,) shape, colour, size
+_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether an edit is valid
 _EMPTY_FIELDS = np.full(len(Item._fields), EMPTY, np.int16).view(_FIELDS)
 
 
@@ -65,7 +66,7 @@ class _Starts:
         self.loose[task] = not adds_up(scene)
         for row, box in enumerate(scene.boxes, BOX_COUNT * task):
             if box.items and not self.loose[task]:
-                count = self.boxes.counts[row] = len(box.items)
+                count = self.boxes.counts[row] = self.boxes.kept[row] = len(box.items)
                 xs, ys, shapes, colours, sizes = np.array(box.items, np.int64).T
                 places, looks = xs * PLACE_PITCH + ys, (shapes * len(Colour) + colours) * len(Size) + sizes
                 self.boxes.slots[row, :count] = packed(KINDS[looks], places)
@@ -128,7 +129,7 @@ class ScatterArrays:
         reasons = self._edits.edit(which, actions, applies, self._loose)
         for place in (reasons == LOOSE).nonzero()[0].tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
-        situations = np.where(reasons == NO_REASON, VALID_EDIT, INVALID_EDIT)
+        situations = _SITUATIONS.take(reasons == NO_REASON)
         stopping = (actions == 0).nonzero()[0]
         if len(stopping):
             situations[stopping] = np.where(self._solved(which[stopping]), RIGHT_STOP, WRONG_STOP)

@@ -137,6 +137,7 @@ class ArrayEdits:
     ) -> None:
         self._rules = rules
         self._boxes = boxes
+        self._by_environment = boxes.by_environment()
         self._flat_slots, self._flat_items = boxes.slots.reshape(-1), boxes.items.reshape(-1)
         self._painter = ScatterPainter(images, image_size)
         self._cell = appearance.cell
@@ -147,16 +148,14 @@ class ArrayEdits:
         self._area_ranks = area_ranks(*appearance.cell)
 
     def begin(self, numbers: Int64Array, starts: Boxes, tasks: Int64Array, scenes: Sequence[Scene]) -> None:
-        boxes, begun = self._boxes.by_environment(), starts.by_environment()
-        boxes.slots[numbers] = begun.slots[tasks]
-        boxes.items[numbers] = begun.items[tasks]
-        boxes.counts[numbers] = begun.counts[tasks]
-        boxes.kept[numbers] = begun.counts[tasks]
+        for begun, boxes in zip(starts.by_environment(), self._by_environment, strict=True):
+            boxes[numbers] = begun.take(tasks, 0)
         self._painter.show(numbers, scenes)
 
     def edit(self, numbers: Int64Array, actions: Int64Array, applies: BoolArray, loose: BoolArray) -> Int64Array:
         stops = actions == 0
-        reasons = np.where(stops, NO_REASON, LOOSE)
+        reasons = np.full(len(numbers), LOOSE)
+        reasons[stops] = NO_REASON
         follows = ~(stops | loose[numbers])
         removes = actions >= self._first_remove
         changes: list[Change] = []

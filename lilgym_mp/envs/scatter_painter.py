@@ -83,7 +83,7 @@ class ScatterPainter:
     def change(self, changes: Sequence[Change]) -> None:
         """Puts items into boxes and takes items away: at most one in each environment."""
         sheet = self._sheet
-        rows, places, stamps = map(np.concatenate, zip(*changes, strict=True))
+        rows, places, stamps = changes[0] if len(changes) == 1 else map(np.concatenate, zip(*changes, strict=True))
         count_offsets, pixel_offsets, sheet_offsets = self._row_offsets
         first_stamps = sheet.places[places] + stamps * sheet.stamp_size
         first_counts = rows * self._box_counts + sheet.counts[places]

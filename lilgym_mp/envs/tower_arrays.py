@@ -26,6 +26,7 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Box, Colour, Item, Scene, Shape, Size
 
 _REASONS = np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS])  # by column of `TowerTables.after`
+_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether an edit is valid
 
 
 class TowerArrays:
@@ -73,7 +74,7 @@ class TowerArrays:
         rows = which * BOX_COUNT + boxes
         moves = self._flat_boxes.take(rows) * tables.after.shape[1] + edits
         after = self._after.take(moves)
-        situations = np.where(after < 0, INVALID_EDIT, VALID_EDIT)
+        situations = _SITUATIONS.take(after >= 0)
         stops = (actions == 0).nonzero()[0]
         if len(stops):
             situations[stops] = np.where(self._solved(which[stops]), RIGHT_STOP, WRONG_STOP)
