@@ -84,8 +84,6 @@ class Bench:
         try:
             with ExitStack() as stack:
                 plays = [(one, play) for one in measured if (play := self._opened(one, course, stack)) is not None]
-                for _, play in plays:  # warms caches up
-                    play()
                 for number in range(self.effort.repeats):
                     for one, play in plays if number % 2 == 0 else reversed(plays):
                         one.rates.append(self._rate(play))
@@ -108,6 +106,7 @@ class Bench:
             return None
 
     def _rate(self, play: Play) -> float:
+        play()  # warms up what other subjects have driven out of the processor's caches
         total = Timed(0, 0.0)
         while total.seconds < self.effort.seconds:
             steps, seconds = play()
