@@ -29,6 +29,7 @@ NO_REASON = -1
 # Plain numbers for arrays: NumPy asks an enum's member for attributes through Python code, which takes microseconds and
 # in which a Ctrl-C would be lost.
 RIGHT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(situation) for situation in Situation)
+EDIT_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether the edit is valid
 ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
 
 

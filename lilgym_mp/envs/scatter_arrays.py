@@ -14,7 +14,7 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.scatter import LOOKS
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import (
-    INVALID_EDIT,
+    EDIT_SITUATIONS,
     NO_REASON,
     REASON_NUMBERS,
     RIGHT_STOP,
@@ -37,7 +37,6 @@ _FIELDS = np.dtype([("place", "V4"), ("look", "V6")])  # an item in `observation
 _XS, _YS = np.divmod(np.arange(BOX_SIDE * PLACE_PITCH), PLACE_PITCH)
 _PLACE_FIELDS = np.stack([_XS, _YS], axis=1).astype(np.int16).view("V4")[:, 0]  # (places,) x, y
 _LOOK_FIELDS = np.array(LOOKS, np.int16).view("V6")[:, 0]  # (27,) shape, colour, size
-_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether an edit is valid
 _EMPTY_FIELDS = np.full(len(Item._fields), EMPTY, np.int16).view(_FIELDS)
 
 
@@ -129,7 +128,7 @@ class ScatterArrays:
         reasons = self._edits.edit(which, actions, applies, self._loose)
         for place in (reasons == LOOSE).nonzero()[0].tolist():
             reasons[place] = self._edit_scene(int(which[place]), applies=bool(applies[place]))
-        situations = _SITUATIONS.take(reasons == NO_REASON)
+        situations = EDIT_SITUATIONS.take(reasons == NO_REASON)
         stopping = (actions == 0).nonzero()[0]
         if len(stopping):
             situations[stopping] = np.where(self._solved(which[stopping]), RIGHT_STOP, WRONG_STOP)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from lilgym_mp.appearances.tower import BLOCK_X, EDIT_REASONS, LEVEL_Y, tower_tables
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.block import (
+    EDIT_SITUATIONS,
     INVALID_EDIT,
     NO_REASON,
     REASON_NUMBERS,
     RIGHT_STOP,
-    VALID_EDIT,
     WRONG_STOP,
     Block,
     Int64Array,
@@ -26,7 +26,6 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Box, Colour, Item, Scene, Shape, Size
 
 _REASONS = np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS])  # by column of `TowerTables.after`
-_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether an edit is valid
 
 
 class TowerArrays:
@@ -47,9 +46,10 @@ class TowerArrays:
         self._looks = self._edit_looks()  # what `_TowerPainter.paint` is to show of the level that changes
 
     def _edit_looks(self) -> Int64Array:
+        """(121 * edits,) the level that an edit changes and its new look, as one number; 0 for invalid ones."""
         before = np.arange(len(self._tables.after)).repeat(self._tables.after.shape[1])
         edits, looks = self._painter.changes(before, np.where(self._after < 0, before, self._after))
-        by_edit = np.zeros(len(before), np.int64)  # an edit that is invalid changes no level, the others one
+        by_edit = np.zeros(len(before), np.int64)
         by_edit[edits] = looks
         return by_edit
 
@@ -74,7 +74,7 @@ class TowerArrays:
         rows = which * BOX_COUNT + boxes
         moves = self._flat_boxes.take(rows) * tables.after.shape[1] + edits
         after = self._after.take(moves)
-        situations = _SITUATIONS.take(after >= 0)
+        situations = EDIT_SITUATIONS.take(after >= 0)
         stops = (actions == 0).nonzero()[0]
         if len(stops):
             situations[stops] = np.where(self._solved(which[stops]), RIGHT_STOP, WRONG_STOP)
