@@ -79,9 +79,9 @@ class PlacementTables:
         """
         other_kind = other.kind
         offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
-        tied = (kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset in self.ties
-        if tied or other[0] + frame_x < 0 or other[1] < 0:
-            return _settled(kind, x + frame_x, y, other_kind, other[0] + frame_x, other[1])
+        index = (kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset
+        if index in self.ties or other[0] + frame_x < 0 or other[1] < 0:
+            return _settled(index, kind, x + frame_x, y, other_kind, other[0] + frame_x, other[1])
         code = self.moves[kind][other_kind][offset]
         return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
 
@@ -97,13 +97,13 @@ class PlacementTables:
 
 
 @lru_cache(maxsize=KEPT_MOVES)
-def _settled(kind: int, x: int, y: int, other_kind: int, other_x: int, other_y: int) -> tuple[int, int]:
-    """`PlacementTables.move` from the nearest points of the two outlines, in the coordinates that are rounded."""
+def _settled(index: int, kind: int, x: int, y: int, other_kind: int, other_x: int, other_y: int) -> tuple[int, int]:
+    """`PlacementTables.move` from the nearest points of the two outlines, in the coordinates that are rounded.
+
+    `index`: where `PlacementTables.ties` may tell of the two.
+    """
     tables = placement_tables()
-    offset = (x - other_x) * OFFSET_COUNT + y - other_y + NO_OFFSET
-    pairs = tables.ties.get((kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset)
-    if pairs is None:
-        pairs = all_pairs(tables.outlines[kind], tables.outlines[other_kind])
+    pairs = tables.ties.get(index) or all_pairs(tables.outlines[kind], tables.outlines[other_kind])
     new_ring = tables.points(kind, x, y, {i for i, _ in pairs})
     other_ring = tables.points(other_kind, other_x, other_y, {j for _, j in pairs})
     p, q = nearest_points(new_ring, other_ring, pairs)
