@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from lilgym_mp.observation import Observation
 
 UInt8Array = NDArray[np.uint8]
 Int64Array = NDArray[np.int64]
@@ -16,27 +13,24 @@ BoolArray = NDArray[np.bool_]
 
 
 class Observations(NamedTuple):
-    """What B agents see."""
+    """What B agents see, each in an episode of its own."""
 
     images: UInt8Array  # (B, 50, 190, 3)
     statements: tuple[str, ...]  # B
     targets: Int64Array  # (B,) 1: make the statement true, 0: make it false
-
-    @classmethod
-    def of(cls, observations: Sequence[Observation]) -> Observations:
-        """B observations of the environments as one."""
-        return cls(
-            np.stack([seen["image"] for seen in observations]),
-            tuple(seen["statement"] for seen in observations),
-            np.array([seen["target"] for seen in observations], np.int64),
-        )
+    steps: Int64Array  # (B,) actions taken so far in the episode: 0 at its start
+    episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
 
 
 class Policy(Protocol):
-    """Chooses an action for each of B agents. All chance comes from `rng`."""
+    """Chooses an action for each of B agents. All chance comes from `rng`.
+
+    A policy that never looks at the masks may have an attribute `needs_masks = False`: none are made for it then, and
+    `legal` is an array of shape (B, 0).
+    """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        """`legal`: (B, actions) the exact masks; a policy may ignore them. Gives (B,) action numbers."""
+        """`legal`: (B, actions) the exact masks; a policy may ignore them. Gives (B,) action indices."""
         ...
 
 

@@ -1,26 +1,19 @@
-"""A policy on every task of a split, exactly once a pass."""
+"""A policy on every task of a split, exactly once a pass, many episodes side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import product
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation.policies import Observations, Policy
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.observation import Observation
 
 BATCH_SIZE = 64  # episodes side by side
-
-
-class Turn(NamedTuple):
-    """An episode that is to be played."""
-
-    pass_number: int
-    task_number: int  # place in the split, in file order
+IDLE = -1  # in place of an episode's index, where an environment has nothing left to play
 
 
 class Episode(NamedTuple):
@@ -32,6 +25,7 @@ class Episode(NamedTuple):
     outcome: str
     reward: float  # the sum over the episode
     actions: tuple[int, ...]
+    invalid_reason: str | None = None
 
     @property
     def is_success(self) -> bool:
@@ -56,67 +50,71 @@ def evaluate(
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
-    first = settings.make(split)
-    tasks = first.evaluation_tasks()
-    turns = (Turn(*numbers) for numbers in product(range(passes), range(len(tasks))))
-    count = min(batch_size, passes * len(tasks))
-    seats = [_Seat(first), *(_Seat(settings.make(split)) for _ in range(count - 1))]
-    done = dict(_played(policy, seats, tasks, turns, np.random.default_rng(seed), on_episode))
-    return [done[turn] for turn in sorted(done)]
-
-
-class _Seat:
-    """An environment and the episode in it."""
-
-    def __init__(self, env: LilGymEnv) -> None:
-        self.env = env
-        self.turn = Turn(0, 0)
-        self.observation: Observation
-        self._actions: list[int] = []
-        self._reward = 0.0
-
-    def begin(self, turn: Turn, task_id: str) -> None:
-        self.turn = turn
-        self.observation, _ = self.env.reset(options={"task": task_id})
-        self._actions = []
-        self._reward = 0.0
-
-    def act(self, action: int) -> Episode | None:
-        """The episode, if this action ended it."""
-        self.observation, reward, terminated, truncated, info = self.env.step(action)
-        self._actions.append(action)
-        self._reward += float(reward)
-        if not (terminated or truncated):
-            return None
-        task = self.env.task
-        return Episode(
-            task.id, task.statement, task.target, info["outcome"], round(self._reward, 6), tuple(self._actions)
-        )
+    task_ids = settings.make(split).evaluation_tasks() * passes
+    envs = settings.make_batch(split, min(batch_size, len(task_ids)))
+    episodes: list[Episode | None] = [None] * len(task_ids)
+    for index, episode in _played(policy, envs, task_ids, np.random.default_rng(seed)):
+        on_episode(episode)
+        episodes[index] = episode
+    return [episode for episode in episodes if episode is not None]
 
 
 def _played(
-    policy: Policy,
-    seats: list[_Seat],
-    tasks: tuple[str, ...],
-    turns: Iterator[Turn],
-    rng: np.random.Generator,
-    on_episode: Callable[[Episode], object],
-) -> Iterator[tuple[Turn, Episode]]:
-    """Every turn with its episode, as they end: a seat that is free takes the next turn."""
-    free, taken = seats, list[_Seat]()
-    while True:
-        for seat, turn in zip(free, turns, strict=False):
-            seat.begin(turn, tasks[turn.task_number])
-            taken.append(seat)
-        if not taken:
-            return
-        free = []
-        legal = np.stack([seat.env.action_masks() for seat in taken])
-        actions = policy(Observations.of([seat.observation for seat in taken]), legal, rng)
-        for seat, action in zip(taken, actions.tolist(), strict=True):
-            episode = seat.act(action)
-            if episode is not None:
-                free.append(seat)
-                on_episode(episode)
-                yield seat.turn, episode
-        taken = [seat for seat in taken if seat not in free]
+    policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator
+) -> Iterator[tuple[int, Episode]]:
+    """Every episode with its index, as they end: an environment that is free begins the next one."""
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED
+    count = envs.num_envs
+    playing = np.arange(count)  # index of the episode in each environment
+    next_index = count
+    actions: list[list[int]] = [[] for _ in range(count)]
+    rewards = np.zeros(count)
+    observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
+    while (active := np.flatnonzero(playing != IDLE)).size:
+        chosen = np.zeros(count, np.int64)
+        chosen[active] = policy(*_seen(policy, envs, observations, active, playing), rng)
+        observations, reward, terminated, truncated, infos = envs.step(chosen)
+        rewards += reward
+        for place in active.tolist():
+            actions[place].append(int(chosen[place]))
+        ended = terminated | truncated
+        if not ended.any():
+            continue
+        for place in np.flatnonzero(ended & (playing != IDLE)).tolist():
+            yield int(playing[place]), _episode(envs, place, infos, float(rewards[place]), actions[place])
+            playing[place] = next_index if next_index < len(task_ids) else IDLE
+            next_index += 1
+        tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
+        observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
+        for place in np.flatnonzero(ended).tolist():
+            actions[place], rewards[place] = [], 0.0
+
+
+def _seen(
+    policy: Policy, envs: BatchedEnv, observations: dict[str, Any], active: np.ndarray, playing: np.ndarray
+) -> tuple[Observations, np.ndarray]:
+    """What the policy sees of the environments that play, and their masks if it wants them."""
+    statements = observations["statement"]
+    seen = Observations(
+        observations["image"][active],
+        tuple([statements[place] for place in active.tolist()]),
+        observations["target"][active],
+        envs.steps[active],
+        playing[active],
+    )
+    needs_masks = getattr(policy, "needs_masks", True)
+    return seen, envs.action_masks()[active] if needs_masks else np.zeros((len(active), 0), np.bool_)
+
+
+def _episode(envs: BatchedEnv, place: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:
+    task = envs.tasks[int(envs.task_numbers[place])]
+    reasons = infos.get("invalid_reason")
+    return Episode(
+        task.id,
+        task.statement,
+        task.target,
+        infos["outcome"][place],
+        round(reward, 6),
+        tuple(actions),
+        None if reasons is None else reasons[place],
+    )

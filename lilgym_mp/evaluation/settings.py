@@ -7,9 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, cast
 
 import gymnasium as gym
+from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.appearances import RELEASED_GRID
 from lilgym_mp.choices import choose
+from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.registration import APPEARANCE_NAMES, START_NAMES, START_TITLES, environment_id
 from lilgym_mp.envs.single import LilGymEnv
 
@@ -64,6 +66,18 @@ class Settings:
         """
         env = gym.make(self.id, disable_env_checker=True, **self.arguments(split))
         return cast("LilGymEnv", env.unwrapped)
+
+    def make_batch(self, split: str, num_envs: int) -> BatchedEnv:
+        """Environments side by side in this process, without autoreset, whose images are valid until the next step.
+
+        Raises as `make` does.
+        """
+        return cast(
+            "BatchedEnv",
+            gym.make_vec(
+                self.id, num_envs=num_envs, copy=False, autoreset_mode=AutoresetMode.DISABLED, **self.arguments(split)
+            ),
+        )
 
     def to_json(self) -> dict[str, Any]:
         grid = self.grid if isinstance(self.grid, str) else list(self.grid)

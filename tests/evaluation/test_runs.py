@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.actions import AddBlock
+from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation import (
     CONFIGURATIONS,
     Episode,
@@ -77,7 +78,13 @@ def test_evaluate__an_episode_tells_how_it_went():
     episode = evaluate(always(ADD_BLUE_LEFT), TOWER, "dev")[0]  # the fifth block is one too many
     task = TOWER.make("dev").tasks[0]
     assert episode == Episode(
-        task.id, task.statement, True, Outcome.INVALID_ACTION, pytest.approx(-1.4), (ADD_BLUE_LEFT,) * 5
+        task.id,
+        task.statement,
+        True,
+        Outcome.INVALID_ACTION,
+        pytest.approx(-1.4),
+        (ADD_BLUE_LEFT,) * 5,
+        InvalidReason.FULL_TOWER,
     )
 
 
@@ -108,15 +115,45 @@ def test_evaluate__an_unknown_split_is_refused_with_the_choices():
         evaluate(random_legal, TOWER, "valid")
 
 
+def nothing(count: int) -> Observations:
+    """B observations of nothing."""
+    zeros = np.zeros(count, np.int64)
+    return Observations(np.zeros((count, 1, 1, 3), np.uint8), ("",) * count, zeros, zeros, zeros)
+
+
+def test_evaluate__policies_are_told_their_step_and_their_episode():
+    steps: dict[int, list[int]] = {}
+
+    def stopping_at_the_third(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        for step, episode in zip(observations.steps.tolist(), observations.episodes.tolist(), strict=True):
+            steps.setdefault(episode, []).append(step)
+        return np.where(observations.steps == 2, STOP, ADD_BLUE_LEFT)
+
+    episodes = evaluate(stopping_at_the_third, TOWER, "dev", passes=2, batch_size=9)
+    assert steps == {index: [0, 1, 2] for index in range(len(episodes))}
+    assert {episode.actions for episode in episodes} == {(ADD_BLUE_LEFT, ADD_BLUE_LEFT, STOP)}
+
+
+def test_evaluate__a_policy_that_needs_no_masks_gets_none():
+    class Stopping:
+        needs_masks = False
+
+        def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+            assert legal.shape == (len(observations.statements), 0)
+            return np.zeros(len(legal), np.int64)
+
+    assert evaluate(Stopping(), TOWER, "dev") == evaluate(always(STOP), TOWER, "dev")
+
+
 def test_random_legal__draws_every_legal_action_equally_often_and_no_other():
     legal = np.tile([True, False, True, True, False], (6000, 1))
-    observations = Observations(np.zeros((6000, 1, 1, 3), np.uint8), ("",) * 6000, np.zeros(6000, np.int64))
+    observations = nothing(6000)
     drawn = np.bincount(random_legal(observations, legal, np.random.default_rng(0)), minlength=5)
     assert drawn[[1, 4]].sum() == 0
     assert drawn[[0, 2, 3]] == pytest.approx([2000] * 3, abs=200)
 
 
 def test_random_unmasked__draws_illegal_actions_too():
-    observations = Observations(np.zeros((600, 1, 1, 3), np.uint8), ("",) * 600, np.zeros(600, np.int64))
+    observations = nothing(600)
     drawn = random_unmasked(observations, np.zeros((600, 3), bool), np.random.default_rng(0))
     assert set(drawn.tolist()) == {0, 1, 2}

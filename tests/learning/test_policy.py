@@ -84,7 +84,10 @@ def agent(*, greedy: bool) -> Agent:
 
 def observations(count: int) -> Observations:
     image = draw(scene(), "half")
-    return Observations(np.stack([image] * count), ("A blue block, unheard of, is here",) * count, np.ones(count, int))
+    statements = ("A blue block, unheard of, is here",) * count
+    return Observations(
+        np.stack([image] * count), statements, np.ones(count, int), np.zeros(count, int), np.arange(count)
+    )
 
 
 def test_agent__greedy_takes_the_likeliest_legal_action():

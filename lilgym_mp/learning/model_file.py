@@ -1,0 +1,115 @@
+"""A trained model as one file: its tensors and a description, in the safetensors format.
+
+The description is JSON in the file's metadata: what kind of model it is, what it can play, how it was supervised,
+and whatever its kind needs to build the network again. Reading a file executes nothing that is in it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from lilgym_mp.evaluation.files import write_whole
+
+FORMAT = "lilgym_mp-model"
+VERSION = 1
+METADATA_KEY = "lilgym_mp"
+LARGEST_FILE = 8 << 30  # bytes
+PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # of what torch.save and pickle write
+
+
+class ModelFileError(ValueError):
+    """A file that is no model of this package, or not the one that is needed."""
+
+
+@dataclass(frozen=True)
+class ModelDescription:
+    """What a model file holds beside tensors."""
+
+    kind: str  # the learner that wrote it, by its name on the command line
+    version: int  # of the kind's own format
+    configurations: tuple[str, ...]  # what it can play
+    supervision: str  # what it learnt from, for tables of results
+    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # every setting of its training
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what its kind needs, such as a vocabulary
+
+    def to_json(self) -> dict[str, Any]:
+        return {"format": FORMAT, "format_version": VERSION, **asdict(self)}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> ModelDescription:
+        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+        fields = dict(data)
+        found = fields.pop("format"), fields.pop("format_version")
+        if found != (FORMAT, VERSION):
+            raise ValueError(f"format {found[0]!r}, version {found[1]!r}; must be {FORMAT!r}, version {VERSION}")
+        fields["configurations"] = tuple(fields["configurations"])
+        return cls(**fields)
+
+
+def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
+    """Writes the file whole: an interrupt leaves the old one, or none. Equal contents give equal bytes."""
+    contents = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    metadata = {METADATA_KEY: json.dumps(description.to_json(), sort_keys=True)}
+    write_whole(path, lambda unfinished: save_file(contents, unfinished, metadata))
+
+
+def read_description(path: Path) -> ModelDescription:
+    """What the file says of itself. Raises ModelFileError naming the file and what is wrong with it."""
+    return load_model(path, with_tensors=False)[0]
+
+
+def load_model(
+    path: Path, device: str | torch.device = "cpu", *, with_tensors: bool = True
+) -> tuple[ModelDescription, dict[str, Tensor]]:
+    """The description, and the tensors on the device. Raises ModelFileError as `read_description` does."""
+    _check_file(path)
+    try:
+        with safe_open(path, "pt", device=str(device)) as file:
+            metadata = file.metadata() or {}
+            names = file.keys() if with_tensors else ()
+            tensors = {name: file.get_tensor(name) for name in names}
+    except (SafetensorError, OSError) as fault:
+        raise ModelFileError(f"{path}: cut short, damaged, or no model file: {fault}") from None
+    if METADATA_KEY not in metadata:
+        raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym_mp wrote")
+    try:
+        return ModelDescription.from_json(json.loads(metadata[METADATA_KEY])), tensors
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as fault:
+        raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
+
+
+def _check_file(path: Path) -> None:
+    try:
+        if not path.is_file():
+            raise ModelFileError(f"{path}: {'not a regular file' if path.exists() else 'there is no such file'}")
+        if path.stat().st_size > LARGEST_FILE:
+            raise ModelFileError(f"{path}: larger than {LARGEST_FILE >> 30} GiB")
+        with path.open("rb") as file:
+            start = file.read(4)
+    except OSError as fault:
+        raise ModelFileError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    if start.startswith(PICKLE_STARTS):
+        raise ModelFileError(
+            f"{path}: holds pickled Python objects, which are not loaded; models are safetensors files"
+        )
+
+
+def restore(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+    """Gives the network the file's tensors. Raises ModelFileError for other names or shapes, or values not finite."""
+    broken = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    if broken:
+        raise ModelFileError(f"{path}: {broken[0]} holds values that are not finite")
+    try:
+        network.load_state_dict(dict(tensors))
+    except RuntimeError as fault:
+        reason = str(fault).strip().splitlines()[-1].strip()
+        raise ModelFileError(f"{path}: not of the network that it describes: {reason}") from None

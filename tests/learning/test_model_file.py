@@ -1,0 +1,129 @@
+"""Model files: what is written is read, and nothing else is."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.devices import DeviceError, chosen_device
+from lilgym_mp.learning.model_file import (
+    METADATA_KEY,
+    ModelDescription,
+    ModelFileError,
+    load_model,
+    read_description,
+    restore,
+    save_model,
+)
+
+DESCRIPTION = ModelDescription(
+    "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}
+)
+TENSORS = {"weight": torch.arange(6.0).reshape(2, 3), "bias": torch.zeros(2)}
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / AGENT_FILE
+    save_model(path, DESCRIPTION, TENSORS)
+    return path
+
+
+def test_load__gives_what_was_saved(model: Path):
+    description, tensors = load_model(model)
+    assert description == DESCRIPTION == read_description(model)
+    assert tensors.keys() == TENSORS.keys()
+    assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
+
+
+def test_save__equal_contents_give_equal_bytes_and_no_other_file(model: Path):
+    first = model.read_bytes()
+    save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
+    assert model.read_bytes() == first
+    assert list(model.parent.iterdir()) == [model]
+
+
+@pytest.mark.parametrize("kept", [0, 1, 7, 8, 100, -1])
+def test_load__a_file_cut_short_is_refused(model: Path, kept: int):
+    model.write_bytes(model.read_bytes()[:kept])
+    with pytest.raises(ModelFileError, match="cut short, damaged, or no model file"):
+        load_model(model)
+
+
+def test_load__pickles_are_not_opened(tmp_path: Path):
+    class Trap:
+        def __reduce__(self) -> tuple[object, ...]:
+            return (Path.touch, (tmp_path / "opened",))
+
+    for name, data in (("plain.pt", pickle.dumps(Trap())), ("torch.pt", None)):
+        path = tmp_path / name
+        if data is None:
+            torch.save({"trap": Trap()}, path)
+        else:
+            path.write_bytes(data)
+        with pytest.raises(ModelFileError, match="holds pickled Python objects"):
+            load_model(path)
+    assert not (tmp_path / "opened").exists()
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({}, "not one that lilgym_mp wrote"),
+        ({METADATA_KEY: "{"}, "description cannot be used"),
+        ({METADATA_KEY: "[]"}, "description cannot be used"),
+        ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 99}'}, "version 99; must be .* version 1"),
+        ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 1}'}, "description cannot be used"),
+    ],
+)
+def test_load__a_description_of_another_format_is_refused(tmp_path: Path, metadata: dict[str, str], said: str):
+    path = tmp_path / "other.safetensors"
+    save_file(TENSORS, path, metadata)
+    with pytest.raises(ModelFileError, match=said):
+        load_model(path)
+
+
+def test_load__what_is_no_regular_file_is_refused(tmp_path: Path):
+    with pytest.raises(ModelFileError, match="there is no such file"):
+        load_model(tmp_path / "nothing")
+    with pytest.raises(ModelFileError, match="not a regular file"):
+        load_model(Path("/dev/zero"))
+
+
+def test_restore__other_shapes_and_nan_are_refused(model: Path):
+    with pytest.raises(ModelFileError, match=r"not of the network that it describes: .*size mismatch"):
+        restore(nn.Linear(4, 2), TENSORS, model)
+    with pytest.raises(ModelFileError, match="bias holds values that are not finite"):
+        restore(nn.Linear(3, 2), {**TENSORS, "bias": torch.tensor([0.0, float("nan")])}, model)
+    layer = nn.Linear(3, 2)
+    restore(layer, TENSORS, model)
+    assert torch.equal(layer.weight, TENSORS["weight"])
+
+
+def test_open_agent__an_unknown_kind_is_refused_with_the_choices(model: Path):
+    save_model(model, dataclasses.replace(DESCRIPTION, kind="guessing"), TENSORS)
+    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: imitation, parse-and-plan"):
+        open_agent(model.parent)
+
+
+def test_open_agent__a_directory_without_agent_is_refused(tmp_path: Path):
+    with pytest.raises(AgentError, match=f"it has no {AGENT_FILE}"):
+        open_agent(tmp_path)
+    with pytest.raises(AgentError, match="no such file or directory"):
+        open_agent(tmp_path / "nowhere")
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
+def test_device__cuda_is_refused_where_there_is_none():
+    assert chosen_device("auto") == chosen_device("cpu") == torch.device("cpu")
+    with pytest.raises(DeviceError, match="finds no CUDA device here; choose cpu or auto"):
+        chosen_device("cuda")
+    with pytest.raises(ValueError, match="unknown device 'tpu'; choose from auto, cpu, cuda"):
+        chosen_device("tpu")
