@@ -1,0 +1,47 @@
+"""An endless stream of statements with their programs, for training parsers: many wordings, no scenes."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus.generator.frames import Frames
+from lilgym_mp.corpus.generator.paraphrases import paraphrased
+from lilgym_mp.corpus.generator.scatter_frames import ScatterFrames, scatter_voice
+from lilgym_mp.corpus.generator.speech import Voice
+from lilgym_mp.corpus.generator.tower_frames import TowerFrames, tower_voice
+
+
+class Pair(NamedTuple):
+    """A statement and the program that says what it means."""
+
+    statement: str
+    program: str
+
+
+KINDS: dict[str, tuple[type[Frames], Callable[[random.Random], Voice]]] = {
+    "tower": (TowerFrames, tower_voice),
+    "scatter": (ScatterFrames, scatter_voice),
+}
+
+
+def training_pairs(appearance: str, seed: int, *, noise: bool = True) -> Iterator[Pair]:
+    """Endless pairs, the same for the same arguments.
+
+    `noise` types statements as people do (`paraphrased`); without it they are in lower case, without a full stop.
+    Raises ValueError for an unknown appearance.
+    """
+    frames, voice = choose("appearance", appearance, KINDS)
+    return _pairs(frames, voice, random.Random(f"pairs {appearance} {seed}"), noise)
+
+
+def _pairs(
+    frames: type[Frames], voice: Callable[[random.Random], Voice], rng: random.Random, noise: bool
+) -> Iterator[Pair]:
+    speaker = frames(rng, voice(rng))
+    while True:
+        speaker.voice = voice(rng)
+        text, program = speaker.said()
+        yield Pair(paraphrased(text, rng) if noise else text, program)

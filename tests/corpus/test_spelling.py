@@ -1,0 +1,58 @@
+"""Words out of statements as people type them: lilgym_mp.corpus.spelling."""
+
+from __future__ import annotations
+
+import pytest
+
+from lilgym_mp.corpus.spelling import normalised_words
+
+WORDS = (
+    "there is are a an the box boxes tower with at least one exactly yellow black blue block triangle triangles "
+    "square squares circle not touching does do it of different colors color medium sized wall in three"
+)
+KNOWN = frozenset(WORDS.split())
+
+
+@pytest.mark.parametrize(
+    ("statement", "words"),
+    [
+        ("There is a box.", "there is a box"),
+        ("Three boxes, two Squares!", "3 boxes 2 squares"),
+        ("a medium-sized circle", "a medium sized circle"),
+        ("it isn't touching the wall", "it is not touching the wall"),
+        ("there's a box that doesn\u2019t touch", "there is a box that does not touch"),
+        ("the box's wall", "the box wall"),
+        ("atleast one", "at least 1"),
+        ("thereis abox", "there is a box"),
+        ("a yelow traingle", "a yellow triangle"),
+        ("trianlges of diferrent colours", "triangles of different colors"),
+        ("exactely 03 squars", "exactly 3 squares"),
+        ("zebra", "zebra"),
+        ("", ""),
+    ],
+)
+def test_normalised_words__plain_words(statement: str, words: str) -> None:
+    assert normalised_words(statement, KNOWN) == words.split()
+
+
+def test_normalised_words__unknown_words_may_be_marked() -> None:
+    assert normalised_words("a purple box", KNOWN, unknown="?") == ["a", "?", "box"]
+
+
+def test_normalised_words__a_word_near_to_two_stays() -> None:
+    assert normalised_words("bat", ["cat", "bar"]) == ["bat"]
+    assert normalised_words("bqr", ["bar", "cqr"]) == ["bar"], "the one with the same first and last letter"
+
+
+def test_normalised_words__known_words_are_never_changed() -> None:
+    assert normalised_words("tower towel", ["tower", "towel"]) == ["tower", "towel"]
+
+
+def test_normalised_words__short_words_bear_one_slip_and_long_ones_two() -> None:
+    assert normalised_words("blcok blxxk", KNOWN) == ["block", "blxxk"]
+    assert normalised_words("trxangxe", KNOWN) == ["triangle"]
+
+
+def test_normalised_words__absurd_lengths_are_passed_through() -> None:
+    assert normalised_words("x" * 10_000, KNOWN) == ["x" * 10_000]
+    assert len(normalised_words("qzfw yelow " * 5_000, KNOWN)) == 10_000
