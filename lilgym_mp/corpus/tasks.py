@@ -76,7 +76,7 @@ class TaskSet(Sequence[Task]):
 
     def number(self, task_id: str) -> int:
         """The place of the task called `task_id`. Raises ValueError as `by_id` does."""
-        number = self._numbers.get(task_id)
+        number = self._numbers.get(task_id) if isinstance(cast("object", task_id), str) else None
         if number is None:
             close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")

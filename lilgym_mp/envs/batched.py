@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import gymnasium as gym
 import numpy as np
@@ -15,8 +15,17 @@ from gymnasium.vector.utils import batch_space
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, BoolArray, Float64Array, Int64Array
+from lilgym_mp.envs.block import (
+    INVALID_REASONS,
+    NO_REASON,
+    Block,
+    BoolArray,
+    Float64Array,
+    Int64Array,
+    refuse_copying,
+)
 from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
 from lilgym_mp.observation import Int16Array, Observation, observation_space
 from lilgym_mp.render import UInt8Array, frame, text
@@ -45,7 +54,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self.num_envs = settings.num_envs
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
-        self.copy = copy
+        self.copy = checked_flag("copy", copy)
         self.dynamics = settings.dynamics()
         self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
         self.single_observation_space = observation_space(settings.image_size, settings.tasks())
@@ -57,6 +66,13 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._verdicts = VerdictTable.of(self.dynamics)
         self._evaluated = 0
         self._play(settings.tasks())
+
+    def __reduce__(self) -> NoReturn:
+        refuse_copying(self)
+
+    def _check_open(self) -> None:
+        """Raises ClosedEnvironmentError when it is closed."""
+        check_open(closed=self.closed)
 
     @abstractmethod
     def _reset(self, order: Reset) -> None: ...
@@ -81,6 +97,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         `change` must be importable by name, since workers apply it too. Statements and numbers of items must be such
         as there were, since the spaces stay.
         """
+        self._check_open()
         self._play(change(self.tasks))
         self._change_tasks(change)
 
@@ -90,6 +107,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._statements = np.array([task.statement for task in tasks], object)
         self._task_ids = np.array(tasks.ids, object)
         self._seeds: list[int | None] = [None] * self.num_envs
+        self._is_started = False  # whether a reset has begun an episode in every environment
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -98,20 +116,21 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
         `seed`: s gives environment i the seed s + i, a sequence gives each its own, None lets generators go on.
         `options["task"]`: a task's id for all, or one for each environment (None: drawn).
-        Raises ValueError naming what is wrong with an option, a seed or a task id.
+        Raises ValueError naming what is wrong with an option, a seed or a task id; all stays as it was then.
         """
-        options = options or {}
-        unknown = sorted(options.keys() - set(RESET_OPTIONS))
-        if unknown:
-            raise ValueError(f"unknown reset options {unknown}; choose from {', '.join(RESET_OPTIONS)}")
+        self._check_open()
+        options = checked_options(options, RESET_OPTIONS)
         which = self._chosen(options.get("reset_mask"))
         tasks = self._task_numbers(options.get("task"))
         everywhere = len(which) == self.num_envs
-        if not everywhere and None in self._seeds:
+        if not everywhere and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, which)
         self._evaluated = 0 if everywhere else self._evaluated
         self._reset(Reset(which, [seeds[n] for n in which], [tasks[n] for n in which], everywhere))
+        for number in which.tolist():
+            self._seeds[number] = self._seeds[number] if seeds[number] is None else seeds[number]
+        self._is_started = True
         return self._observe(), self._infos()
 
     def _chosen(self, mask: object) -> Int64Array:
@@ -126,23 +145,26 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     def _task_numbers(self, task: str | Sequence[str | None] | None) -> Sequence[int | None]:
         if task is None or isinstance(task, str):
             task = [task] * self.num_envs
-        if len(task) != self.num_envs:
-            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(task)}")
+        if not is_list(task) or len(task) != self.num_envs:
+            given = len(task) if is_list(task) else repr(task)
+            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {given}")
         return [None if name is None else self.tasks.number(name) for name in task]
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, which: Int64Array) -> list[int | None]:
-        """For each environment the seed of a generator to be made anew, or None; remembers those of `which`."""
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds = [None if seed is None else int(seed) + number for number in range(self.num_envs)]
+        """For each environment the seed of a generator to be made anew, or None."""
+        if is_list(seed):
+            seed = cast("Sequence[int | None]", seed)
+            if len(seed) != self.num_envs:
+                raise ValueError(
+                    f"seed must be one number or {self.num_envs}, one for each environment, not {len(seed)}"
+                )
+            seeds = [checked_seed(one) for one in seed]
         else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs}, one for each environment, not {len(seeds)}")
+            first = checked_seed(seed)
+            seeds = [None if first is None else first + number for number in range(self.num_envs)]
         for number in which.tolist():
             if seeds[number] is None and self._seeds[number] is None:
                 seeds[number] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-            if seeds[number] is not None:
-                self._seeds[number] = seeds[number]
         return seeds
 
     @property
@@ -156,7 +178,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         Raises ActionError for a wrong shape, type or number, ResetNeeded before the first reset and, without
         autoreset, when an environment has ended.
         """
-        self._check_started()
+        self._check_started()  # and open: nothing is written before
         self._block.action[:] = self._checked(actions)
         self._step()
         verdict = self._block.verdict
@@ -170,7 +192,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         )
 
     def _check_started(self) -> None:
-        if self._seeds[0] is None:
+        self._check_open()
+        if not self._is_started:
             raise gym.error.ResetNeeded("nothing has started before the first reset; call reset first")
 
     def _checked(self, actions: Any) -> Int64Array:
@@ -315,8 +338,10 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def encode_actions(self, actions: Any) -> Int64Array:
         """(N,) numbers of N actions in the released array form, (N, slots). Raises ActionError."""
+        if not is_list(actions):
+            raise ActionError(f"actions must be arrays in the released form, one for each environment, not {actions!r}")
         appearance = self.dynamics.appearance
-        return np.array([appearance.encode(appearance.from_array(action)) for action in actions])
+        return np.array([appearance.encode(appearance.from_array(action)) for action in actions], np.int64)
 
     def render(self) -> tuple[UInt8Array | str, ...] | None:
         """A frame (288, 760, 3) or a text for each environment, by render mode."""

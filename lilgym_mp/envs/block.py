@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -84,6 +84,12 @@ class Block:
             arrays[name] = np.frombuffer(memory, dtype, math.prod(shape), offset).reshape(shape)
             offset += forms[name].size
         return cls(**arrays)
+
+
+def refuse_copying(batch: object) -> NoReturn:
+    """Raises TypeError for an object over a Block, as its `__reduce__`: a copy's views would be of other arrays."""
+    name = type(batch).__name__
+    raise TypeError(f"a {name} can be neither pickled nor copied, since its parts share arrays; make another one")
 
 
 def block_forms(

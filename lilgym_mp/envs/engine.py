@@ -20,6 +20,7 @@ from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appear
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, BoolArray, Float64Array, Int64Array, block_forms
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.observation import item_capacity
@@ -77,7 +78,7 @@ class Settings:
             image_size,
             int(num_envs),
             autoreset_mode,
-            evaluation,
+            checked_flag("evaluation", evaluation),
         )
         settings.forms()
         return settings

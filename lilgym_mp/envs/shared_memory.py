@@ -31,6 +31,19 @@ class SharedMemory:
     def __reduce__(self) -> tuple[Any, tuple[Any, int]]:
         return _attached, (DupFd(self._fd), self._size)
 
+    def has_room_for(self, descriptors: int) -> bool:
+        """Whether this process may open so many more files."""
+        spare: list[int] = []
+        try:
+            for _ in range(descriptors):
+                spare.append(os.dup(self._fd))
+        except OSError:
+            return False
+        finally:
+            for descriptor in spare:
+                os.close(descriptor)
+        return True
+
     def release(self) -> None:
         """Forgets the file; the memory goes when the last array over it does."""
         if self._fd >= 0:

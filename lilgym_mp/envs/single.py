@@ -16,6 +16,7 @@ from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import Window
 from lilgym_mp.observation import Observation, observation_space
@@ -26,7 +27,7 @@ from lilgym_mp.task import Task
 
 RENDER_FPS = 4
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
-RESET_OPTIONS = frozenset({"task"})
+RESET_OPTIONS = ("task",)
 
 
 class LilGymEnv(gym.Env[Observation, int]):
@@ -67,6 +68,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._last: tuple[int, Transition] | None = None  # the last action's number, and what came of it
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
+        self._closed = False
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # numbers of the tasks to come, the next one last
         self._draws_by: np.random.Generator | None = None  # whose draws they are
@@ -75,23 +77,21 @@ class LilGymEnv(gym.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts a task drawn uniformly, or `options={"task": id}`. Raises ValueError for an unknown id or option."""
-        super().reset(seed=seed)
-        task = self._chosen_task(options) if options else self._drawn_task()
+        """Starts a task drawn uniformly, or `options={"task": id}`.
+
+        Raises ValueError for an unknown id or option and for what is no seed, ClosedEnvironmentError after `close`.
+        """
+        check_open(closed=self._closed)
+        options = checked_options(options, RESET_OPTIONS)
+        chosen = self.tasks.by_id(options["task"]) if "task" in options else None
+        super().reset(seed=checked_seed(seed))
+        task = self._drawn_task() if chosen is None else chosen
         self._state = self.dynamics.start(task)
         self._last = None
         self._ended = False
         if self.render_mode == "human":
             self.render()
         return self._observe(self._state), {"task": task.id}
-
-    def _chosen_task(self, options: Mapping[str, Any]) -> Task:
-        unknown = options.keys() - RESET_OPTIONS
-        if unknown:
-            raise ValueError(f"unknown reset options {sorted(unknown)}; choose from {', '.join(RESET_OPTIONS)}")
-        if "task" in options:
-            return self.tasks.by_id(options["task"])
-        return self._drawn_task()
 
     def _drawn_task(self) -> Task:
         generator = self.np_random
@@ -100,9 +100,11 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for a number out of range, ResetNeeded before reset and after the end."""
+        """Raises ActionError for a number out of range, ResetNeeded before reset and after the end, and
+        ClosedEnvironmentError after `close`."""
         state = self._state
         if state is None or self._ended:
+            check_open(closed=self._closed)
             when = "before the first reset" if state is None else "after the end of the episode"
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
         if type(action) is not int or not 0 <= action < self._action_count:  # else there is nothing to check
@@ -197,6 +199,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         return caption(self.state, self.dynamics, LastAction(number, verdict, invalid))
 
     def close(self) -> None:
+        self._closed = self._ended = True
         if self._window is not None:
             self._window.close()
             self._window = None

@@ -2,7 +2,8 @@
 
 The calling process steps the first part of the environments itself, a worker process each other part. An order is
 a number in shared memory; who waits for it spins for a moment, then yields, then sleeps until a bell rings. Only
-resets, states and faults go through pipes.
+resets, states and faults go through pipes. A worker ends when its caller does, and when nobody holds the other ends
+of its pipes any more.
 """
 
 from __future__ import annotations
@@ -11,15 +12,18 @@ import math
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import traceback
 import weakref
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from numbers import Real
 from time import perf_counter
 from typing import Any, NoReturn
 
@@ -29,6 +33,7 @@ import numpy as np
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
 from lilgym_mp.envs.block import ALIGNMENT, ArrayForm, Block, block_size
+from lilgym_mp.envs.cores import FEWEST_SCATTER_ARRAYS
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.render import UInt8Array, image_shape
@@ -43,10 +48,13 @@ NO_PAGE = -1
 NAP_SECONDS = 0.2  # between looks at whether the others live
 START_SECONDS = 120.0  # for a worker to import what it needs and load its tasks
 GOODBYE_SECONDS = 1.0
+LONGEST_WAIT = 1e6  # seconds that the system can be asked to wait
+DESCRIPTORS = 12  # a worker takes while it is started; Python loses some when they run out half-way
 
 
 class WorkerError(RuntimeError):
-    """A worker died, hung or raised; names it, with exit code or traceback. The environment is closed then."""
+    """A worker cannot be started, died, hung or raised; names it, with exit code or traceback. The environment is
+    closed then."""
 
 
 class Order(IntEnum):
@@ -65,13 +73,9 @@ _WRITES = {"mask": Order.MASK, "goal": Order.GOAL, "items": Order.ITEMS}
 _WRITTEN = {order: what for what, order in _WRITES.items()}
 
 _WORDS = ALIGNMENT // 8  # 64-bit words of a cache line
-_lock = threading.RLock()
-
-
-def _fence() -> None:
-    """Orders what this process wrote before what it reads next, on any processor."""
-    with _lock:
-        pass
+# Held while workers are started, and by whoever forks: no process then begins amid another thread's imports here.
+_starting = threading.RLock()
+os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
 
 
 class Post:
@@ -81,13 +85,19 @@ class Post:
 
     def __init__(self, words: memoryview, number: int) -> None:
         self._words = words
+        self._lock = threading.RLock()
         self._asked = (number * self.LINES) * _WORDS
         self._answered = self._asked + _WORDS
+
+    def _fence(self) -> None:
+        """Orders what this process wrote before what it reads next, on any processor."""
+        with self._lock:
+            pass
 
     def ask(self, count: int, order: Order, page: int = NO_PAGE) -> None:
         self._words[self._asked + 1] = order
         self._words[self._asked + 3] = page
-        _fence()
+        self._fence()
         self._words[self._asked] = count
 
     @property
@@ -105,7 +115,7 @@ class Post:
         return self._words[self._asked + 3]
 
     def answer(self, count: int) -> None:
-        _fence()
+        self._fence()
         self._words[self._answered] = count
 
     @property
@@ -115,10 +125,10 @@ class Post:
 
     def set_asleep(self, *, worker: bool, asleep: bool) -> None:
         self._words[(self._asked if worker else self._answered) + 2] = asleep
-        _fence()
+        self._fence()
 
     def is_asleep(self, *, worker: bool) -> bool:
-        _fence()
+        self._fence()
         return bool(self._words[(self._asked if worker else self._answered) + 2])
 
 
@@ -170,20 +180,29 @@ def _laid_out(
 
 
 def _work(
-    assignment: Assignment, workers: int, messages: Connection, bell: Connection, caller_bell: Connection
+    assignment: Assignment,
+    workers: int,
+    messages: Connection,
+    bell: Connection,
+    caller_bell: Connection,
+    inherited: Sequence[Connection],
 ) -> None:
-    """A worker's life: carries out orders until it is told to close or the caller is gone."""
+    """A worker's life: carries out orders until it is told to close or the caller is gone.
+
+    `inherited`: ends of the caller's that came along with the fork.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
-    caller = multiprocessing.parent_process()
-    assert caller is not None
+    for connection in inherited:
+        connection.close()
     try:
+        ends = _ends_of_caller()
         words, block, pages = _laid_out(assignment.shared, assignment.settings, workers, assignment.pages)
         part = slice(assignment.first, assignment.stop)
         engine = Engine(assignment.settings, block.part(part.start, part.stop), part.start)
         messages.send(None)
         post = Post(words, assignment.number)
         count = 0
-        while _heard(post, count, bell, caller.sentinel, assignment.spin_seconds):
+        while _heard(post, count, bell, ends, assignment.spin_seconds):
             count += 1
             order = post.order
             if order is Order.CLOSE:
@@ -194,7 +213,7 @@ def _work(
             post.answer(count)
             if post.is_asleep(worker=False):
                 caller_bell.send_bytes(b"!")
-    except (BrokenPipeError, EOFError):
+    except (BrokenPipeError, ConnectionResetError, EOFError):
         return  # the caller is gone
     except Exception:
         _report(traceback.format_exc(), messages, caller_bell)
@@ -206,19 +225,37 @@ def _report(fault: str, messages: Connection, caller_bell: Connection) -> None:
         caller_bell.send_bytes(b"!")
 
 
-def _heard(post: Post, count: int, bell: Connection, caller: int, spin_seconds: float) -> bool:
-    """Waits for the next order; False when the caller is gone."""
+def _ends_of_caller() -> list[int]:
+    """Descriptors that can be read once the caller has ended. Raises EOFError when it has.
+
+    The pipe that Python gives a process for this is not enough: whoever the caller forked holds its other end too.
+    """
+    caller = multiprocessing.parent_process()
+    assert caller is not None
+    ends = [caller.sentinel]
+    if hasattr(os, "pidfd_open") and caller.pid is not None:  # Linux
+        try:
+            ends.append(os.pidfd_open(caller.pid))
+        except ProcessLookupError:
+            raise EOFError from None
+        except OSError:  # forbidden, or no descriptor is left
+            pass
+    return ends
+
+
+def _heard(post: Post, count: int, bell: Connection, ends: Sequence[int], spin_seconds: float) -> bool:
+    """Waits for the next order; False when the caller is gone, one of whose `ends` can be read then."""
 
     def asked() -> bool:
         return post.asked > count
 
     while not _spun(asked, spin_seconds):
         post.set_asleep(worker=True, asleep=True)
-        rung = [] if asked() else wait([bell, caller])
+        rung = [] if asked() else wait([bell, *ends])
         post.set_asleep(worker=True, asleep=False)
         if bell in rung:
             bell.recv_bytes()
-        elif caller in rung:
+        elif rung:
             return False
     return True
 
@@ -237,7 +274,7 @@ def _carry_out(engine: Engine, order: Order, messages: Connection) -> None:
         engine.write(_WRITTEN[order])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Worker:
     """A worker as its caller sees it."""
 
@@ -249,6 +286,10 @@ class _Worker:
     messages: Connection
     bell: Connection  # wakes the worker
     caller_bell: Connection  # wakes the caller
+
+    @property
+    def connections(self) -> tuple[Connection, ...]:
+        return self.messages, self.bell, self.caller_bell
 
 
 class WorkerVectorEnv(LilGymVectorEnv):
@@ -274,40 +315,49 @@ class WorkerVectorEnv(LilGymVectorEnv):
         `num_workers`: processes that step environments, this one included (1: no other process); "auto": as many
         as there are cores, if each gets 64 environments or more. `start_method`: "fork", "forkserver" or "spawn",
         None for Python's default. `timeout_seconds`: a worker that takes longer over a call counts as hung.
-        Raises ValueError for unusable settings, SharedMemoryError without room, WorkerError when a worker fails.
+        Raises ValueError for unusable settings, SharedMemoryError without room, WorkerError when a worker fails or
+        cannot be started, as in a daemonic process. Belongs to the process that made it: a child that was forked from
+        it can only `close` its own hold on it.
         """
-        self._workers: list[_Worker] = []
-        self._shared: SharedMemory | None = None
         checked = Settings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
-        if not timeout_seconds > 0:
-            raise ValueError(f"timeout_seconds must be positive, not {timeout_seconds!r}")
-        self._timeout = timeout_seconds
+        self._timeout = _checked_timeout(timeout_seconds)
+        self._workers: list[_Worker] = []
+        self._owner = os.getpid()
         self._count = 0
         pages = PAGES if copy and count > 1 else 0
         size = _control_size(count) + block_size(checked.forms()) + _pages_form(checked, pages).size
         self._shared = SharedMemory(size)
+        self._dismissal = weakref.finalize(self, _dismiss, self._workers, self._shared, self._owner)
         words, block, self._pages = _laid_out(self._shared, checked, count, pages)
         self._page_start = size - _pages_form(checked, pages).size
         self._lent: list[weakref.ref[Any] | None] = [None] * pages  # to whom each page was given
         self._page = NO_PAGE
         super().__init__(checked, block, render_mode=render_mode, copy=copy)
-        bounds = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
+        bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
         self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
         self._own = slice(0, bounds[1])
+        assignments = [
+            Assignment(checked, self._shared, number, bounds[number], bounds[number + 1], pages, self._spin_seconds)
+            for number in range(1, count)
+        ]
         try:
-            for number in range(1, count):
-                assignment = Assignment(
-                    checked, self._shared, number, bounds[number], bounds[number + 1], pages, self._spin_seconds
-                )
-                self._workers.append(_hired(context, assignment, count, words))
-            self._engine = Engine(checked, block.part(*bounds[:2]))
-            for worker in self._workers:
-                self._hear(worker, START_SECONDS)
+            self._start(context, checked, assignments, words)
         except BaseException:
             self.close()
             raise
+
+    def _start(self, context: Any, settings: Settings, assignments: Sequence[Assignment], words: memoryview) -> None:
+        with _starting:
+            _check_room(len(assignments), self._shared)
+            if assignments and context.get_start_method() == "fork":
+                _rehearse(settings)
+            self._engine = Engine(settings, self._block.part(0, self._own.stop))
+            for assignment in assignments:
+                _hire(context, assignment, len(assignments) + 1, words, self._workers)
+        for worker in self._workers:
+            self._hear(worker, START_SECONDS)
 
     @property
     def num_workers(self) -> int:
@@ -352,7 +402,6 @@ class WorkerVectorEnv(LilGymVectorEnv):
         if self._page == NO_PAGE:
             return super()._images()
         # An array of its own over the page: whatever view of it the caller keeps, keeps it alive.
-        assert self._shared is not None
         shape = self._pages.shape[1:]
         start = self._page_start + self._page * math.prod(shape)
         root = np.frombuffer(self._shared.memory, np.uint8, math.prod(shape), start)
@@ -378,8 +427,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def _everywhere(self, order: Order, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
         """Has an order carried out in every process. Whatever goes wrong, no worker is left behind."""
-        if self.closed:
-            raise gym.error.ClosedEnvironmentError("this environment is closed; make a new one")
+        self._check_open()
         try:
             self._give(order, payloads)
             own_part()
@@ -432,9 +480,12 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def _hear(self, worker: _Worker, seconds: float) -> Any:
         """The worker's next message. Raises WorkerError when that is a fault or none comes."""
-        rung = wait([worker.messages, worker.process.sentinel], seconds)
+        rung = wait([worker.messages, worker.process.sentinel], min(seconds, LONGEST_WAIT))
         if worker.messages in rung:
-            message = worker.messages.recv()
+            try:
+                message = worker.messages.recv()
+            except (EOFError, OSError):  # it has died, be it in the middle of a message
+                raise WorkerError(_death(worker)) from None
             if isinstance(message, str):
                 raise WorkerError(f"worker {worker.number} raised:\n{message}")
             return message
@@ -447,31 +498,49 @@ class WorkerVectorEnv(LilGymVectorEnv):
         end = perf_counter() + GOODBYE_SECONDS
         while perf_counter() < end:
             for worker in self._workers:
-                with suppress(EOFError, ConnectionResetError):
+                with suppress(OSError):
                     while worker.messages.poll():
                         self._hear(worker, 0)
                 if not worker.process.is_alive():
                     raise WorkerError(_death(worker))
         raise WorkerError("a worker broke off, but none has died")
 
+    def _check_open(self) -> None:
+        super()._check_open()
+        if os.getpid() != self._owner:
+            raise gym.error.ClosedEnvironmentError(
+                f"this environment belongs to process {self._owner}, of which this one is a fork; make a new one"
+            )
+
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the workers and gives the memory back."""
-        workers, self._workers = self._workers, []
-        for worker in workers:
-            worker.post.ask(worker.post.asked + 1, Order.CLOSE)
-            with suppress(OSError):  # it has ended already
-                worker.bell.send_bytes(b"!")
-        end = perf_counter() + GOODBYE_SECONDS
-        for worker in workers:
-            worker.process.join(max(0.0, end - perf_counter()))
-            if worker.process.is_alive():
-                worker.process.kill()
-                worker.process.join()
-            for connection in (worker.messages, worker.bell, worker.caller_bell):
-                connection.close()
+        _dismiss(self._workers, self._shared, self._owner)
+        self._dismissal.detach()
+
+
+def _dismiss(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
+    """Ends the workers and empties their list; in a child forked from their owner, only lets go of them.
+
+    May be interrupted and begun again. A worker of which nothing is known but its connections ends with these.
+    """
+    started = [worker for worker in workers if os.getpid() == owner and worker.process.pid is not None]
+    for worker in started:
+        worker.post.ask(worker.post.asked + 1, Order.CLOSE)
+        with suppress(OSError):  # it has ended already
+            worker.bell.send_bytes(b"!")
+    end = perf_counter() + GOODBYE_SECONDS
+    for worker in started:
+        worker.process.join(max(0.0, end - perf_counter()))
+        if worker.process.is_alive():
+            worker.process.kill()
+            worker.process.join()
+    while workers:
+        for connection in workers[-1].connections:
+            connection.close()
+        worker = workers.pop()
+        if worker in started:
             worker.process.close()
-        if self._shared is not None:
-            self._shared.release()
+    shared.release()
 
 
 def _death(worker: _Worker) -> str:
@@ -481,21 +550,77 @@ def _death(worker: _Worker) -> str:
     return f"worker {worker.number} (environments {worker.first} to {worker.stop - 1}) died {how}"
 
 
-def _hired(context: Any, assignment: Assignment, workers: int, words: memoryview) -> _Worker:
+def _check_room(workers: int, shared: SharedMemory) -> None:
+    """Raises WorkerError where this process may not start so many workers."""
+    if workers and multiprocessing.current_process().daemon:
+        raise WorkerError("a daemonic process may not start workers; use num_workers=1, or gymnasium.make_vec")
+    if not shared.has_room_for(workers * DESCRIPTORS):
+        raise WorkerError(
+            f"{workers} workers take up to {workers * DESCRIPTORS} file descriptors, and this process may not open so"
+            " many more; close some, raise the limit (ulimit -n), or use fewer workers"
+        )
+
+
+def _rehearse(settings: Settings) -> None:
+    """Plays a few environments, so that what they import, load and compile is there for processes forked from this.
+
+    Such a process could wait for ever for a module that another thread was importing when it was forked.
+    """
+    few = min(settings.num_envs, FEWEST_SCATTER_ARRAYS)
+    settings = replace(settings, num_envs=few)
+    engine = Engine(settings, Block.new(settings.forms()))
+    engine.reset(Reset(np.arange(few), [0] * few, [None] * few, everywhere=True))
+    engine.step()
+    for what in _WRITES:
+        engine.write(what)
+    engine.states()
+
+
+def _hire(context: Any, assignment: Assignment, workers: int, words: memoryview, listed: list[_Worker]) -> None:
+    """Starts a worker, listed before it is: whenever this is interrupted, who closes the listed ends it."""
     ours, theirs = context.Pipe()
     bell_heard, bell = context.Pipe(duplex=False)
     caller_bell, caller_bell_rung = context.Pipe(duplex=False)
+    inherited: list[Connection] = []
     process = context.Process(
         target=_work,
-        args=(assignment, workers, theirs, bell_heard, caller_bell_rung),
+        args=(assignment, workers, theirs, bell_heard, caller_bell_rung, inherited),
         name=f"lilgym_mp worker {assignment.number}",
         daemon=True,
     )
-    process.start()
-    for connection in (theirs, bell_heard, caller_bell_rung):
-        connection.close()
     post = Post(words, assignment.number)
-    return _Worker(assignment.number, assignment.first, assignment.stop, process, post, ours, bell, caller_bell)
+    listed.append(_Worker(assignment.number, assignment.first, assignment.stop, process, post, ours, bell, caller_bell))
+    if context.get_start_method() == "fork":
+        inherited += [connection for worker in listed for connection in worker.connections]
+    try:
+        with _compiler_at_rest(), _deaf_to_interrupts(context):
+            process.start()
+    except OSError as fault:
+        raise WorkerError(f"worker {assignment.number} cannot be started: {fault}") from fault
+    finally:
+        inherited.clear()
+        for connection in (theirs, bell_heard, caller_bell_rung):
+            connection.close()
+
+
+def _compiler_at_rest() -> AbstractContextManager[object]:
+    """Holds numba's lock, if it is loaded: a process forked while another thread compiles could never compile."""
+    module = sys.modules.get("numba.core.compiler_lock")
+    return nullcontext() if module is None else module.global_compiler_lock
+
+
+@contextmanager
+def _deaf_to_interrupts(context: Any) -> Iterator[None]:
+    """Keeps Ctrl-C from a process that is started here, from its first moment on; the caller hears it afterwards."""
+    if context.get_start_method() != "fork":  # these are started first, or would be deaf for good, and lift the block
+        resource_tracker.ensure_running()
+    if context.get_start_method() == "forkserver":
+        forkserver.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _part(order: Reset, first: int, stop: int) -> Reset:
@@ -511,13 +636,22 @@ def usable_cores() -> int:
 
 def checked_worker_count(num_workers: int | str, num_envs: int) -> int:
     """`num_workers`, or what "auto" stands for. Raises ValueError."""
-    if num_workers == AUTO:
+    if isinstance(num_workers, str) and num_workers == AUTO:
+        if multiprocessing.current_process().daemon:  # which may have no children
+            return 1
         return max(1, min(usable_cores(), num_envs // ENVS_WORTH_A_PROCESS))
     if isinstance(num_workers, bool) or not isinstance(num_workers, int | np.integer) or num_workers < 1:
         raise ValueError(f"num_workers must be {AUTO!r} or a positive whole number, not {num_workers!r}")
     if num_workers > num_envs:
         raise ValueError(f"{num_workers} workers for {num_envs} environments; choose at most one for each")
     return int(num_workers)
+
+
+def _checked_timeout(seconds: float) -> float:
+    """Raises ValueError."""
+    if isinstance(seconds, bool) or not isinstance(seconds, Real) or not seconds > 0:
+        raise ValueError(f"timeout_seconds must be a positive number, not {seconds!r}")
+    return float(seconds)
 
 
 def _context(start_method: str | None) -> Any:

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import copy
+import pickle
 import sys
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
@@ -113,6 +116,50 @@ def test_seeds__a_list_gives_each_environment_its_own() -> None:
     assert env.np_random_seed == (8, 9, 10)
 
 
+def test_seeds__an_array_is_a_list_of_them() -> None:
+    env, other = batch(TOWER, 4), batch(TOWER, 4)
+    assert_same(env.reset(seed=np.arange(4)), other.reset(seed=[0, 1, 2, 3]))
+    assert_same(env.reset(seed=np.int64(3)), other.reset(seed=3))
+    assert env.np_random_seed == (3, 4, 5, 6)
+
+
+@pytest.mark.parametrize("seed", [-1, [1.5] * 4, ["a"] * 4, [0, 1, 2, -3], 1.5, True, "abcd", [[1], 2, 3, 4]])
+def test_seeds__a_bad_one_changes_nothing_and_starts_nothing(seed: object) -> None:
+    env, other = batch(TOWER, 4), batch(TOWER, 4)
+    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
+        env.reset(seed=seed)
+    assert env.np_random_seed == (None,) * 4
+    with pytest.raises(gym.error.ResetNeeded, match="call reset first"):
+        env.step(np.zeros(4, np.int64))
+    for played in (env, other):
+        played.reset(seed=7)
+        played.step(np.arange(4))
+    with pytest.raises(ValueError, match="a seed must be"):
+        env.reset(seed=seed)
+    assert_same(env.step(np.arange(4)), other.step(np.arange(4)))
+    assert_same(env.reset(), other.reset())
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_copies__are_refused_since_their_arrays_would_part(id: str, copied: Callable[[object], object]) -> None:
+    env = batch(id, 3)
+    env.reset(seed=0)
+    with pytest.raises(TypeError, match="a BatchedEnv can be neither pickled nor copied"):
+        copied(env)
+
+
+def test_close__ends_all_play() -> None:
+    env = batch(TOWER, 2)
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    calls = (env.reset, env.action_masks, env.goal_reached, env.states, env.scene_array)
+    for call in (*calls, lambda: env.step(np.zeros(2, int)), lambda: env.change_tasks(lambda tasks: tasks)):
+        with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
+            call()
+
+
 def test_seeds__generators_go_on_without_a_seed() -> None:
     env = batch(TOWER, 4)
     env.reset(seed=3)
@@ -170,6 +217,8 @@ def test_encode_actions__numbers_the_released_array_form_as_a_single_environment
     assert batch(id, 3).encode_actions(arrays).tolist() == [single.encode_action(array) for array in arrays]
     with pytest.raises(ActionError, match="an action array must be"):
         batch(id, 3).encode_actions([[1, 2]])
+    with pytest.raises(ActionError, match=r"actions must be arrays in the released form, .* not 5"):
+        batch(id, 3).encode_actions(5)
 
 
 def test_render__shows_each_environment_as_a_single_one_does() -> None:
@@ -246,6 +295,8 @@ def test_step__without_autoreset_names_who_has_ended() -> None:
         ({"split": "tran"}, "unknown split 'tran'; choose from dev, test, train"),
         ({"rules": "papers"}, "unknown rules 'papers'; choose from paper, release"),
         ({"image_size": "quarter"}, "unknown image_size 'quarter'; choose from half, native"),
+        ({"copy": "x"}, "copy must be True or False, not 'x'"),
+        ({"evaluation": "x"}, "evaluation must be True or False, not 'x'"),
         ({"render_mode": "human"}, "unknown render_mode 'human'; choose from ansi, rgb_array"),
     ],
 )
@@ -261,6 +312,10 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
         ({"options": {"tasks": "x"}}, "unknown reset options \\['tasks'\\]; choose from reset_mask, task"),
         ({"options": {"task": "no-such"}}, "no task 'no-such'"),
         ({"options": {"task": ["a"]}}, "task must be one id or 3"),
+        ({"options": {"task": []}}, "task must be one id or 3, one for each environment, not 0"),
+        ({"options": {"task": 5}}, "task must be one id or 3, one for each environment, not 5"),
+        ({"options": {"task": [[], 1, None]}}, "no task \\[\\] in"),
+        ({"options": [1]}, "reset options must be a mapping such as {'task': id}, not \\[1\\]"),
         ({"options": {"reset_mask": np.zeros(3, bool)}}, "reset_mask chooses no environment"),
         ({"options": {"reset_mask": [True, False, True]}}, "reset_mask must be a bool array of shape \\(3,\\)"),
         ({"options": {"reset_mask": np.ones(2, bool)}}, "reset_mask must be a bool array of shape \\(3,\\)"),

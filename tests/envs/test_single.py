@@ -300,6 +300,9 @@ def test_reset__scratch_starts_empty_with_target_true_and_flipit_where_stop_fail
             "no task 'no-such-task' in corpus 'builtin', tower scratch, split 'train'; there are",
         ),
         ({"task": 7}, "no task 7 in corpus"),
+        ({"task": []}, r"no task \[\] in corpus"),
+        ([1], r"reset options must be a mapping such as {'task': id}, not \[1\]"),
+        ("task", "reset options must be a mapping"),
         ({"tasks": "a", "seed": 1}, r"unknown reset options \['seed', 'tasks'\]; choose from task"),
     ],
 )
@@ -312,6 +315,17 @@ def test_reset__unknown_tasks_and_options_are_refused_and_the_episode_goes_on(op
         env.reset(options=options)
     assert env.state == before
     assert env.step(1)[1] == -0.1
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", True, [0]])
+def test_reset__a_bad_seed_is_refused_and_the_episode_goes_on(seed: Any):
+    env = make(TOWER)
+    env.reset(seed=0)
+    before = env.state
+    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
+        env.reset(seed=seed)
+    assert env.state == before
+    assert env.reset(seed=np.int64(3))[1] == env.reset(seed=3)[1]
 
 
 def test_reset__an_episode_may_be_left_before_its_end(own_corpus: Path):
@@ -586,8 +600,16 @@ def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypat
         assert env.render() is None
         assert len(shown) == 3
     env.close()
-    env.reset()
     env.close()
+
+
+def test_close__ends_all_play():
+    env = make(TOWER)
+    env.reset(seed=0)
+    env.close()
+    for call in (env.reset, lambda: env.step(1)):
+        with pytest.raises(gym.error.ClosedEnvironmentError, match="this environment is closed; make a new one"):
+            call()
 
 
 def test_render__a_window_without_pygame_tells_what_to_install(monkeypatch: pytest.MonkeyPatch):

@@ -283,7 +283,11 @@ def test_workers__give_back_their_descriptors() -> None:
         ({"num_workers": 5}, "5 workers for 4 environments; choose at most one for each"),
         ({"num_envs": 0}, "num_envs must be a positive whole number, not 0"),
         ({"start_method": "thread"}, "unknown start_method 'thread'; choose from fork, forkserver, spawn"),
-        ({"timeout_seconds": 0}, "timeout_seconds must be positive, not 0"),
+        ({"timeout_seconds": 0}, "timeout_seconds must be a positive number, not 0"),
+        ({"timeout_seconds": None}, "not None"),
+        ({"timeout_seconds": float("nan")}, "not nan"),
+        ({"copy": "x"}, "copy must be True or False, not 'x'"),
+        ({"evaluation": "x"}, "evaluation must be True or False, not 'x'"),
         ({"split": "tran"}, "unknown split 'tran'"),
     ],
 )

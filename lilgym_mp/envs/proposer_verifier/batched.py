@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, overload
+from typing import Any, NoReturn, overload
 
 import numpy as np
 from gymnasium import spaces
@@ -12,7 +12,8 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
-from lilgym_mp.envs.block import Int64Array
+from lilgym_mp.envs.block import Int64Array, refuse_copying
+from lilgym_mp.envs.checks import checked_flag, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
@@ -60,21 +61,27 @@ class BatchedGames:
         self._parts = make_parts(world)
         for agent, parts, count in zip(AGENTS, self._parts, world.game.action_counts, strict=True):
             self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
-        self._copies = copy
+        self._copies = checked_flag("copy", copy)
         self._games = GameArrays(world, num_games)
         self._every = np.arange(num_games)
+        self._is_started = False
         self._generators: list[np.random.Generator] = []  # none before the first reset
         self._draws: list[list[int]] = [[] for _ in range(num_games)]  # of tasks to come, the next one last
+
+    def __reduce__(self) -> NoReturn:
+        refuse_copying(self)
 
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
         """Starts every game; game i is seeded with `seed` + i. `options` as those of the parallel form, for all."""
+        seed = checked_seed(seed)
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + number for number in range(self.num_games)]
             self._generators = [seeding.np_random(seed)[0] for seed in seeds]
             self._draws = [[] for _ in seeds]
         self._start(self._every, options or {})
+        self._is_started = True
         return self._observations(), {"turns": self._games.moves.T.copy()}
 
     def _start(self, which: Int64Array, options: Mapping[str, Any]) -> None:
@@ -102,7 +109,7 @@ class BatchedGames:
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
         """`actions`: (N,) whole numbers by agent. Errors as in the parallel form, and for arrays of another shape."""
-        if not self._generators:
+        if not self._is_started:
             raise ResetNeeded("there are no games before the first reset; call reset first")
         games = self._games
         games.play(*self._checked(actions))

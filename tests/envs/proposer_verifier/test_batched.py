@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -119,6 +122,23 @@ def test_reset__options_choose_task_and_intent_of_all_games():
         batch.reset(options={"task": "nothing"})
     with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
         batch.reset(options={"intent": "kind"})
+
+
+@pytest.mark.parametrize("arguments", [{"seed": -1}, {"seed": 1.5}, {"options": {"task": "nothing"}}])
+def test_reset__that_fails_starts_no_game(arguments: dict[str, Any]):
+    batch = BatchedGames(GAMES)
+    with pytest.raises(ValueError, match=r"a seed must be|no task"):
+        batch.reset(**arguments)
+    with pytest.raises(ResetNeeded):
+        batch.step({agent: np.zeros(GAMES, int) for agent in AGENTS})
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_copies__are_refused_since_their_arrays_would_part(copied: Callable[[object], object]):
+    batch = BatchedGames(GAMES)
+    batch.reset(seed=0)
+    with pytest.raises(TypeError, match="a BatchedGames can be neither pickled nor copied"):
+        copied(batch)
 
 
 def test_last_observations__stay_as_they_were():

@@ -1,0 +1,286 @@
+"""How workers end: with their environment, with their caller, and with whatever goes wrong while they are started."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from multiprocessing.connection import Connection
+from multiprocessing.popen_fork import Popen
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
+from tests.envs.test_workers import SCATTER, START_METHODS, TOWER, assert_gone, is_running
+
+pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
+
+THREADS = f"""
+import threading
+from lilgym_mp.envs.workers import WorkerVectorEnv
+
+made = []
+def make():
+    env = WorkerVectorEnv({SCATTER!r}, 18, 2, start_method="fork", timeout_seconds=20)
+    env.reset(seed=0)
+    made.append(env)
+
+threads = [threading.Thread(target=make) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+for env in made:
+    env.close()
+print(len(made))
+"""
+FORKS = f"""
+import os, signal, time
+from lilgym_mp.envs.workers import WorkerVectorEnv
+
+env = WorkerVectorEnv({TOWER!r}, 4, 3, start_method="fork")
+env.reset(seed=0)
+child = os.fork()  # which has every descriptor of its parent's
+if not child:
+    time.sleep(60)
+print(child, *env.worker_pids, flush=True)
+time.sleep(60)
+"""
+INTERRUPTED_START = """
+import os, signal, sys, threading, time
+import lilgym_mp.envs.workers as workers
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGINT))
+    signal.setitimer(signal.ITIMER_REAL, float(sys.argv[2]))
+    workers.WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 4, 3, start_method=sys.argv[1])
+    time.sleep(30)
+"""
+
+
+def make(id: str = TOWER, **settings: object) -> WorkerVectorEnv:
+    env = WorkerVectorEnv(id, 6, 3, **{"start_method": "fork", "timeout_seconds": 5.0, **settings})
+    env.reset(seed=0)
+    return env
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method: str) -> None:
+    make(start_method=start_method).close()  # what Python keeps open for processes is open from here on
+    before = descriptors()
+    env = make(start_method=start_method)
+    pids = env.worker_pids
+    del env
+    gc.collect()
+    assert_gone(pids)
+    assert descriptors() == before
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> None:
+    env = make(start_method=start_method)
+    pids = env.worker_pids
+    env._dismissal.detach()  # nothing tells them to end
+    del env
+    gc.collect()
+    assert_gone(pids)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_copies__are_refused_since_processes_are_shared(copied: object) -> None:
+    env = make()
+    with pytest.raises(TypeError, match="a WorkerVectorEnv can be neither pickled nor copied"):
+        copied(env)
+    env.step(np.zeros(6, np.int64))
+    env.close()
+
+
+def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = make()
+    pids = env.worker_pids
+    monkeypatch.setattr(env, "_give", lambda *_: None)  # the order is given, and nobody is there to take it
+    os.kill(pids[0], signal.SIGKILL)
+    assert_gone(pids[:1])
+    with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):
+        env.states()
+    assert_gone(pids)
+
+
+@pytest.mark.parametrize("seed", [-1, [1.5] * 6, ["a"] * 6, [0, 1, 2, 3, 4, -5], 1.5, "abcdef", [[1], 2, 3, 4, 5, 6]])
+def test_a_bad_seed__is_refused_and_closes_nothing(seed: object) -> None:
+    env = WorkerVectorEnv(TOWER, 6, 2, start_method="fork")
+    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
+        env.reset(seed=seed)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(6, np.int64))
+    env.reset(seed=0)
+    env.close()
+
+
+def test_threads__may_each_start_workers_at_the_same_time() -> None:
+    for _ in range(2):
+        command = [sys.executable, "-W", "ignore", "-c", THREADS]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert (done.stdout.strip(), done.returncode) == ("4", 0), done.stderr
+
+
+def test_a_fork_of_the_caller__keeps_no_worker_alive() -> None:
+    with subprocess.Popen([sys.executable, "-c", FORKS], stdout=subprocess.PIPE, text=True) as caller:
+        assert caller.stdout is not None
+        child, *pids = map(int, caller.stdout.readline().split())
+        try:
+            caller.kill()
+            assert_gone(tuple(pids))
+            assert is_running(child)
+        finally:
+            os.kill(child, signal.SIGKILL)
+
+
+def _in_fork(env: WorkerVectorEnv, work: str) -> str:
+    """What came of using `env` in a forked child: the name and words of the exception."""
+    hear, tell = os.pipe()
+    child = os.fork()
+    if not child:
+        said = "nothing"
+        try:
+            {
+                "step": lambda: env.step(np.ones(6, np.int64)),
+                "reset": env.reset,
+                "states": env.states,
+                "masks": env.action_masks,
+                "close": env.close,
+                "drop": env._dismissal,
+            }[work]()
+        except BaseException as fault:
+            said = f"{type(fault).__name__}: {fault}"
+        finally:
+            os.write(tell, said.encode())
+            os._exit(0)
+    os.close(tell)
+    os.waitpid(child, 0)
+    with open(hear, "rb") as file:
+        return file.read().decode()
+
+
+@pytest.mark.parametrize("work", ["step", "reset", "states", "masks", "close", "drop"])
+def test_a_fork_of_the_caller__cannot_harm_the_environment(work: str) -> None:
+    ours, theirs = make(SCATTER), make(SCATTER)
+    said = _in_fork(ours, work)
+    harmless = work in ("close", "drop")
+    assert said.startswith("nothing" if harmless else "ClosedEnvironmentError: this environment belongs to process")
+    assert all(map(is_running, ours.worker_pids))
+    for action in (28, 57, 0):
+        shown, expected = (env.step(np.full(6, action)) for env in (ours, theirs))
+        assert np.array_equal(shown[0]["image"], expected[0]["image"])
+        assert np.array_equal(shown[1], expected[1])
+    assert ours.states() == theirs.states()
+    ours.close()
+    theirs.close()
+
+
+@pytest.mark.parametrize("moment", ["before it is known", "after its start"])
+def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
+    pids: list[int] = []
+
+    def interrupted(self: Popen, process: object) -> None:
+        launch(self, process)
+        pids.append(self.pid)
+        if len(pids) == 2 and moment == "before it is known":
+            raise KeyboardInterrupt
+
+    def started(self: object) -> None:
+        start(self)
+        if len(pids) == 2:
+            raise KeyboardInterrupt
+
+    process = multiprocessing.get_context("fork").Process
+    launch, start = Popen._launch, process.start
+    monkeypatch.setattr(Popen, "_launch", interrupted)
+    monkeypatch.setattr(process, "start", started)
+    before = descriptors()
+    with pytest.raises(KeyboardInterrupt):
+        make()
+    gc.collect()
+    assert len(pids) == 2
+    assert_gone(tuple(pids))
+    if moment == "after its start":
+        assert descriptors() == before
+
+
+@pytest.mark.parametrize("start_method", ["fork", "spawn"])
+@pytest.mark.parametrize("seconds", [0.1, 0.4, 0.8])
+def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
+    start_method: str, seconds: float
+) -> None:
+    command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
+    assert done.stderr.count("Traceback") == 1, done.stderr
+    assert done.stderr.strip().splitlines()[-1] == "KeyboardInterrupt"
+
+
+def _make_in_daemon(num_workers: int | str, answers: Connection) -> None:
+    try:
+        env = WorkerVectorEnv(TOWER, 128, num_workers)
+        answers.send(str(env.num_workers))
+        env.close()
+    except BaseException as fault:
+        answers.send(f"{type(fault).__name__}: {fault}")
+
+
+@pytest.mark.parametrize(("num_workers", "answer"), [(2, "WorkerError: a daemonic process may not"), ("auto", "1")])
+def test_a_daemonic_process__is_told_that_it_may_start_none(num_workers: int | str, answer: str) -> None:
+    answers, theirs = multiprocessing.Pipe(duplex=False)
+    context = multiprocessing.get_context("fork")
+    daemon = context.Process(target=_make_in_daemon, args=(num_workers, theirs), daemon=True)
+    daemon.start()
+    assert answers.poll(60)
+    assert answers.recv().startswith(answer)
+    daemon.join()
+
+
+@pytest.mark.parametrize("start_method", ["fork", "spawn"])
+@pytest.mark.parametrize("spare", [2, 30])
+def test_too_few_descriptors__are_told_and_none_is_lost(start_method: str, spare: int) -> None:
+    program = f"""
+import os, resource
+from lilgym_mp.envs.shared_memory import SharedMemoryError
+from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
+
+if __name__ == "__main__":
+    WorkerVectorEnv({TOWER!r}, 4, 1).close()
+    before = os.listdir("/proc/self/fd")
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(before) - 1 + {spare}, hard))
+    try:
+        WorkerVectorEnv({TOWER!r}, 4, 4, start_method={start_method!r})
+    except (WorkerError, SharedMemoryError) as fault:
+        print(fault)
+    print(len(before) == len(os.listdir("/proc/self/fd")))
+"""
+    script = [sys.executable, "-c", program]
+    done = subprocess.run(script, capture_output=True, text=True, timeout=60)
+    assert "3 workers take up to 36 file descriptors, and this process may not open so many more" in done.stdout, done
+    assert done.stdout.strip().endswith("True")
+
+
+def test_close__is_over_in_a_moment_and_may_come_twice() -> None:
+    env = make()
+    begun = time.monotonic()
+    env.close()
+    env.close()
+    assert time.monotonic() - begun < 3
+    for call in (env.reset, env.states, env.action_masks, lambda: env.step(np.zeros(6, np.int64))):
+        with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
+            call()
