@@ -1,0 +1,256 @@
+"""Scenes read back from pictures: exact for whatever play and corpora show, refused where there is none."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp import perception
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.appearances.placement import clear_templates
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
+from lilgym_mp.render import draw, stamp
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import KIND_PIXELS, Colour, Item, Scene, Shape, Size
+from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
+
+IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
+
+
+def as_sets(shown: Scene) -> list[list[Item]]:
+    return [sorted(box.items) for box in shown.boxes]
+
+
+def check_read(scenes: list[Scene], appearance: str, image_size: str) -> None:
+    read = read_scenes([draw(shown, image_size) for shown in scenes], appearance)
+    assert [as_sets(shown) for shown in read] == [as_sets(shown) for shown in scenes]
+
+
+def played(appearance: str, rules: str, starts: list[Scene], count: int) -> list[Scene]:
+    """Scenes of random legal play, some twelve edits from each start."""
+    rng = np.random.default_rng(7)
+    by_name, placement = APPEARANCES[appearance], RULE_SETS[rules].placement
+    scenes: list[Scene] = []
+    while len(scenes) < count:
+        shown = starts[int(rng.integers(len(starts)))]
+        for _ in range(12):
+            legal = np.flatnonzero(by_name.legal_mask(shown, placement)[1:]) + 1
+            shown = by_name.apply(shown, by_name.decode(int(rng.choice(legal))), placement).scene
+            scenes.append(shown)
+    return scenes
+
+
+# Tower
+
+
+@IMAGE_SIZES
+@given(shown=SCENES["tower"])
+def test_tower__is_read_from_below(image_size: str, shown: Scene):
+    assert read_scene(draw(shown, image_size), "tower") == shown
+
+
+def test_tower__a_block_that_floats_is_refused():
+    with pytest.raises(PerceptionError, match="box 1: the levels of a tower, from below, cannot have the green"):
+        read_scene(draw(scene([], [square(40, 59)]), "half"), "tower")
+
+
+def test_tower__another_item_beside_the_tower_is_refused_by_its_pixel():
+    with pytest.raises(PerceptionError, match=r"pixel \(row 5, column 75\) is \[15, 131, 255\]"):
+        read_scene(draw(scene([], [square(10, 10, colour=B)]), "half"), "tower")
+
+
+# Scatter, legal scenes
+
+
+@IMAGE_SIZES
+@given(shown=SCENES["scatter"])
+def test_scatter__legal_scenes_are_read_and_draw_the_same(image_size: str, shown: Scene):
+    image = draw(shown, image_size)
+    assert np.array_equal(draw(read_scene(image, "scatter"), image_size), image)
+
+
+def test_scatter__items_come_by_x_then_y():
+    given_items = [square(50, 60, colour=B), circle(50, 10), triangle(0, 60, LARGE, K), square(50, 33, colour=Y)]
+    read = read_scene(draw(scene([], given_items), "half"), "scatter")
+    assert list(read.boxes[1].items) == sorted(given_items)
+
+
+def test_scatter__no_two_kinds_look_alike_at_half_size():
+    looks = {
+        (counts.shape, counts.tobytes())
+        for kind, odd_x, odd_y in product(range(9), (0, 1), (0, 1))
+        for counts in [stamp(kind, Colour.YELLOW, odd_x, odd_y, 2).counts]
+    }
+    assert len(looks) == 36
+
+
+def test_legal_items__never_share_a_drawn_pixel():
+    """What reading items one by one rests on: apart as shapes, they are apart as pixels."""
+    for other, new in product(range(9), repeat=2):
+        mine, theirs = (stamp(kind, Colour.YELLOW, 0, 0, 1).counts for kind in (new, other))
+        field = np.zeros((KIND_PIXELS[other] + 60,) * 2, np.uint8)
+        field[30 : 30 + KIND_PIXELS[other], 30 : 30 + KIND_PIXELS[other]] = theirs
+        windows = np.lib.stride_tricks.sliding_window_view(field, mine.shape)[:61, :61]
+        shared = np.einsum("yxij,ij->xy", windows.astype(np.int64), mine.astype(np.int64))
+        clear = clear_templates()[other, new][: shared.shape[0], : shared.shape[1]]
+        assert not shared[clear].any()
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize("shape", Shape)
+def test_scatter__every_single_item_is_read_as_itself(image_size: str, shape: Shape):
+    for size in Size:
+        corners = range(0, 101 - size.pixels, 7)
+        ends = [*corners, 100 - size.pixels]
+        for colour, x, y in product(Colour, ends, ends):
+            shown = scene([], [], [Item(x, y, shape, colour, size)])
+            assert read_scene(draw(shown, image_size), "scatter") == shown
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize(
+    "touching",
+    [
+        [square(10, 10), square(30, 10), square(50, 20)],
+        [square(11, 11, LARGE), square(41, 11, SMALL), square(41, 21, SMALL)],
+        [circle(11, 11), circle(31, 11), circle(21, 29)],
+        [triangle(10, 40), square(10, 60), triangle(30, 41)],
+    ],
+)
+def test_scatter__items_of_a_colour_that_touch_are_told_apart(image_size: str, touching: list[Item]):
+    check_read([scene(touching), scene([], [], touching)], "scatter", image_size)
+
+
+@IMAGE_SIZES
+def test_scatter__four_squares_that_fill_one_are_read_as_that_one(image_size: str):
+    filling = [square(x, y, SMALL) for x in (10, 20) for y in (10, 20)]
+    read = read_scene(draw(scene(filling), image_size), "scatter")
+    assert read == scene([square(10, 10, MEDIUM)])
+
+
+# Scatter, scenes of the released rules
+
+
+@IMAGE_SIZES
+def test_scatter__an_item_drawn_over_another_comes_after_it(image_size: str):
+    front, back = circle(10, 10, LARGE, B), square(35, 20, MEDIUM, K)
+    for drawn_items in ([back, front], [front, back]):
+        shown = scene([], drawn_items)
+        assert read_scene(draw(shown, image_size), "scatter") == shown
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize("item", [square(-3, 40, colour=B), circle(83, -4), triangle(75, 74, LARGE, K)])
+@pytest.mark.parametrize("box", range(3))
+def test_scatter__items_that_leave_their_box_are_read(image_size: str, item: Item, box: int):
+    boxes: list[list[Item]] = [[], [], []]
+    boxes[box] = [item, square(40, 40, MEDIUM, Y)]
+    check_read([Scene.of(*boxes)], "scatter", image_size)
+
+
+@settings(max_examples=15)
+@given(drawn_items=st.lists(items(overhang=19), max_size=2))
+def test_scatter__any_two_items_draw_what_is_read_of_them(drawn_items: list[Item]):
+    image = draw(scene([], drawn_items), "half")
+    assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
+
+
+# Play and corpora
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_builtin_starts__are_read(appearance: str, image_size: str):
+    starts = {task.start for task in load_tasks("builtin", appearance, "flipit", "dev")}
+    check_read(list(starts), appearance, image_size)
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_official_starts__are_read(appearance: str, official_data: Path):
+    starts = {task.start for task in load_tasks(str(official_data), appearance, "flipit", "dev")}
+    check_read(list(starts), appearance, "half")
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize("rules", RULE_SETS)
+def test_play__every_scene_is_read(appearance: str, rules: str):
+    starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")]
+    check_read(played(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
+
+
+# Batches and the cache
+
+
+def test_read_scenes__reads_an_array_of_images():
+    scenes = [scene([circle(10, 10)]), scene([], [square(30, 30, colour=B)]), Scene.empty()]
+    assert read_scenes(np.stack([draw(shown, "half") for shown in scenes]), "scatter") == scenes
+
+
+def test_read_scenes__names_the_image_at_fault():
+    images = np.stack([draw(Scene.empty(), "half")] * 3)
+    images[1, 3, 4] = 1
+    with pytest.raises(PerceptionError, match=r"image 1: pixel \(row 3, column 4\) is \[1, 1, 1\]"):
+        read_scenes(images, "scatter")
+
+
+def test_a_box_seen_before__is_the_same_box():
+    first, second = (
+        read_scene(draw(scene([circle(10, 10)], right), "half"), "scatter") for right in ([], [square(3, 4)])
+    )
+    assert first.boxes[0] is second.boxes[0]
+    assert perception._box.cache_info().maxsize == perception.KEPT_BOXES
+
+
+# What is no picture
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (np.zeros((50, 190), np.uint8), r"not uint8 \(50, 190\)"),
+        (np.zeros((50, 190, 3), np.float32), r"not float32 \(50, 190, 3\)"),
+        ([[0, 0, 0]], "not 'list'"),
+    ],
+)
+def test_wrong_array__is_refused_with_the_shapes(appearance: str, image: Any, said: str):
+    with pytest.raises(PerceptionError, match=rf"uint8 array of shape \(50, 190, 3\) or \(100, 380, 3\), {said}"):
+        read_scene(image, appearance)
+
+
+def test_unknown_appearance__names_the_choices():
+    with pytest.raises(ValueError, match=r"towers.*scatter, tower"):
+        read_scene(draw(Scene.empty()), "towers")
+
+
+@IMAGE_SIZES
+@given(place=st.tuples(st.integers(0, 49), st.integers(0, 189)), pixel=st.tuples(*[st.integers(0, 255)] * 3))
+def test_one_changed_pixel__is_refused_or_drawn(image_size: str, place: tuple[int, int], pixel: tuple[int, int, int]):
+    image = draw(scene([circle(10, 10)], [square(40, 40, LARGE, K)], [triangle(50, 50, LARGE, B)]), image_size)
+    image[place] = pixel
+    try:
+        read = read_scene(image, "scatter")
+    except PerceptionError:
+        return
+    assert np.array_equal(draw(read, image_size), image)
+
+
+def test_box_colour_on_a_separator__is_refused():
+    image = draw(Scene.empty(), "half")
+    image[10, 55] = 211
+    with pytest.raises(PerceptionError, match=r"row 10, column 55"):
+        read_scene(image, "scatter")
+
+
+def test_a_speck_of_colour__is_no_item():
+    image = draw(Scene.empty())
+    image[50, 50] = 0
+    with pytest.raises(PerceptionError, match="box 0: black"):
+        read_scene(image, "scatter")
