@@ -7,5 +7,6 @@ the good first actions; `Expert(env).act()` follows an environment. docs/solver.
 from lilgym_mp.solver.expert import Expert
 from lilgym_mp.solver.solution import ActionSet, Solution, Status
 from lilgym_mp.solver.solving import Solver
+from lilgym_mp.solver.weighted import WeightedGoal, WeightedPlan
 
-__all__ = ["ActionSet", "Expert", "Solution", "Solver", "Status"]
+__all__ = ["ActionSet", "Expert", "Solution", "Solver", "Status", "WeightedGoal", "WeightedPlan"]

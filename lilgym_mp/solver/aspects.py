@@ -6,20 +6,20 @@ boxes hold items with the same answers. Such programs are solved on those answer
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from typing import cast
 
-from lilgym_mp.programs.fast import fast_form
-from lilgym_mp.programs.lifting import UnsureError
-from lilgym_mp.programs.reference import evaluate, reference_form
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import BoolArray
 from lilgym_mp.programs.syntax import (
     Arithmetic,
     Call,
     Constant,
-    Lambda,
     Logic,
     Member,
     Node,
@@ -31,16 +31,26 @@ from lilgym_mp.programs.syntax import (
     WordName,
     children,
 )
-from lilgym_mp.programs.views import Side
-from lilgym_mp.programs.words import WORDS, Word
-from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.programs.views import BoxView, ItemView, Side
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import Box, Item
+from lilgym_mp.solver.item_samples import every_item, sample_number
 
 ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the language's word: the field of Item
-LOGIC_WORDS = ("AND", "OR", "NOT")
+LOGIC_WORDS: dict[str, Callable[..., BoolArray]] = {"AND": np.logical_and, "OR": np.logical_or, "NOT": np.logical_not}
 BLIND_GROUPS = ("sets", "comparison", "logic", "built-ins")  # of words that handle items without looking at them
 KEPT_QUESTIONS = 4_096
+KEPT_TREES = 4_096
 
-Question = Callable[[Item], object]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """A test of one item by itself. It is equal to itself alone; the same test is the same object."""
+
+    codes: NDArray[np.int64]  # (1323,) what it says of each sample of `item_samples`, as a number
+
+    def __call__(self, item: Item) -> int:
+        return int(self.codes[sample_number(item)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +68,7 @@ class Aspects:
         return self.towers or bool(self.relations)
 
 
+@lru_cache(maxsize=KEPT_TREES)
 def aspects(tree: Node) -> Aspects:
     """What the program with this tree looks at; in doubt, more than it does."""
     found = dict.fromkeys(_aspects(tree))
@@ -66,6 +77,16 @@ def aspects(tree: Node) -> Aspects:
         ordered=_Concern.ORDER in found,
         relations=tuple(aspect for aspect in found if isinstance(aspect, Word)),
         towers=_Concern.TOWERS in found,
+    )
+
+
+def joined(seen: Sequence[Aspects]) -> Aspects:
+    """What several programs together look at."""
+    return Aspects(
+        questions=tuple(dict.fromkeys(question for one in seen for question in one.questions)),
+        ordered=any(one.ordered for one in seen),
+        relations=tuple(dict.fromkeys(word for one in seen for word in one.relations)),
+        towers=any(one.towers for one in seen),
     )
 
 
@@ -182,35 +203,49 @@ def _renamed(node: Node) -> Node:
 @lru_cache(maxsize=KEPT_QUESTIONS)
 def _truth_of(predicate: Node) -> Question:
     """Whether the truth about x holds for an item; the same question for the same truth."""
-    every = SceneName("all_items")
-    chosen = Call(WORDS["filter_obj"], (every, Lambda("x", predicate)))
-    tree = Call(WORDS["exist"], (chosen,))
-    fast, reference = fast_form(tree), reference_form(tree)
-    nothing = Box()
+    return Question(_truths(predicate).astype(np.int64))
 
-    def ask(item: Item) -> bool:
-        scene = Scene((Box((item,)), nothing, nothing))
-        if fast is not None:
-            try:
-                return fast(scene)
-            except UnsureError:
-                pass
-        return evaluate(reference, scene)
 
-    return _remembered(ask)
+def _truths(predicate: Node) -> BoolArray:
+    """(1323,) what the truth about x says of each sample."""
+    match predicate:
+        case Not(operand=operand):
+            return ~_truths(operand)
+        case Logic(operator=operator, operands=operands):
+            combine = np.logical_and if operator == "and" else np.logical_or
+            return combine.reduce([_truths(operand) for operand in operands])
+        case Call(word=word, arguments=(_, *sides)) if _is_question(word):
+            return _word_truths(word, tuple(map(_side, sides)))
+        case Call(word=word, arguments=arguments):
+            operands = [_truths(argument) for argument in arguments if argument is not None]
+            return LOGIC_WORDS[word.name](*operands)
+        case _:
+            raise AssertionError(f"{predicate} is no truth about one item")
+
+
+def _side(node: Node | None) -> Side | None:
+    return cast("Side", node.value) if isinstance(node, Constant) else None
+
+
+@lru_cache(maxsize=KEPT_QUESTIONS)
+def _word_truths(word: Word, sides: tuple[Side | None, ...]) -> BoolArray:
+    """(1323,) what a word that tests one item says of each sample; None is a side that is not given."""
+    defaults = [parameter.default for parameter in word.parameters[1:]]
+    known = [default if side is None else side for side, default in zip(sides, defaults, strict=True)]
+    nowhere = BoxView(Box())
+    return np.array([word.function(ItemView(item, nowhere, 0), *known) for item in every_item()])
 
 
 @lru_cache
 def _attribute(name: str) -> Question:
-    field = Item._fields.index(ATTRIBUTES[name])
-    return lambda item: item[field]
+    return Question(_field_of_samples(name))
 
 
 @lru_cache
 def _has(name: str, value: Enum) -> Question:
+    return Question((_field_of_samples(name) == value.value).astype(np.int64))
+
+
+def _field_of_samples(name: str) -> NDArray[np.int64]:
     field = Item._fields.index(ATTRIBUTES[name])
-    return lambda item: item[field] == value.value
-
-
-def _remembered(ask: Question) -> Question:
-    return lru_cache(maxsize=20_000)(ask)
+    return np.array([item[field] for item in every_item()])

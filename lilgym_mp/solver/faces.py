@@ -6,7 +6,8 @@ Boxes with equal answers, a box's face, can stand for each other, and a handful 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
@@ -27,14 +28,25 @@ from lilgym_mp.programs.syntax import (
     children,
 )
 from lilgym_mp.programs.words import WORDS
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene import Box, Item, Scene
 
-KEPT_PROGRAMS = 256
+KEPT_PROGRAMS = 4_096
+KEPT_QUESTIONS = 4_096
 BOXES, ITEMS = SceneName("all_boxes"), SceneName("all_items")
 FIRST_BOX = Display(list, (Subscript(BOXES, Constant(0)),))
 NOTHING = Box()
 
-Face = Callable[[Box], Hashable]
+Answer = Callable[[Box], Hashable]  # to one question about a box
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """What one program sees of a box: boxes with equal answers can stand for each other."""
+
+    answers: tuple[Answer, ...]
+
+    def __call__(self, box: Box) -> Hashable:
+        return tuple([answer(box) for answer in self.answers])
 
 
 class _EntangledError(Exception):
@@ -45,15 +57,35 @@ class _EntangledError(Exception):
 def face_of(program: str) -> Face | None:
     """A function of boxes such that boxes with equal values can stand for each other; None where none is known."""
     try:
-        questions = list(dict.fromkeys(_questions(compile_program(program).tree)))
+        questions = tuple(dict.fromkeys(_questions(compile_program(program).tree)))
     except _EntangledError:
         return None
-    answers = [_answer(question) for question in questions]
+    return Face(tuple(map(_answer, questions)))
 
-    def face(box: Box) -> Hashable:
-        return tuple([answer(box) for answer in answers])
 
-    return face
+class BoxFaces:
+    """Numbers what some programs together see of a box: boxes with equal numbers can stand for each other.
+
+    `told` is false where one of the programs looks at boxes in another way; then each box has a number of its own.
+    """
+
+    def __init__(self, programs: Iterable[str]) -> None:
+        faces = [face_of(program) for program in programs]
+        self.told = None not in faces
+        self.boxes: list[Box] = []  # the first with each number
+        self._answers = tuple(dict.fromkeys(answer for face in faces if face is not None for answer in face.answers))
+        self._numbers: dict[Hashable, int] = {}
+        self._known: dict[tuple[Item, ...], int] = {}
+
+    def number(self, box: Box) -> int:
+        """The number of the box's face."""
+        number = self._known.get(box.items)
+        if number is None:
+            face = tuple([answer(box) for answer in self._answers]) if self.told else box.items
+            number = self._known[box.items] = self._numbers.setdefault(face, len(self.boxes))
+            if number == len(self.boxes):
+                self.boxes.append(box)
+        return number
 
 
 def _questions(node: Node) -> Iterator[tuple[Node, bool]]:
@@ -132,7 +164,8 @@ def _stays_inside(node: Node, bound: frozenset[str]) -> bool:
             return True
 
 
-def _answer(question: tuple[Node, bool]) -> Face:
+@lru_cache(maxsize=KEPT_QUESTIONS)
+def _answer(question: tuple[Node, bool]) -> Answer:
     """The question's value for a box that is first of an otherwise empty scene; the error where it has none."""
     tree, is_count = question
     if is_count:
@@ -140,8 +173,8 @@ def _answer(question: tuple[Node, bool]) -> Face:
     return _asked(tree)
 
 
-def _counted(count: Node) -> Face:
-    at_least: list[Face] = []
+def _counted(count: Node) -> Answer:
+    at_least: list[Answer] = []
 
     def answer(box: Box) -> Hashable:
         for number in range(len(box.items)):
@@ -155,7 +188,7 @@ def _counted(count: Node) -> Face:
     return answer
 
 
-def _asked(tree: Node) -> Face:
+def _asked(tree: Node) -> Answer:
     fast, reference = fast_form(tree), reference_form(tree)
 
     def answer(box: Box) -> Hashable:

@@ -12,16 +12,19 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
-from lilgym_mp.solver.aspects import aspects
+from lilgym_mp.solver.aspects import aspects, joined
+from lilgym_mp.solver.joint import judged_by_program, programs_of
 from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
 from lilgym_mp.solver.placements import BoxEdit, Placements
+from lilgym_mp.solver.reach import SeenBy, Split, Triple, seen_by
 from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
 from lilgym_mp.solver.sketches import SketchEdit, Sketcher, SketchLayers
-from lilgym_mp.solver.solution import ActionSet, Solution, Status, judged_by_program, not_found, solved, unsolvable
+from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
+SKETCH_COST = 5  # threes of faces that can be looked at in the time that a new sketch takes
 MOST_DETOURS = 2  # edits beyond the fewest a sketch needs, before the search without sketches takes over
 
 
@@ -30,9 +33,9 @@ Rooms = dict[tuple[int, tuple[Item, ...], tuple[SketchEdit, ...]], tuple[BoxEdit
 
 
 @lru_cache(maxsize=KEPT_SKETCHERS)
-def sketcher_of(program: str) -> Sketcher:
-    """The sketches for a program, shared by all tasks that have it."""
-    return Sketcher(aspects(compile_program(program).tree))
+def sketcher_of(programs: tuple[str, ...]) -> Sketcher:
+    """The sketches for some programs together, shared by all tasks that have them."""
+    return Sketcher(joined([aspects(compile_program(program).tree) for program in programs]))
 
 
 class ScatterSearch:
@@ -62,6 +65,18 @@ class ScatterSearch:
             reason = f"no scene within {most_edits} edits has that value"
             return unsolvable(reason, search.least_edits, budget)
         return not_found(search.least_edits, budget)
+
+    def by_faces(self, program: str) -> bool:
+        return not sketcher_of((program,)).aspects.relational
+
+    def reachable(self, programs: tuple[str, ...], scene: Scene) -> ReachableSketches:
+        return ReachableSketches(self._placements, scene, sketcher_of(programs), seen_by(programs))
+
+    def after(self, scene: Scene, edits: Sequence[Action]) -> Scene:
+        """The scene after edits that are all valid."""
+        for edit in edits:
+            scene = self._scatter.apply(scene, edit, self._placement).scene
+        return scene
 
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
         """Every edit from which as many edits remain as a shortest solution leaves; complete where that is certain."""
@@ -102,6 +117,51 @@ class ScatterSearch:
         return False if search.least_edits > edits else None
 
 
+class ReachableSketches:
+    """What the boxes of a scene can become, in the eyes of some programs, and whether there is room for it."""
+
+    def __init__(self, placements: Sequence[Placements], scene: Scene, sketcher: Sketcher, seen: SeenBy) -> None:
+        self._placements = placements
+        self._boxes = scene.boxes
+        self._sketcher = sketcher
+        self._layers = [sketcher.layers(box) for box in scene.boxes]
+        self.reaches = [
+            seen.reach(("sketch", sketcher.sketch(box)), layer)
+            for box, layer in zip(scene.boxes, self._layers, strict=True)
+        ]
+        self._rooms: dict[tuple[int, int, int], tuple[BoxEdit, ...] | None] = {}
+
+    def edits_to(self, split: Split, triple: Triple, budget: Budget) -> list[BoxEdit] | None:
+        """Edits after which the boxes have these faces, as many as the split says; None where none were found.
+
+        Raises BudgetSpentError.
+        """
+        found: list[BoxEdit] = []
+        for index, (edits, face) in enumerate(zip(split, triple, strict=True)):
+            room = self._room(index, edits, face, budget)
+            if room is None:
+                return None
+            found.extend(room)
+        return found
+
+    def _room(self, index: int, edits: int, face: int, budget: Budget) -> tuple[BoxEdit, ...] | None:
+        """Edits that give the box that face."""
+        if not edits:
+            return ()
+        key = (index, edits, face)
+        if key not in self._rooms:
+            self._rooms[key] = self._new_room(index, self.reaches[index].level(edits, budget)[face], budget)
+        return self._rooms[key]
+
+    def _new_room(self, index: int, goals: Sequence[Box], budget: Budget) -> tuple[BoxEdit, ...] | None:
+        for goal in goals[:MOST_GOALS]:
+            path = self._layers[index].path(goal)
+            room = room_for(path, self._boxes[index], self._placements[index], self._sketcher, budget)
+            if not isinstance(room, Refuted):
+                return room
+        return None
+
+
 class _Level(NamedTuple):
     """What came of all goals that take the same number of edits."""
 
@@ -122,7 +182,7 @@ class _TaskSearch:
         self._is_goal = state.task.solved_by
         self._most_edits = most_edits
         self._budget = budget
-        self._sketcher = sketcher_of(state.task.program)
+        self._sketcher = sketcher_of(programs_of(state.task))
         self.relational = self._sketcher.aspects.relational
         self.least_edits = 1
 

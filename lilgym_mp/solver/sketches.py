@@ -7,14 +7,16 @@ are needed at least, and which; `placements` then look for room.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
-from lilgym_mp.programs.functions.items import MARGIN, WIDE_MARGIN
-from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
-from lilgym_mp.solver.aspects import Aspects
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.scene import KIND_COUNT, Box, Item
+from lilgym_mp.solver.aspects import Aspects, Question
+from lilgym_mp.solver.item_samples import every_item, sample_number
 from lilgym_mp.solver.placements import Look
 
 Sketch = tuple[int, ...]  # the class of each item; sorted unless order matters
@@ -35,57 +37,48 @@ class ItemClasses:
     """The classes that a program's questions sort items into, and one item of each."""
 
     def __init__(self, aspects: Aspects) -> None:
-        self._questions = aspects.questions
-        self._numbers: dict[Hashable, int] = {}
-        self._known: dict[Item, int] = {}
-        self.representatives: list[Item] = []
-        self.looks: list[tuple[Look, ...]] = []  # by class: looks that items of it can have, one colour a kind
-        self.shares: list[int] = []  # by class: how many of all placements belong to it
-        self._sort_every_item()
-
-    def _sort_every_item(self) -> None:
-        every = every_item()
-        answers = list(zip(*(map(ask, every) for ask in self._questions), strict=True)) or [()] * len(every)
-        members: dict[Hashable, list[Item]] = {}
-        for item, answer in zip(every, answers, strict=True):
-            members.setdefault(answer, []).append(item)
-        for answer, items in members.items():
-            self._number(answer, items)
-
-    def _number(self, answer: Hashable, items: Sequence[Item]) -> int:
-        kinds = {(item.shape, item.size): (item.shape, item.colour, item.size) for item in reversed(items)}
-        number = self._numbers[answer] = len(self.representatives)
-        self.representatives.append(items[0])
-        self.looks.append(tuple(sorted(kinds.values(), key=lambda look: look[2])))
-        self.shares.append(len(items))
-        return number
+        numbers, firsts = _classes(aspects.questions)
+        self.by_sample: list[int] = numbers.tolist()  # the class of each sample
+        self.representatives = [every_item()[first] for first in firsts]
+        self.shares: list[int] = np.bincount(numbers).tolist()  # by class: how many of all placements belong to it
+        self.looks = _one_colour_a_kind(numbers, len(firsts))  # by class
 
     def __len__(self) -> int:
         return len(self.representatives)
 
     def of(self, item: Item) -> int:
         """The number of the item's class."""
-        number = self._known.get(item)
-        if number is None:
-            answer = tuple(ask(item) for ask in self._questions)
-            number = self._numbers.get(answer)
-            if number is None:
-                number = self._number(answer, [item])
-            self._known[item] = number
-        return number
+        return self.by_sample[sample_number(item)]
+
+
+def _classes(questions: Sequence[Question]) -> tuple[NDArray[np.int64], list[int]]:
+    """The class of each sample, and the first sample of each class; classes are numbered as they come."""
+    answers = np.zeros(len(every_item()), np.int64)
+    for question in questions:
+        _, answers = np.unique(answers * len(every_item()) + question.codes, return_inverse=True)
+    _, firsts, classes = np.unique(answers, return_index=True, return_inverse=True)
+    order = np.argsort(firsts)
+    return np.argsort(order)[classes], firsts[order].tolist()
+
+
+def _one_colour_a_kind(classes: NDArray[np.int64], count: int) -> list[tuple[Look, ...]]:
+    """By class: the looks that items of it can have, one colour a kind, small ones first."""
+    _, firsts = np.unique(classes * KIND_COUNT + _kinds(), return_index=True)
+    looks: list[list[Look]] = [[] for _ in range(count)]
+    chosen: list[int] = firsts.tolist()
+    for item, number in sorted([(every_item()[first], int(classes[first])) for first in chosen], key=_size):
+        looks[number].append((item.shape, item.colour, item.size))
+    return [tuple(found) for found in looks]
+
+
+def _size(pair: tuple[Item, int]) -> int:
+    return pair[0].size
 
 
 @cache
-def every_item() -> tuple[Item, ...]:
-    """One item for each look and each way to lie to the walls: touching, within either margin, or in the open."""
-    items: list[Item] = []
-    for size in Size:
-        last = BOX_SIDE - size.pixels
-        near = (0, MARGIN, WIDE_MARGIN)
-        places = (last // 2, *near, *(last - distance for distance in near))
-        looks = itertools.product(places, places, Shape, Colour)
-        items.extend(Item(x, y, shape, colour, size) for x, y, shape, colour in looks)
-    return tuple(items)
+def _kinds() -> NDArray[np.int64]:
+    """The kind of each sample."""
+    return np.array([item.kind for item in every_item()])
 
 
 class Sketcher:

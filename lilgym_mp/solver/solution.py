@@ -7,7 +7,6 @@ from enum import StrEnum
 
 from lilgym_mp.actions import Action
 from lilgym_mp.solver.search import Budget
-from lilgym_mp.task import Task
 
 
 class Status(StrEnum):
@@ -63,8 +62,3 @@ def unsolvable(reason: str, least_edits: int, budget: Budget) -> Solution:
 def not_found(least_edits: int, budget: Budget, reason: str = "") -> Solution:
     reason = reason or f"nothing found in {budget.scenes_looked_at:,} scenes; a larger budget may help"
     return Solution(Status.NOT_FOUND, (), least_edits, budget.scenes_looked_at, reason)
-
-
-def judged_by_program(task: Task) -> bool:
-    """Whether success is the truth of the task's program, and not something else as in `corpus.matching`."""
-    return type(task).solved_by is Task.solved_by

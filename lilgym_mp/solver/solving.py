@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+from lilgym_mp.actions import Action
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import Scene
 from lilgym_mp.solver.scatter import ScatterSearch
 from lilgym_mp.solver.search import Budget
 from lilgym_mp.solver.solution import ActionSet, Solution
 from lilgym_mp.solver.tower import TowerSearch
+from lilgym_mp.solver.weighted import PLAN_BUDGET, PlanSearch, Reachable, WeightedGoal, WeightedPlan, checked_goals
 from lilgym_mp.task import Task
 
 
@@ -21,6 +24,9 @@ class Search(Protocol):
 
     def solve(self, state: State, most_edits: int, budget: Budget) -> Solution: ...
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet: ...
+    def by_faces(self, program: str) -> bool: ...
+    def reachable(self, programs: tuple[str, ...], scene: Scene) -> Reachable: ...
+    def after(self, scene: Scene, edits: Sequence[Action]) -> Scene: ...
 
 
 SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
@@ -51,6 +57,27 @@ class Solver:
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError when the horizon is over."""
         return self._search.first_actions(state, self._most_edits(state), Budget(self.budget))
+
+    def plan_for(
+        self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int, budget: int | None = None
+    ) -> WeightedPlan:
+        """Actions that satisfy as much probability of the goals as was found, and of equal plans the shortest.
+
+        `edits_left`: edits that may be made before STOP, `horizon - 1` at the start. `budget`: scenes, or threes of
+        box faces, looked at; None is this solver's own for a single goal, which is then solved as `solve` does, and
+        PLAN_BUDGET for several. Goals of the same program and target add up.
+
+        Raises ValueError for no goals, a probability below 0, edits below 0 or a budget below 1, ProgramError for
+        what is no program.
+        """
+        goals = checked_goals(goals)
+        if edits_left < 0:
+            raise ValueError(f"edits_left must be at least 0, not {edits_left}")
+        if budget is None:
+            budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
+        elif budget < 1:
+            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+        return PlanSearch(self._search, goals, scene, edits_left, Budget(budget)).plan()
 
     def _most_edits(self, state: State) -> int:
         """How many edits leave an action for STOP."""

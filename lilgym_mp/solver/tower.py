@@ -6,7 +6,7 @@ statement is left to find out, scene by scene, nearest first.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,9 +14,11 @@ from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
 from lilgym_mp.appearances import PlacementRules, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
-from lilgym_mp.solver.faces import Face, face_of
+from lilgym_mp.solver.faces import BoxFaces
+from lilgym_mp.solver.joint import judged_by_program, programs_of
+from lilgym_mp.solver.reach import SeenBy, Split, Triple, seen_by
 from lilgym_mp.solver.search import BoxLayers, Budget, BudgetSpentError, goals_after
-from lilgym_mp.solver.solution import ActionSet, Solution, judged_by_program, not_found, solved, unsolvable
+from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
 
 BoxEdit = AddBlock | RemoveBlock
 
@@ -68,19 +70,34 @@ def _edited(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[tuple
 class FaceLayers:
     """Of what a stack can become, by the number of edits, the first with each face."""
 
-    def __init__(self, layers: StackLayers, face: Face) -> None:
-        seen: set[Hashable] = set()
-        self._layers = [tuple(self._new(boxes, face, seen)) for boxes in layers.layers]
+    def __init__(self, layers: StackLayers, faces: BoxFaces) -> None:
+        seen: set[int] = set()
+        self._layers = [tuple(self._new(boxes, faces, seen)) for boxes in layers.layers]
 
-    def _new(self, boxes: Sequence[Box], face: Face, seen: set[Hashable]) -> Iterator[Box]:
+    def _new(self, boxes: Sequence[Box], faces: BoxFaces, seen: set[int]) -> Iterator[Box]:
         for box in boxes:
-            value = face(box)
+            value = faces.number(box)
             if value not in seen:
                 seen.add(value)
                 yield box
 
     def layer(self, edits: int) -> Sequence[Box]:
         return self._layers[edits] if edits < len(self._layers) else ()
+
+
+class ReachableStacks:
+    """What the boxes of a scene can become, in the eyes of some programs."""
+
+    def __init__(self, layers: Sequence[StackLayers], scene: Scene, seen: SeenBy) -> None:
+        self._layers = layers
+        self.reaches = [seen.reach(("stack", box.items), layer) for box, layer in zip(scene.boxes, layers, strict=True)]
+
+    def edits_to(self, split: Split, triple: Triple, budget: Budget) -> list[BoxEdit]:
+        """Edits after which the boxes have these faces, as many as the split says."""
+        found: list[BoxEdit] = []
+        for index, (edits, face) in enumerate(zip(split, triple, strict=True)):
+            found.extend(self._layers[index].path(self.reaches[index].level(edits, budget)[face][0], index))
+        return found
 
 
 class TowerSearch:
@@ -112,8 +129,10 @@ class TowerSearch:
         for edits in range(min(most_edits, MOST_NEAR_EDITS) + 1):
             yield edits, goals_after(edits, layers, is_goal, budget)
         further = range(MOST_NEAR_EDITS + 1, most_edits + 1)
-        face = face_of(state.task.program) if further and judged_by_program(state.task) else None
-        kinds: Sequence[BoxLayers] = layers if face is None else [FaceLayers(layer, face) for layer in layers]
+        kinds: Sequence[BoxLayers] = layers
+        if further and judged_by_program(state.task):
+            faces = BoxFaces(programs_of(state.task))
+            kinds = [FaceLayers(layer, faces) for layer in layers] if faces.told else layers
         for edits in further:
             yield edits, goals_after(edits, kinds, is_goal, budget)
 
@@ -135,6 +154,18 @@ class TowerSearch:
             complete = False
         numbers = tuple(sorted(map(self._tower.encode, found)))
         return ActionSet(numbers, complete=complete, steps=edits + 1 if found else 0)
+
+    def by_faces(self, program: str) -> bool:
+        return True
+
+    def reachable(self, programs: tuple[str, ...], scene: Scene) -> ReachableStacks:
+        return ReachableStacks(self._layers(scene), scene, seen_by(programs))
+
+    def after(self, scene: Scene, edits: Sequence[Action]) -> Scene:
+        """The scene after edits that are all valid."""
+        for edit in edits:
+            scene = self._tower.apply(scene, edit, self._placement).scene
+        return scene
 
     def _layers(self, scene: Scene) -> list[StackLayers]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
