@@ -71,8 +71,8 @@ def _one_colour_a_kind(classes: NDArray[np.int64], count: int) -> list[tuple[Loo
     return [tuple(found) for found in looks]
 
 
-def _size(pair: tuple[Item, int]) -> int:
-    return pair[0].size
+def _size(pair: tuple[Item, int]) -> tuple[int, int]:
+    return pair[0].size, -pair[0].shape  # a triangle leaves more room than the other shapes of its size
 
 
 @cache
