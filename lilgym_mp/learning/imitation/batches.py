@@ -1,0 +1,177 @@
+"""Batches of lessons as tensors, each distinct box of a statement once, with colours exchanged at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary, words
+from lilgym_mp.learning.imitation.boxes import BoxTable
+from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout
+from lilgym_mp.learning.imitation.lessons import Lesson
+from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, MOST_STEPS, Inputs
+from lilgym_mp.scene import BOX_COUNT, Colour
+
+Rng = np.random.Generator
+Int64Array = NDArray[np.int64]
+
+
+class Batch(NamedTuple):
+    """What one step of learning sees; the first A scenes of each of the S statements have optimal actions."""
+
+    inputs: Inputs
+    targets: Tensor  # (S, A) the other truth value: what is to be brought about
+    truths: Tensor  # (S, N) 0.0 or 1.0
+    steps: Tensor  # (S, A) how many actions to success, 2 to MOST_STEPS + 1, less 2
+    optimal: Tensor  # (S, A, heads) whether each action starts a shortest solution
+    legal: Tensor  # (S, U, 25, 10) or (S, U, 0, 10)
+    box_mask: Tensor  # (S, U) whether there is such a box
+
+
+class Numbering:
+    """Statements as rows of word numbers."""
+
+    def __init__(self, vocabulary: Vocabulary) -> None:
+        self.vocabulary = vocabulary
+        names = [colour.name.lower() for colour in Colour]
+        self._swaps = np.tile(np.arange(len(vocabulary)), (len(COLOUR_ORDERS), 1))
+        if all(vocabulary.number(name) != UNKNOWN for name in names):
+            for row, order in zip(self._swaps, COLOUR_ORDERS, strict=True):
+                row[[vocabulary.number(name) for name in names]] = [vocabulary.number(names[new]) for new in order]
+        self._kept: dict[str, Int64Array] = {}
+
+    def numbers(self, statement: str) -> Int64Array:
+        """(T,) at least one number, LONGEST_STATEMENT at most."""
+        found = self._kept.get(statement)
+        if found is None:
+            known = [self.vocabulary.number(word) for word in words(statement)[:LONGEST_STATEMENT]] or [UNKNOWN]
+            found = np.array(known, np.int64)
+            if len(self._kept) < 100_000:
+                self._kept[statement] = found
+        return found
+
+    def recoloured(self, numbers: Int64Array, order: int) -> Int64Array:
+        return self._swaps[order][numbers]
+
+
+def padded(rows: Sequence[Int64Array]) -> Int64Array:
+    """(B, T) the rows with PAD after their ends."""
+    found = np.full((len(rows), max(map(len, rows))), PAD, np.int64)
+    for row, numbers in zip(found, rows, strict=True):
+        row[: len(numbers)] = numbers
+    return found
+
+
+def box_inputs(table: BoxTable, boxes: Int64Array, orders: Int64Array, device: torch.device) -> dict[str, Tensor]:
+    """The inputs of (S, U) boxes by their index, recoloured by statement."""
+    room = max(1, int(table.counts[boxes].max()))
+    colours = np.array(COLOUR_ORDERS)[orders[:, None, None], table.colours[boxes, :room]]
+    arrays = {
+        "features": table.features[boxes, :room],
+        "colours": colours,
+        "present": np.arange(room) < table.counts[boxes][..., None],
+        "relations": table.relations[boxes, :room, :room].astype(np.int32),
+        "offsets": table.offsets[boxes, :room].astype(np.int32),
+    }
+    return {name: torch.from_numpy(array).to(device) for name, array in arrays.items()}
+
+
+def distinct_boxes(scenes: Int64Array) -> tuple[Int64Array, Int64Array, Int64Array]:
+    """(S, U) the distinct boxes of (S, N, 3) scenes row by row, (S, N, 3) the scenes by them, (S,) how many."""
+    found = [np.unique(row, return_inverse=True) for row in scenes]
+    boxes = padded([row for row, _ in found])
+    within = np.stack([inverse.reshape(scenes.shape[1:]) for _, inverse in found])
+    return boxes, within, np.array([len(row) for row, _ in found])
+
+
+class BatchMaker:
+    def __init__(
+        self,
+        table: BoxTable,
+        layout: ActionLayout,
+        numbering: Numbering,
+        device: torch.device,
+        *,
+        recolours: bool = True,
+        unknown_words: float = 0.0,
+    ) -> None:
+        """`unknown_words`: the share of words that are made unknown."""
+        self._table = table
+        self._layout = layout
+        self._numbering = numbering
+        self._device = device
+        self._recolours = recolours
+        self._unknown_words = unknown_words
+
+    def batch(self, lessons: Sequence[Lesson], solved: int, judged: int, rng: Rng) -> Batch:
+        """`solved` scenes with actions and `judged` of any kind of each lesson, which must have some with actions."""
+        rows = [_drawn(lesson, solved, judged, rng) for lesson in lessons]
+        scenes = np.array(
+            [[lesson.scenes[index] for index in row] for lesson, row in zip(lessons, rows, strict=True)], np.int64
+        )
+        truths = np.array(
+            [[lesson.truths[index] for index in row] for lesson, row in zip(lessons, rows, strict=True)], np.float32
+        )
+        steps = np.array(
+            [[lesson.steps[index] for index in row[:solved]] for lesson, row in zip(lessons, rows, strict=True)]
+        )
+        orders = np.array(
+            [rng.integers(len(COLOUR_ORDERS)) if self._recolours and lesson.exchanges_colours else 0 for lesson in lessons]
+        )
+        text = padded([self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)])
+        boxes, within, counts = distinct_boxes(scenes)
+        self._table.describe()
+        device = self._device
+        inputs = Inputs(
+            words=torch.from_numpy(text).to(device),
+            scenes=torch.from_numpy(within).to(device),
+            **box_inputs(self._table, boxes, orders, device),
+        )
+        legal = self._table.legal[boxes] if self._layout.cells > 1 else np.zeros((*boxes.shape, 0, 1), np.bool_)
+        return Batch(
+            inputs,
+            torch.from_numpy((1 - truths[:, :solved]).astype(np.int64)).to(device),
+            torch.from_numpy(truths).to(device),
+            torch.from_numpy((steps - 2).clip(0, MOST_STEPS - 1)).to(device),
+            torch.from_numpy(self._optimal(lessons, rows, orders, solved)).to(device),
+            torch.from_numpy(legal).to(device),
+            torch.from_numpy(np.arange(boxes.shape[1]) < counts[:, None]).to(device),
+        )
+
+    def _numbers(self, lesson: Lesson, order: int, rng: Rng) -> Int64Array:
+        numbers = self._numbering.recoloured(self._numbering.numbers(lesson.statement), order)
+        if self._unknown_words:
+            numbers = np.where(rng.random(len(numbers)) < self._unknown_words, UNKNOWN, numbers)
+        return numbers
+
+    def _optimal(
+        self, lessons: Sequence[Lesson], rows: Sequence[Int64Array], orders: Int64Array, solved: int
+    ) -> NDArray[np.bool_]:
+        found = np.zeros((len(lessons), solved, self._layout.heads), np.bool_)
+        for lesson, row, order, of_lesson in zip(lessons, rows, orders.tolist(), found, strict=True):
+            recoloured = self._layout.recoloured[order]
+            for index, marks in zip(row[:solved].tolist(), of_lesson, strict=True):
+                actions = lesson.actions[index]
+                assert actions is not None
+                marks[recoloured[actions]] = True
+        return found
+
+
+def _drawn(lesson: Lesson, solved: int, judged: int, rng: Rng) -> Int64Array:
+    """Indices of scenes: some with actions, then others of which as many are true as false, where there are such."""
+    known = np.array(lesson.with_actions)
+    with_actions = rng.choice(known, solved, replace=len(known) < solved)
+    truths = np.array(lesson.truths)
+    sides = [np.flatnonzero(truths), np.flatnonzero(~truths)]
+    halves = [rng.choice(side, judged // 2, replace=len(side) < judged // 2) for side in sides if len(side)]
+    if len(halves) < len(sides):
+        halves.append(rng.choice(len(truths), judged // 2))
+    return np.concatenate([with_actions, *halves])
+
+
+assert BOX_COUNT == 3

@@ -1,0 +1,283 @@
+"""The network: words and boxes in, the statement's truth and the policy's logits out.
+
+Boxes are understood in the light of the statement, each pair of statement and box once, however many scenes share
+it; a scene is then a sum over its three boxes, so their order makes no difference to its truth. The policy is STOP by
+the truth and the target, else ADD or REMOVE, then the arguments that the type needs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from lilgym_mp.learning.imitation.boxes import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
+from lilgym_mp.scene import BOX_COUNT, KIND_COUNT, Colour, Shape, Size
+
+MOST_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
+GATES = 8  # relations between items that a layer looks at
+CELL_CHANNELS = 32
+LONGEST_STATEMENT = 64  # words; the rest is cut off
+
+
+class Inputs(NamedTuple):
+    """S statements, each with U boxes of K items at most, and N scenes made of those boxes."""
+
+    words: Tensor  # (S, T) word numbers, 0 for none
+    features: Tensor  # (S, U, K, F) what is known of each item but its colour
+    colours: Tensor  # (S, U, K)
+    present: Tensor  # (S, U, K) whether there is such an item
+    relations: Tensor  # (S, U, K, K)
+    offsets: Tensor  # (S, U, K, 2, 5) of items to cells
+    scenes: Tensor  # (S, N, 3) the boxes of each scene, 0 to U - 1
+
+
+class Outputs(NamedTuple):
+    """What the network says of S x N scenes, and of the first A of each statement's scenes what to do there."""
+
+    truth: Tensor  # (S, N) logit of the statement being true
+    types: Tensor  # (S, A, 2) logits of ADD and REMOVE, given that it is not STOP
+    adds: Tensor  # (S, A, adds)
+    removes: Tensor  # (S, A, removes)
+    steps: Tensor  # (S, A, MOST_STEPS) logits of how many actions are still to be taken
+    legal: Tensor | None  # (S, U, 25, 10) logits of an ADD of each kind and a REMOVE being valid
+
+
+class Feedforward(nn.Module):
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.up = nn.Linear(width, 2 * width)
+        self.down = nn.Linear(2 * width, width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.down(F.relu(self.up(self.norm(x))))
+
+
+class Attention(nn.Module):
+    """Attention of anything to words."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.norm = nn.LayerNorm(width)
+        self.query = nn.Linear(width, width)
+        self.key_value = nn.Linear(width, 2 * width)
+        self.out = nn.Linear(width, width)
+
+    def forward(self, x: Tensor, words: Tensor, mask: Tensor) -> Tensor:
+        """`x` (S, N, d), `words` (S, T, d), `mask` (S, 1, 1, T) added to the scores."""
+        batch, count, width = x.shape
+        query = self.query(self.norm(x)).view(batch, count, self.heads, -1).transpose(1, 2)
+        key, value = self.key_value(words).view(batch, -1, 2, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
+        found = torch.matmul(scores.softmax(-1).to(value.dtype), value)
+        return x + self.out(found.transpose(1, 2).reshape(batch, count, width))
+
+
+class Relating(nn.Module):
+    """Sums over a box's items, weighted by where they lie from each item: sums, so that items can be counted."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.gates = nn.Embedding(RELATIONS, GATES)
+        self.value = nn.Linear(width, width)
+        self.out = nn.Linear(width, width)
+
+    def forward(self, x: Tensor, relations: Tensor, present: Tensor) -> Tensor:
+        """`x` (P, K, d), `relations` (P, K, K), `present` (P, K, 1)."""
+        pairs, items, width = x.shape
+        value = F.relu(self.value(self.norm(x))) * present
+        gates = torch.sigmoid(self.gates(relations)).permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
+        found = gates @ value.view(pairs, items, GATES, -1).transpose(1, 2)
+        return x + self.out(found.transpose(1, 2).reshape(pairs, items, width))
+
+
+class ItemLayer(nn.Module):
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.reading = Attention(width, heads)
+        self.relating = Relating(width)
+        self.feedforward = Feedforward(width)
+
+    def forward(self, x: Tensor, words: Tensor, mask: Tensor, relations: Tensor, present: Tensor) -> Tensor:
+        """`x` (S, U, K, d)."""
+        statements, boxes, items, width = x.shape
+        x = self.reading(x.view(statements, boxes * items, width), words, mask)
+        x = x.view(statements * boxes, items, width)
+        x = self.relating(x, relations.flatten(0, 1), present.flatten(0, 1))
+        return self.feedforward(x).view(statements, boxes, items, width)
+
+
+class Text(nn.Module):
+    def __init__(self, vocabulary: int, width: int, heads: int, layers: int, dropout: float) -> None:
+        super().__init__()
+        self.words = nn.Embedding(vocabulary, width, padding_idx=0)
+        self.places = nn.Parameter(0.02 * torch.randn(LONGEST_STATEMENT, width))
+        self.dropout = nn.Dropout(dropout)
+        self.attention = nn.ModuleList(Attention(width, heads) for _ in range(layers))
+        self.feedforward = nn.ModuleList(Feedforward(width) for _ in range(layers))
+        self.norm = nn.LayerNorm(width)
+        nn.init.normal_(self.words.weight, std=0.3)
+
+    def forward(self, words: Tensor, mask: Tensor) -> Tensor:
+        x = self.dropout(self.words(words) + self.places[: words.shape[1]])
+        if torch.is_autocast_enabled(x.device.type):
+            x = x.to(torch.get_autocast_dtype(x.device.type))
+        for attention, feedforward in zip(self.attention, self.feedforward, strict=True):
+            x = self.dropout(feedforward(attention(x, attention.norm(x), mask)))
+        return self.norm(x)
+
+
+class ScatterHeads(nn.Module):
+    """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.looks = len(Shape) * len(Colour) * len(Size)
+        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, CELL_CHANNELS, padding_idx=0)
+        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, CELL_CHANNELS, padding_idx=0)
+        self.value = nn.Linear(width, CELL_CHANNELS // 2)
+        self.cells = nn.Parameter(0.1 * torch.randn(CELLS * CELLS, CELL_CHANNELS))
+        self.box = nn.Linear(width, CELL_CHANNELS)
+        self.mix = nn.Linear(CELL_CHANNELS, 64)
+        self.legal = nn.Linear(64, KIND_COUNT + 1)
+        self.out = nn.Linear(64, CELL_CHANNELS)
+        self.wanted = nn.Linear(width, self.looks * CELL_CHANNELS)
+        self.wanted_remove = nn.Linear(width, CELL_CHANNELS)
+        self.look = nn.Linear(width, self.looks)
+        kinds = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
+        self.register_buffer("kinds", torch.tensor(kinds), persistent=False)
+
+    def cell_vectors(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
+        """(S, U, 25, C) what the cells are like, (S, U, 25, 10) logits of what is valid there."""
+        across, down = (
+            embedding(inputs.offsets[..., axis, :]) for axis, embedding in enumerate((self.across, self.down))
+        )  # (S, U, K, 5, C)
+        value = self.value(items)
+        value = torch.cat([torch.ones_like(value), value], -1)[..., None, :]
+        left = (across * value).permute(0, 1, 4, 3, 2)  # (S, U, C, 5, K)
+        cells = left @ down.permute(0, 1, 4, 2, 3)  # (S, U, C, 5, 5)
+        cells = cells.flatten(-2).transpose(-1, -2)  # (S, U, 25, C)
+        hidden = F.relu(self.mix(cells + self.cells + self.box(box)[..., None, :]))
+        return self.out(hidden), self.legal(hidden)
+
+    def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+        """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""
+        wanted = self.wanted(boxes).unflatten(-1, (self.looks, CELL_CHANNELS))
+        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + legal[..., self.kinds]
+        removes = (cells @ self.wanted_remove(boxes)[..., None]).squeeze(-1) + legal[..., -1]
+        return adds.flatten(2), removes.flatten(2)
+
+
+class TowerHeads(nn.Module):
+    """Arguments for Tower: a colour to add, or the top block to remove, of each box."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.out = nn.Linear(width, len(Colour) + 1)
+
+    def forward(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
+        found = self.out(boxes)
+        return found[..., :-1].flatten(2), found[..., -1]
+
+
+class ImitationNetwork(nn.Module):
+    def __init__(
+        self,
+        appearance: str,
+        vocabulary: int,
+        *,
+        width: int = 128,
+        heads: int = 4,
+        text_layers: int = 2,
+        item_layers: int = 2,
+        dropout: float = 0.1,
+    ) -> None:
+        """`appearance`: "tower" or "scatter"; `vocabulary`: how many word numbers there are."""
+        super().__init__()
+        self.text = Text(vocabulary, width, heads, text_layers, dropout)
+        self.item = nn.Linear(FIXED_FEATURES, width)
+        self.colour = nn.Embedding(len(Colour), width)
+        self.item_layers = nn.ModuleList(ItemLayer(width, heads) for _ in range(item_layers))
+        self.item_out = nn.Linear(width, width)
+        self.empty_box = nn.Parameter(0.1 * torch.randn(width))
+        self.box_reading = Attention(width, heads)
+        self.box_feedforward = Feedforward(width)
+        self.box_sum = nn.Linear(width, 2 * width)
+        self.scene_in = nn.Linear(2 * width, width)
+        self.scene_reading = Attention(width, heads)
+        self.scene_feedforward = Feedforward(width)
+        self.box_again = nn.Linear(width, width)
+        self.scene_to_box = nn.Linear(width, width)
+        self.again_sum = nn.Linear(width, width)
+        self.scene_again = Feedforward(width)
+        self.truth = nn.Linear(width, 1)
+        self.target = nn.Embedding(2, width)
+        self.act_box = nn.Linear(width, width)
+        self.act_scene = nn.Linear(width, width)
+        self.act_feedforward = Feedforward(width)
+        self.types = nn.Linear(width, 2)
+        self.steps = nn.Linear(width, MOST_STEPS)
+        self.dropout = nn.Dropout(dropout)
+        self.scatter = ScatterHeads(width) if appearance == "scatter" else None
+        self.tower = TowerHeads(width) if appearance == "tower" else None
+
+    def forward(self, inputs: Inputs, targets: Tensor) -> Outputs:
+        """`targets` (S, A) of the first A scenes of each statement: 1 to make it true, 0 false."""
+        words, mask = self.read(inputs.words)
+        items, boxes = self.boxes_read(inputs, words, mask)
+        scenes = inputs.scenes
+        sums = self.box_sum(boxes)
+        scene = self.scene_in(F.relu(chosen(sums, scenes).sum(2)))
+        scene = self.scene_feedforward(self.scene_reading(scene, words, mask))
+        again = chosen(self.box_again(boxes), scenes) + self.scene_to_box(scene)[:, :, None]
+        scene = scene + self.again_sum(F.relu(again).sum(2))
+        scene = self.dropout(self.scene_again(scene))
+        truth = self.truth(scene).squeeze(-1)
+        acting = scenes[:, : targets.shape[1]]
+        seen = scene[:, : targets.shape[1]] + self.target(targets).to(scene.dtype)
+        each = chosen(self.act_box(boxes), acting) + self.act_scene(seen)[:, :, None]
+        each = self.act_feedforward(each)  # (S, A, 3, d)
+        whole = each.sum(2)
+        legal = None
+        if self.scatter is not None:
+            cells, legal = self.scatter.cell_vectors(items, boxes, inputs)
+            adds, removes = self.scatter(each, chosen(cells, acting), chosen(legal, acting))
+        else:
+            assert self.tower is not None
+            adds, removes = self.tower(each)
+        return Outputs(
+            *(found.float() for found in (truth, self.types(whole), adds, removes, self.steps(whole))),
+            None if legal is None else legal.float(),
+        )
+
+    def read(self, words: Tensor) -> tuple[Tensor, Tensor]:
+        """(S, T, d) the words read, and (S, 1, 1, T) what hides the places without a word."""
+        mask = torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
+        return self.text(words, mask), mask
+
+    def boxes_read(self, inputs: Inputs, words: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """(S, U, K, d) the items and (S, U, d) the boxes, in the light of the words."""
+        present = inputs.present[..., None].to(words.dtype)
+        known = self.item(inputs.features.to(words.dtype))
+        x = known + self.colour(inputs.colours).to(known.dtype)
+        for layer in self.item_layers:
+            x = layer(x, words, mask, inputs.relations, present)
+        box = (F.relu(self.item_out(x)) * present).sum(2) + self.empty_box.to(x.dtype)
+        box = self.box_feedforward(self.box_reading(box, words, mask))
+        return x, box
+
+
+def chosen(vectors: Tensor, scenes: Tensor) -> Tensor:
+    """(S, N, 3, ...) the vectors of each scene's boxes, from (S, U, ...) those of all boxes."""
+    statements, boxes = vectors.shape[:2]
+    first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
+    flat = (scenes + first).flatten()
+    return vectors.flatten(0, 1).index_select(0, flat).unflatten(0, scenes.shape)
+
+
+assert BOX_COUNT == 3
