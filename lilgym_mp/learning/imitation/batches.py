@@ -99,14 +99,16 @@ class BatchMaker:
         *,
         recolours: bool = True,
         unknown_words: float = 0.0,
+        single_action: bool = False,
     ) -> None:
-        """`unknown_words`: the share of words that are made unknown."""
+        """`unknown_words`: the share of words made unknown; `single_action`: mark one optimal action alone."""
         self._table = table
         self._layout = layout
         self._numbering = numbering
         self._device = device
         self._recolours = recolours
         self._unknown_words = unknown_words
+        self._single_action = single_action
 
     def batch(self, lessons: Sequence[Lesson], solved: int, judged: int, rng: Rng) -> Batch:
         """`solved` scenes with actions and `judged` of any kind of each lesson, which must have some with actions."""
@@ -121,9 +123,14 @@ class BatchMaker:
             [[lesson.steps[index] for index in row[:solved]] for lesson, row in zip(lessons, rows, strict=True)]
         )
         orders = np.array(
-            [rng.integers(len(COLOUR_ORDERS)) if self._recolours and lesson.exchanges_colours else 0 for lesson in lessons]
+            [
+                rng.integers(len(COLOUR_ORDERS)) if self._recolours and lesson.exchanges_colours else 0
+                for lesson in lessons
+            ]
         )
-        text = padded([self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)])
+        text = padded(
+            [self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)]
+        )
         boxes, within, counts = distinct_boxes(scenes)
         self._table.describe()
         device = self._device
@@ -158,6 +165,8 @@ class BatchMaker:
             for index, marks in zip(row[:solved].tolist(), of_lesson, strict=True):
                 actions = lesson.actions[index]
                 assert actions is not None
+                if self._single_action:
+                    actions = actions[:1]
                 marks[recoloured[actions]] = True
         return found
 

@@ -103,7 +103,7 @@ def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
 
 
 def item_relations(items: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """(N, K, K) where the second item lies, seen from the first: left, beside or right; above, beside or below; how far."""
+    """(N, K, K) where the second item lies seen from the first: across, down, and how far."""
     x, y, side = items[..., 0], items[..., 1], 10 * (items[..., 4] + 1)
     across, gap_x = _direction(x, side)
     down, gap_y = _direction(y, side)

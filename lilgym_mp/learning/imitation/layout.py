@@ -57,7 +57,9 @@ def action_layout(appearance: Tower | Scatter) -> ActionLayout:
     head_of = np.full(appearance.action_count, -1, np.int64)
     head_of[action_of] = np.arange(len(action_of))
     actions = [appearance.decode(number) for number in numbers]
-    recoloured = [[head_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS]
+    recoloured = [
+        [head_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
+    ]
     cells = len(removes) // BOX_COUNT
     return ActionLayout(cells, len(adds) // len(removes), action_of, head_of, np.array(recoloured, np.int64))
 

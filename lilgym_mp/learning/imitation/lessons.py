@@ -1,4 +1,4 @@
-"""What there is to imitate: statements, and scenes with the statement's truth and the expert's optimal first actions."""
+"""What there is to imitate: statements, and scenes with their truth and the expert's optimal first actions."""
 
 from __future__ import annotations
 
@@ -83,6 +83,10 @@ class Explorer:
         self._rng = rng
         self.sets = 0  # asked of the expert
 
+    def use(self, rng: Rng) -> None:
+        """Takes all chance from `rng` from now on."""
+        self._rng = rng
+
     def explore(self, lesson: Lesson, solved: int, judged: int, elsewhere: Sequence[Scene]) -> None:
         """Adds walks to the lesson with about `solved` more scenes with actions, and `judged` with truths alone."""
         wanted = len(lesson.with_actions) + solved
@@ -95,7 +99,8 @@ class Explorer:
 
     def add(self, lesson: Lesson, scene: Scene, *, solve: bool) -> int:
         """Index of the scene in the lesson, judged, and solved for the other truth value if asked."""
-        boxes = tuple(self.table.index(box) for box in scene.boxes)
+        left, middle, right = (self.table.index(box) for box in scene.boxes)
+        boxes = (left, middle, right)
         index = lesson.known.get(boxes)
         if index is None:
             index = lesson.known[boxes] = len(lesson.scenes)
@@ -129,7 +134,9 @@ class Explorer:
             truth = lesson.truths[index]
             self.add(lesson, self.edited(scene), solve=False)  # what is near it, whatever its truth
             number = self.layout.action_of[actions[rng.integers(len(actions))]]
-            scene, _ = self._appearance.apply(scene, self._appearance.decode(int(number)), self._dynamics.rules.placement)
+            scene, _ = self._appearance.apply(
+                scene, self._appearance.decode(int(number)), self._dynamics.rules.placement
+            )
             if lesson.truths[self.add(lesson, scene, solve=False)] != truth:
                 self.add(lesson, self.edited(scene), solve=False)
                 return
@@ -138,7 +145,7 @@ class Explorer:
         """Adds a scene with its truth alone: an edit away from one that is known, or from elsewhere."""
         rng = self._rng
         if elsewhere and rng.random() < 0.5:
-            scene = elsewhere[rng.integers(len(elsewhere))]
+            scene = elsewhere[int(rng.integers(len(elsewhere)))]
         else:
             boxes = [self.table.boxes[box] for box in lesson.scenes[rng.integers(len(lesson.scenes))]]
             scene = Scene((boxes[0], boxes[1], boxes[2]))

@@ -112,14 +112,23 @@ class ItemLayer(nn.Module):
         return self.feedforward(x).view(statements, boxes, items, width)
 
 
+class TextLayer(nn.Module):
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.attention = Attention(width, heads)
+        self.feedforward = Feedforward(width)
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        return self.feedforward(self.attention(x, self.attention.norm(x), mask))
+
+
 class Text(nn.Module):
     def __init__(self, vocabulary: int, width: int, heads: int, layers: int, dropout: float) -> None:
         super().__init__()
         self.words = nn.Embedding(vocabulary, width, padding_idx=0)
         self.places = nn.Parameter(0.02 * torch.randn(LONGEST_STATEMENT, width))
         self.dropout = nn.Dropout(dropout)
-        self.attention = nn.ModuleList(Attention(width, heads) for _ in range(layers))
-        self.feedforward = nn.ModuleList(Feedforward(width) for _ in range(layers))
+        self.layers = nn.ModuleList(TextLayer(width, heads) for _ in range(layers))
         self.norm = nn.LayerNorm(width)
         nn.init.normal_(self.words.weight, std=0.3)
 
@@ -127,13 +136,15 @@ class Text(nn.Module):
         x = self.dropout(self.words(words) + self.places[: words.shape[1]])
         if torch.is_autocast_enabled(x.device.type):
             x = x.to(torch.get_autocast_dtype(x.device.type))
-        for attention, feedforward in zip(self.attention, self.feedforward, strict=True):
-            x = self.dropout(feedforward(attention(x, attention.norm(x), mask)))
+        for layer in self.layers:
+            x = self.dropout(layer(x, mask))
         return self.norm(x)
 
 
 class ScatterHeads(nn.Module):
     """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
+
+    kinds: Tensor  # (27,) the kind of each look
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -251,7 +262,11 @@ class ImitationNetwork(nn.Module):
             assert self.tower is not None
             adds, removes = self.tower(each)
         return Outputs(
-            *(found.float() for found in (truth, self.types(whole), adds, removes, self.steps(whole))),
+            truth.float(),
+            self.types(whole).float(),
+            adds.float(),
+            removes.float(),
+            self.steps(whole).float(),
             None if legal is None else legal.float(),
         )
 

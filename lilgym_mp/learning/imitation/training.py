@@ -1,0 +1,385 @@
+"""A run of imitation: exploring, learning, checkpoints, and at the end the rule for when to stop."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
+from lilgym_mp.learning.agents import AGENT_FILE
+from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.imitation.agent import ImitationAgent, Shape, describe
+from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
+from lilgym_mp.learning.imitation.boxes import BoxTable
+from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
+from lilgym_mp.learning.imitation.losses import Losses, losses
+from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.task import Task
+
+FORMAT = "lilgym_mp-imitation-run"
+VERSION = 1
+RUN_FILE = "run.json"
+CHECKPOINT_FILE = "checkpoint.pt"
+PROGRESS_FILE = "progress.jsonl"
+SAVE_SECONDS = 30.0  # of processor time between checkpoints
+REPORT_SECONDS = 10.0
+EXPLORED_AT_ONCE = 32  # statements
+OWN_AFTER = 0.2  # share of the budget after which the network's own states are explored
+MOST_TASKS_FOR_RULE = 600
+
+
+class TrainingError(ValueError):
+    """A run that cannot go on, or a directory that holds none, or another one."""
+
+
+class Progress(NamedTuple):
+    """How a run stands."""
+
+    steps: int  # of the optimiser
+    states: int  # learnt from so far
+    cpu_seconds: float  # of this process and its children, over the whole run
+    exploring_seconds: float  # of them, spent on scenes and optimal actions
+    sets: int  # optimal sets asked of the expert since the run was begun or resumed
+    truth: float  # losses, means since the last report
+    actions: float
+    truth_accuracy: float
+
+
+@dataclass
+class _Standing:
+    """What a checkpoint holds beside the network and the optimiser."""
+
+    steps: int = 0
+    states: int = 0
+    cpu_seconds: float = 0.0
+    exploring_seconds: float = 0.0
+
+
+def cpu_seconds() -> float:
+    """Processor time of this process and the children that it waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def train_imitation(
+    settings: Settings,
+    recipe: ImitationRecipe,
+    out: Path,
+    *,
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    resume: bool = False,
+    others: Sequence[Task] = (),
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+) -> ImitationAgent:
+    """Trains, writes the agent to `out`/agent.safetensors, and gives it.
+
+    The budget is either `minutes` of processor time, everything included, or `steps` of the optimiser; with `steps`
+    equal arguments give equal agents. `others`: tasks of further statements, learnt from as well. `resume` goes on
+    from `out`'s last checkpoint, with the recipe and seed that it was begun with.
+    Raises ValueError for a budget or settings that cannot be, TrainingError when the loss is no number or `out` cannot
+    serve, CorpusError for unusable data. KeyboardInterrupt leaves a checkpoint behind.
+    """
+    if (minutes is None) == (steps is None):
+        raise ValueError("give a budget: either minutes or steps")
+    if not 0 < (minutes or steps or 0) < math.inf:
+        raise ValueError(f"the budget must be positive, not {minutes or steps}")
+    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume, others)
+    run.learn(on_progress)
+    return run.finish()
+
+
+class _Run:
+    def __init__(
+        self,
+        settings: Settings,
+        recipe: ImitationRecipe,
+        out: Path,
+        minutes: float | None,
+        steps: int | None,
+        seed: int,
+        device: str,
+        resume: bool,
+        others: Sequence[Task],
+    ) -> None:
+        self._began = cpu_seconds()
+        self._settings, self._recipe, self._out, self._seed = settings, recipe, out, seed
+        self._minutes, self._steps = minutes, steps
+        self._device = chosen_device(device)
+        self._standing = _Standing()
+        tasks = settings.make("train").tasks
+        identity = {
+            "format": FORMAT,
+            "version": VERSION,
+            "environment": settings.to_json(),
+            "recipe": recipe.to_json(),
+            "seed": seed,
+            "tasks_sha256": tasks.provenance.sha256,
+            "other_tasks": len(others),
+        }
+        begin_or_check(out, identity, resume=resume)
+        appearance = make_appearance(settings.appearance)
+        self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
+        lessons, self._apart = held_out(lessons_of(tasks), recipe.held_out, seed=0)
+        self._lessons = lessons
+        self._others = lessons_of(others)
+        self._tasks_apart = _tasks_of(tasks, self._apart)
+        self._elsewhere = sorted_scenes(lessons) if settings.start == "flipit" else []
+        self._rng = np.random.default_rng(seed)
+        self._table = BoxTable()
+        self._explorer = Explorer(self._dynamics, self._table, self._rng, recipe.budget)
+        vocabulary = Vocabulary.from_statements([lesson.statement for lesson in (*lessons, *self._others)])
+        self._numbering = Numbering(vocabulary)
+        self._shape = Shape.of(settings.appearance, vocabulary, recipe)
+        torch.manual_seed(seed)
+        self._network = self._shape.network(recipe.dropout).to(self._device)
+        self._optimiser = torch.optim.AdamW(
+            self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+        )
+        if resume:
+            self._load_checkpoint()
+        layout = self._explorer.layout
+        self._player = Player(self._network, self._table, layout, self._numbering)
+        self._player.reduced_precision = recipe.reduced_precision
+        self._batches = BatchMaker(
+            self._table,
+            layout,
+            self._numbering,
+            self._device,
+            recolours=recipe.recolour,
+            unknown_words=recipe.unknown_words,
+            single_action=recipe.single_action,
+        )
+
+    # The budget
+
+    def _seconds(self) -> float:
+        return self._standing.cpu_seconds + cpu_seconds() - self._began
+
+    def _done(self) -> float:
+        """Share of the budget that is spent."""
+        if self._steps is not None:
+            return self._standing.steps / self._steps
+        assert self._minutes is not None
+        return self._seconds() / (60 * self._minutes)
+
+    # Learning
+
+    def learn(self, on_progress: Callable[[Progress], object]) -> None:
+        """Explores and learns by turns until the budget is spent."""
+        recent: list[tuple[float, float, float]] = []
+        saved = reported = self._seconds()
+        try:
+            self._explore_first()
+            while self._done() < 1:
+                if self._wants_to_explore():
+                    self._explore_more()
+                recent.append(self._step())
+                now = self._seconds()
+                if now - reported > REPORT_SECONDS:
+                    self._report(recent, on_progress)
+                    recent, reported = [], now
+                if now - saved > SAVE_SECONDS:
+                    self._save()
+                    saved = now
+        except KeyboardInterrupt:
+            self._save()
+            raise
+        if recent:
+            self._report(recent, on_progress)
+
+    def _step(self) -> tuple[float, float, float]:
+        """One step of the optimiser. Gives the losses of truth and actions, and how often the truth was right."""
+        recipe = self._recipe
+        batch = self._batches.batch(self._drawn_lessons(), recipe.solved, recipe.judged, self._rng)
+        for group in self._optimiser.param_groups:
+            group["lr"] = recipe.learning_rate * self._schedule()
+        self._network.train()
+        with precision(self._device, reduced=recipe.reduced_precision):
+            outputs = self._network(batch.inputs, batch.targets)
+        found = losses(outputs, batch)
+        loss = self._weighted(found)
+        if not torch.isfinite(loss):
+            shown = ", ".join(f"{name} {value.item():g}" for name, value in found._asdict().items())
+            raise TrainingError(
+                f"the loss is not finite at step {self._standing.steps} ({shown});"
+                f" the last good checkpoint is kept in {self._out}; try a lower learning rate"
+            )
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self._network.parameters(), recipe.gradient_norm)
+        self._optimiser.step()
+        self._standing.steps += 1
+        self._standing.states += batch.truths.numel()
+        right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
+        return float(found.truth.detach()), float(found.actions.detach()), float(right)
+
+    def _weighted(self, found: Losses) -> torch.Tensor:
+        recipe = self._recipe
+        return recipe.truth * found.truth + found.actions + recipe.steps * found.steps + recipe.legal * found.legal
+
+    def _schedule(self) -> float:
+        done = min(1.0, self._done())
+        rising = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
+        return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
+
+    def _drawn_lessons(self) -> list[Lesson]:
+        count = self._recipe.statements
+        other = round(count * self._recipe.mixed_share) if self._ready(self._others) else 0
+        return [*self._some(self._ready(self._lessons), count - other), *self._some(self._ready(self._others), other)]
+
+    def _some(self, lessons: Sequence[Lesson], count: int) -> list[Lesson]:
+        if not count:
+            return []
+        chosen = self._rng.choice(len(lessons), count, replace=len(lessons) < count)
+        return [lessons[index] for index in chosen]
+
+    @staticmethod
+    def _ready(lessons: Sequence[Lesson]) -> list[Lesson]:
+        return [lesson for lesson in lessons if lesson.with_actions]
+
+    # Exploring
+
+    def _explore_first(self) -> None:
+        began = self._seconds()
+        for lesson in (*self._lessons, *self._others):
+            if not lesson.with_actions:
+                self._explorer.explore(lesson, self._recipe.first_scenes, self._recipe.judged, self._elsewhere)
+        if not self._ready(self._lessons):
+            raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
+        self._standing.exploring_seconds += self._seconds() - began
+
+    def _wants_to_explore(self) -> bool:
+        if self._steps is not None:  # by steps, so that equal arguments give equal agents
+            return self._standing.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
+        return self._standing.exploring_seconds < self._recipe.exploring * self._seconds()
+
+    def _explore_more(self) -> None:
+        began = self._seconds()
+        lessons = self._some([*self._lessons, *self._others], EXPLORED_AT_ONCE)
+        if self._done() > OWN_AFTER and self._rng.random() < self._recipe.own_states:
+            self._explore_own(lessons)
+        else:
+            for lesson in lessons:
+                self._explorer.explore(lesson, 1, 2, self._elsewhere)
+        self._standing.exploring_seconds += self._seconds() - began
+
+    def _explore_own(self, lessons: Sequence[Lesson]) -> None:
+        """Adds the scenes that the network comes to, from starts of the lessons (DAgger)."""
+        tasks: list[Task] = []
+        for lesson in lessons:
+            start = lesson.starts[self._rng.integers(len(lesson.starts))]
+            tasks.append(Task("", lesson.statement, lesson.program.source, not lesson.program(start), start))
+        rule = StopRule(never_first=self._settings.start == "flipit")
+        rng = self._rng if self._rng.random() < 0.5 else None
+        choose = chooser(self._player, self._dynamics.horizon, rule, rng)
+        for lesson, episode in zip(lessons, play(self._player, self._dynamics, tasks, choose), strict=True):
+            for scene in dict.fromkeys(episode.scenes[-3:]):
+                self._explorer.add(lesson, scene, solve=True)
+
+    # What is left behind
+
+    def _report(self, recent: Sequence[tuple[float, float, float]], on_progress: Callable[[Progress], object]) -> None:
+        truth, actions, right = np.mean(recent, axis=0).tolist()
+        standing = self._standing
+        progress = Progress(
+            standing.steps,
+            standing.states,
+            round(self._seconds(), 1),
+            round(standing.exploring_seconds, 1),
+            self._explorer.sets,
+            round(truth, 4),
+            round(actions, 4),
+            round(right, 4),
+        )
+        with (self._out / PROGRESS_FILE).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(progress._asdict()) + "\n")
+        on_progress(progress)
+
+    def _save(self) -> None:
+        content = {
+            "network": self._network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "standing": {**vars(self._standing), "cpu_seconds": self._seconds()},
+        }
+        write_whole(self._out / CHECKPOINT_FILE, lambda unfinished: torch.save(content, unfinished))
+
+    def _load_checkpoint(self) -> None:
+        path = self._out / CHECKPOINT_FILE
+        if not path.exists():
+            return  # stopped before the first checkpoint: it begins anew
+        try:
+            content = torch.load(path, map_location=self._device, weights_only=True)
+            self._network.load_state_dict(content["network"])
+            self._optimiser.load_state_dict(content["optimiser"])
+            self._standing = _Standing(**content["standing"])
+        except Exception as fault:
+            raise TrainingError(f"{path}: cannot be gone on from: {fault}") from None
+        self._rng = np.random.default_rng([self._seed, self._standing.steps])
+        self._explorer.use(self._rng)
+
+    def finish(self) -> ImitationAgent:
+        """Chooses the rule for when to stop on the statements kept apart, and writes the agent."""
+        self._save()
+        rule, share = StopRule(never_first=self._settings.start == "flipit"), None
+        if self._tasks_apart:
+            chosen = self._tasks_apart[:: max(1, len(self._tasks_apart) // MOST_TASKS_FOR_RULE)]
+            rule, share = best_rule(self._player, self._dynamics, chosen, self._rng)
+        found = {
+            "seed": self._seed,
+            "steps": self._standing.steps,
+            "states": self._standing.states,
+            "cpu_minutes": round(self._seconds() / 60, 2),
+            "exploring_cpu_minutes": round(self._standing.exploring_seconds / 60, 2),
+            "held_out_tasks": len(self._tasks_apart),
+            "held_out_accuracy": share,
+            "other_statements": len(self._others),
+        }
+        description = describe(self._settings, self._recipe, self._shape, rule, found)
+        agent = ImitationAgent(self._network.eval(), self._shape, rule, description)
+        agent.save(self._out / AGENT_FILE)
+        return agent
+
+
+def begin_or_check(out: Path, identity: Mapping[str, Any], *, resume: bool) -> None:
+    """Writes what the run is, or checks that it is the run that is resumed. Raises TrainingError, OutputError."""
+    path = out / RUN_FILE
+    if not resume:
+        if path.exists():
+            raise TrainingError(f"{out} holds a run already; resume it, or name another directory")
+        writable_directory(out)
+        write_json(path, identity)
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as fault:
+        raise TrainingError(f"{path}: no imitation run to resume: {fault}") from None
+    other = [name for name in identity if not isinstance(found, dict) or found.get(name) != identity[name]]
+    if other:
+        raise TrainingError(f"{out} holds another run: it differs in {', '.join(other)}")
+
+
+def sorted_scenes(lessons: Iterable[Lesson]) -> list[Any]:
+    """Every distinct start scene of the lessons, in their order."""
+    return list(dict.fromkeys(start for lesson in lessons for start in lesson.starts))
+
+
+def _tasks_of(tasks: Iterable[Task], lessons: Sequence[Lesson]) -> list[Task]:
+    statements = {lesson.statement for lesson in lessons}
+    return [task for task in tasks if task.statement in statements]

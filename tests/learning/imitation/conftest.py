@@ -1,0 +1,82 @@
+"""A few statements of our own that a small network learns in seconds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
+from tests.small_corpus import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
+
+SMALL: dict[str, Any] = {
+    "width": 32,
+    "text_layers": 1,
+    "item_layers": 1,
+    "dropout": 0.0,
+    "statements": 4,
+    "held_out": 0.0,
+    "unknown_words": 0.0,
+    "learning_rate": 5e-3,
+}
+BLACK_CIRCLE = {**CIRCLE, "color": "Black"}
+STATEMENTS: dict[str, list[tuple[str, str]]] = {
+    "tower": [
+        ("Some block is blue.", "exist(filter_color(all_items, Color.BLUE))"),
+        ("No block is black.", "not exist(filter_color(all_items, Color.BLACK))"),
+        ("Exactly two blocks are yellow.", "count(filter_color(all_items, Color.YELLOW)) == 2"),
+    ],
+    "scatter": [
+        ("There is a black item.", "exist(filter_color(all_items, Color.BLACK))"),
+        ("There is a circle.", "exist(filter_shape(all_items, Shape.CIRCLE))"),
+        ("There is no triangle.", "not exist(filter_shape(all_items, Shape.TRIANGLE))"),
+    ],
+}
+SCENES: dict[str, list[list[list[dict[str, Any]]]]] = {
+    "tower": [[[BLUE_BLOCK], [], []], [[BLACK_BLOCK], [], []], [[BLUE_BLOCK], [BLACK_BLOCK], []]],
+    "scatter": [[[CIRCLE], [], []], [[], [BLACK_CIRCLE], []]],
+}
+
+
+@pytest.fixture(scope="session")
+def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The path of a corpus of three statements for each appearance, the same ones in train and dev."""
+    from lilgym_mp.corpus import write_corpus
+    from lilgym_mp.programs import compile_program
+    from lilgym_mp.scene import Scene
+
+    path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
+    entries: list[dict[str, Any]] = []
+    for appearance, pairs in STATEMENTS.items():
+        for split in ("train", "dev"):
+            for number, (statement, program) in enumerate(pairs):
+                name = f"{appearance}-{split}-{number}"
+                truth = compile_program(program)
+                starts = [
+                    {"id": f"{name}-{index}", "label": bool(truth(Scene.from_json(scene))), "scene": scene}
+                    for index, scene in enumerate(SCENES[appearance])
+                ]
+                entries.append(
+                    {
+                        "id": name,
+                        "appearance": appearance,
+                        "split": split,
+                        "statement": statement,
+                        "program": program,
+                        "starts": starts,
+                    }
+                )
+    write_corpus(path, "our own statements", "as this package", entries)
+    json.loads(path.read_text().splitlines()[0])
+    return str(path)
+
+
+def small_recipe(settings: Settings, **changes: Any) -> ImitationRecipe:
+    return default_recipe(settings.appearance, **{**SMALL, **changes})
+
+
+def progress_lines(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / "progress.jsonl").read_text().splitlines()]

@@ -1,0 +1,112 @@
+"""Batches: what is exchanged in words, scenes and actions alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from lilgym_mp.appearances import Tower
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.tokens import Vocabulary, words
+from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
+from lilgym_mp.learning.imitation.boxes import BoxTable
+from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, action_layout
+from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import State, make_dynamics
+from lilgym_mp.scene import Box, Colour, Scene
+from lilgym_mp.solver import Solver
+from lilgym_mp.task import Task
+
+
+def explored(corpus: str) -> tuple[list[Lesson], BoxTable]:
+    table = BoxTable()
+    lessons = lessons_of(load_tasks(corpus, "tower", "flipit", "train"))
+    explorer = Explorer(make_dynamics(Tower()), table, np.random.default_rng(0))
+    for lesson in lessons:
+        explorer.explore(lesson, 4, 8, [])
+    table.describe()
+    return lessons, table
+
+
+def test_explorer__truths_and_actions_are_the_program_s_and_the_expert_s(statements: str):
+    lessons, table = explored(statements)
+    solver, layout = Solver(make_dynamics(Tower())), action_layout(Tower())
+    for lesson in lessons:
+        assert len(lesson.with_actions) >= 4
+        for boxes, truth, steps, actions in zip(
+            lesson.scenes, lesson.truths, lesson.steps, lesson.actions, strict=True
+        ):
+            scene = Scene(tuple(table.boxes[box] for box in boxes))  # pyright: ignore[reportArgumentType]
+            assert lesson.program(scene) == truth
+            if actions is not None:
+                task = Task("", lesson.statement, lesson.program.source, not truth, scene)
+                found = solver.optimal_actions(State(task, scene, 0))
+                assert set(layout.action_of[actions].tolist()) == set(found.actions)
+                assert steps == found.steps
+
+
+def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: str):
+    lessons, table = explored(statements)
+    vocabulary = Vocabulary.from_statements([*(lesson.statement for lesson in lessons), "yellow black blue"])
+    layout = action_layout(Tower())
+    numbering = Numbering(vocabulary)
+    maker = BatchMaker(table, layout, numbering, torch.device("cpu"))
+    batch = maker.batch(lessons, 3, 4, np.random.default_rng(3))
+    programs = {
+        f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
+        for statement, program, name in (
+            (" ".join(words(lesson.statement)), lesson.program.source, colour.name)
+            for lesson in lessons
+            for colour in Colour
+            if colour.name.lower() in lesson.statement
+        )
+        for colour in Colour
+        for start, end in [statement.split(name.lower())]
+    }
+    solver = Solver(make_dynamics(Tower()))
+    changed = 0
+    for row, lesson in enumerate(lessons):
+        statement = " ".join(vocabulary.decode(batch.inputs.words[row].tolist()))
+        changed += statement != " ".join(words(lesson.statement))
+        program = programs[statement]
+        for column, places in enumerate(batch.inputs.scenes[row].tolist()):
+            scene = shown(batch.inputs, row, places)
+            truth = compile_program(program)(scene)
+            assert truth == bool(batch.truths[row, column])
+            if column < 3:
+                assert bool(batch.targets[row, column]) == (not truth)
+                found = solver.optimal_actions(State(Task("", statement, program, not truth, scene), scene, 0))
+                marked = torch.nonzero(batch.optimal[row, column]).flatten().numpy()
+                assert set(layout.action_of[marked].tolist()) == set(found.actions)
+    assert changed
+
+
+def shown(inputs: object, row: int, places: list[int]) -> Scene:
+    """The Tower scene that the inputs show: blocks from below, by their gap to the floor and their colour."""
+    from lilgym_mp.appearances.tower import tower_tables
+
+    tables = tower_tables()
+    boxes: list[Box] = []
+    for place in places:
+        present = inputs.present[row, place]  # pyright: ignore[reportAttributeAccessIssue]
+        colours = inputs.colours[row, place][present].tolist()  # pyright: ignore[reportAttributeAccessIssue]
+        padded = [*colours, *[-1] * (4 - len(colours))]
+        boxes.append(tables.boxes[int(np.flatnonzero((tables.colours == padded).all(1))[0])])
+    return Scene((boxes[0], boxes[1], boxes[2]))
+
+
+def test_held_out__no_statement_is_in_both(statements: str):
+    lessons = lessons_of(load_tasks(statements, "tower", "flipit", "train"))
+    learnt, apart = held_out(lessons, 0.34, 0)
+    assert len(learnt) == 2
+    assert len(apart) == 1
+    assert not {lesson.statement for lesson in learnt} & {lesson.statement for lesson in apart}
+
+
+def test_numbering__exchanges_colour_words():
+    vocabulary = Vocabulary.from_statements(["yellow black blue block"])
+    numbering = Numbering(vocabulary)
+    for order, colours in enumerate(COLOUR_ORDERS):
+        new = vocabulary.decode(numbering.recoloured(numbering.numbers("yellow blue block"), order).tolist())
+        assert new == [Colour(colours[0]).name.lower(), Colour(colours[2]).name.lower(), "block"]

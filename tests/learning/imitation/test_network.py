@@ -1,0 +1,61 @@
+"""The network: what it must not depend on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.learning.imitation.batches import Numbering
+from lilgym_mp.learning.imitation.boxes import BoxTable
+from lilgym_mp.learning.imitation.layout import action_layout
+from lilgym_mp.learning.imitation.lessons import Explorer
+from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.playing import Player
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Scene
+
+STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
+
+
+def player_of(appearance: Tower | Scatter) -> tuple[Player, Explorer]:
+    table = BoxTable()
+    torch.manual_seed(0)
+    vocabulary = Vocabulary.from_statements(STATEMENTS)
+    network = ImitationNetwork(appearance.name, len(vocabulary), width=32)
+    explorer = Explorer(make_dynamics(appearance), table, np.random.default_rng(0))
+    return Player(network, table, action_layout(appearance), Numbering(vocabulary)), explorer
+
+
+@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
+def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower | Scatter):
+    player, explorer = player_of(appearance)
+    scene = Scene.empty()
+    scenes = [scene := explorer.edited(scene) for _ in range(7)]
+    statements = [STATEMENTS[index % 3] for index in range(7)]
+    targets = np.array([0, 1, 1, 0, 1, 0, 0])
+    boxes = player.table.indices(scenes)
+    together = player.log_probabilities(statements, boxes, targets)
+    for row in range(7):
+        alone = player.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
+        np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
+
+
+@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
+def test_policy__permuting_boxes_permutes_its_actions(appearance: Tower | Scatter):
+    player, explorer = player_of(appearance)
+    scene = Scene.empty()
+    for _ in range(5):
+        scene = explorer.edited(scene)
+    layout = player.layout
+    order = [2, 0, 1]
+    found = player.log_probabilities(
+        STATEMENTS[:1] * 2, player.table.indices([scene, scene.permuted(order)]), np.array([1, 1])
+    )
+    adds = found[:, 1 : 1 + layout.adds].reshape(2, 3, -1)
+    removes = found[:, 1 + layout.adds :].reshape(2, 3, -1)
+    np.testing.assert_allclose(found[0, 0], found[1, 0], atol=1e-4)
+    np.testing.assert_allclose(adds[0, order], adds[1], atol=1e-4)
+    np.testing.assert_allclose(removes[0, order], removes[1], atol=1e-4)

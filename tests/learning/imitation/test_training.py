@@ -1,0 +1,186 @@
+"""Runs: they learn, go on after an interrupt, and leave agents that can be loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.imitation import training
+from lilgym_mp.learning.imitation.agent import ImitationAgent
+from lilgym_mp.learning.imitation.lessons import Explorer, Lesson
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.training import TrainingError, train_imitation
+from lilgym_mp.learning.model_file import ModelFileError, save_model
+from lilgym_mp.scene import Scene
+from tests.learning.imitation.conftest import progress_lines, small_recipe
+
+STEPS = 250
+
+
+def completed(agent: ImitationAgent, settings: Settings) -> float:
+    episodes = evaluate(agent.policy(settings), settings, "dev")
+    return sum(episode.is_success for episode in episodes) / len(episodes)
+
+
+def train(
+    statements: str, name: str, out: Path, steps: int = STEPS, **changes: object
+) -> tuple[ImitationAgent, Settings]:
+    settings = Settings(name, corpus=statements)
+    return train_imitation(settings, small_recipe(settings, **changes), out, steps=steps), settings
+
+
+def test_learning__three_statements_are_solved_in_seconds(statements: str, tmp_path: Path):
+    agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
+    assert completed(agent, settings) == 1
+    assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.9
+
+
+def test_learning__with_shuffled_labels_nothing_is_learnt(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    add = Explorer.add
+
+    def shuffled(explorer: Explorer, lesson: Lesson, scene: Scene, *, solve: bool) -> int:
+        known = len(lesson.scenes)
+        index = add(explorer, lesson, scene, solve=solve)
+        if index == known:  # a label that depends on nothing that can be seen
+            lesson.truths[index] = bool(hash(tuple(lesson.scenes[index])) & 64)
+        if lesson.actions[index] is not None:
+            lesson.actions[index] = explorer.layout.recoloured[0][1 + (index * 7) % 12 :][:1]
+        return index
+
+    monkeypatch.setattr(Explorer, "add", shuffled)
+    agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
+    assert completed(agent, settings) < 0.7
+
+
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_training__runs_short_in_every_configuration_and_plays_what_was_saved(
+    name: str, statements: str, tmp_path: Path
+):
+    agent, settings = train(statements, name, tmp_path / "run", steps=4)
+    loaded = open_agent(tmp_path / "run", "cpu")
+    assert loaded.description == agent.description
+    assert evaluate(loaded.policy(settings), settings, "dev") == evaluate(agent.policy(settings), settings, "dev")
+
+
+def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path):
+    for place in ("one", "other"):
+        train(statements, "TowerScratch", tmp_path / place, steps=6)
+    one, other = (open_agent(tmp_path / place, "cpu") for place in ("one", "other"))
+    assert isinstance(one, ImitationAgent)
+    assert isinstance(other, ImitationAgent)
+    for name, weights in one.network.state_dict().items():
+        assert torch.equal(weights, other.network.state_dict()[name]), name
+
+
+def test_resume__goes_on_where_a_killed_run_stopped(statements: str, tmp_path: Path):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    recipe = small_recipe(settings)
+
+    def killed(progress: training.Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "REPORT_SECONDS", 0.0)
+        with pytest.raises(KeyboardInterrupt):
+            train_imitation(settings, recipe, tmp_path, steps=20, on_progress=killed)
+    assert not (tmp_path / AGENT_FILE).exists()
+    agent = train_imitation(settings, recipe, tmp_path, steps=20, resume=True)
+    assert agent.description.details["steps"] == 20
+    assert [line["steps"] for line in progress_lines(tmp_path)] == [1, 20]
+
+
+def test_resume__refuses_another_recipe_and_a_broken_checkpoint(statements: str, tmp_path: Path):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    train_imitation(settings, small_recipe(settings), tmp_path, steps=2)
+    with pytest.raises(TrainingError, match="differs in recipe"):
+        train_imitation(settings, small_recipe(settings, width=64), tmp_path, steps=4, resume=True)
+    with pytest.raises(TrainingError, match="already"):
+        train_imitation(settings, small_recipe(settings), tmp_path, steps=4)
+    (tmp_path / "checkpoint.pt").write_bytes((tmp_path / "checkpoint.pt").read_bytes()[:1000])
+    with pytest.raises(TrainingError, match=r"checkpoint\.pt: cannot be gone on from"):
+        train_imitation(settings, small_recipe(settings), tmp_path, steps=4, resume=True)
+
+
+def test_training__stops_where_the_loss_is_no_number_and_keeps_the_checkpoint(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    found = training.losses
+
+    def broken(outputs: object, batch: object) -> object:
+        real = found(outputs, batch)  # pyright: ignore[reportArgumentType]
+        broken.calls += 1
+        return real._replace(truth=real.truth * float("nan")) if broken.calls == 4 else real
+
+    broken.calls = 0
+    monkeypatch.setattr(training, "losses", broken)
+    with pytest.raises(TrainingError, match=r"not finite at step 3 \(truth nan"):
+        train(statements, "TowerScratch", tmp_path, steps=10)
+    kept = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert kept["standing"]["steps"] == 3
+    assert all(torch.isfinite(weights).all() for weights in kept["network"].values())
+
+
+@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "steps": 3}, {"minutes": -1.0}, {"minutes": float("nan")}])
+def test_training__refuses_budgets_that_cannot_be(budget: dict[str, float], statements: str, tmp_path: Path):
+    settings = Settings("TowerScratch", corpus=statements)
+    with pytest.raises(ValueError, match="budget"):
+        train_imitation(settings, small_recipe(settings), tmp_path, **budget)  # pyright: ignore[reportArgumentType]
+
+
+def test_recipe__names_the_setting_and_its_bounds():
+    with pytest.raises(ValueError, match="learning-rate must be at least 0 and at most 1, not 2"):
+        ImitationRecipe(learning_rate=2)
+    with pytest.raises(ValueError, match="multiple of 8"):
+        ImitationRecipe(width=100)
+    recipe = ImitationRecipe(width=64)
+    assert ImitationRecipe.from_json(recipe.to_json()) == recipe
+
+
+def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str, tmp_path: Path):
+    agent, settings = train(statements, "TowerFlipIt", tmp_path, steps=1)
+    path = tmp_path / AGENT_FILE
+    tensors = agent.network.state_dict()
+
+    def saved(**changes: object) -> None:
+        from dataclasses import replace
+
+        save_model(path, replace(agent.description, **changes), tensors)  # pyright: ignore[reportArgumentType]
+
+    saved(version=99)
+    with pytest.raises(ModelFileError, match="version 99"):
+        open_agent(path, "cpu")
+    details = agent.description.details
+    saved(details={**details, "network": {**details["network"], "vocabulary": ["a", "blue"]}})
+    with pytest.raises(ModelFileError, match="not of the network"):
+        open_agent(path, "cpu")
+    saved(configurations=("ScatterFlipIt",))
+    with pytest.raises(ModelFileError, match="a network for tower cannot play ScatterFlipIt"):
+        open_agent(path, "cpu")
+    saved()
+    with pytest.raises(AgentError, match="does not play TowerScratch"):
+        open_agent(path, "cpu").policy(Settings("TowerScratch", corpus=settings.corpus))
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ModelFileError, match="cut short"):
+        open_agent(path, "cpu")
+
+
+def test_policy__unknown_empty_and_endless_statements_are_played(statements: str, tmp_path: Path):
+    import numpy as np
+
+    from lilgym_mp.evaluation import Observations
+    from lilgym_mp.render import draw
+
+    agent, settings = train(statements, "TowerFlipIt", tmp_path, steps=1)
+    said = ("", "zxqv", "blue " * 10_000)
+    images = np.stack([draw(Scene.empty(), "half")] * 3)
+    seen = Observations(images, said, np.ones(3, np.int64), np.zeros(3, np.int64), np.arange(3))
+    chosen = agent.policy(settings)(seen, np.zeros((3, 0), np.bool_), np.random.default_rng(0))
+    assert ((chosen >= 0) & (chosen < 13)).all()
