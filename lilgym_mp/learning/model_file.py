@@ -94,10 +94,11 @@ def _check_file(path: Path) -> None:
         if path.stat().st_size > LARGEST_FILE:
             raise ModelFileError(f"{path}: larger than {LARGEST_FILE >> 30} GiB")
         with path.open("rb") as file:
-            start = file.read(4)
+            start = file.read(9)
     except OSError as fault:
         raise ModelFileError(f"{path}: cannot be read: {fault.strerror or fault}") from None
-    if start.startswith(PICKLE_STARTS):
+    is_safetensors = start[8:] == b"{"  # after the length of its header, whose first byte may be any
+    if start.startswith(PICKLE_STARTS) and not is_safetensors:
         raise ModelFileError(
             f"{path}: holds pickled Python objects, which are not loaded; models are safetensors files"
         )

@@ -43,6 +43,16 @@ def test_load__gives_what_was_saved(model: Path):
     assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
 
 
+def test_load__takes_headers_of_any_length(tmp_path: Path):
+    first_bytes = set[int]()
+    for length in range(0, 256, 8):
+        path = tmp_path / f"{length}.safetensors"
+        save_model(path, dataclasses.replace(DESCRIPTION, supervision="p" * length), TENSORS)
+        first_bytes.add(path.read_bytes()[0])
+        assert read_description(path).supervision == "p" * length
+    assert 0x80 in first_bytes  # as a pickle begins
+
+
 def test_save__equal_contents_give_equal_bytes_and_no_other_file(model: Path):
     first = model.read_bytes()
     save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
