@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus.generator.frames import Frames
+from lilgym_mp.corpus.generator.box_frames import Frames
 from lilgym_mp.corpus.generator.paraphrases import paraphrased
 from lilgym_mp.corpus.generator.scatter_frames import ScatterFrames, scatter_voice
 from lilgym_mp.corpus.generator.speech import Voice

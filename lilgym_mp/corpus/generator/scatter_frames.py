@@ -6,7 +6,8 @@ import random
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lilgym_mp.corpus.generator.frames import TWO_COLOURS, Condition, Family, Frames, Said, in_box
+from lilgym_mp.corpus.generator.box_frames import Frames
+from lilgym_mp.corpus.generator.conditions import TWO_COLOURS, Condition, Family, Said, in_box
 from lilgym_mp.corpus.generator.phrases import pluralised
 from lilgym_mp.corpus.generator.speech import ANYTHING, SHAPES, Look, Noun, Test, Trait, Voice, items
 
@@ -47,7 +48,9 @@ class ScatterFrames(Frames):
             (1.5, self.the_only), (2, self.shared), (3, self.every), (1, self.not_every), (1.5, self.only_those),
             (2, self.same_all), (1, self.variety), (2, self.compared), (3, self.joined), (3, self.two_counted),
             (32, self.boxes_with), (3, self.named_box), (1, self.conditional_boxes), (2, self.box_with_definite),
-            (1.5, self.touching_pair),
+            (1.5, self.touching_pair), (0.7, self.both), (0.6, self.excepted), (0.6, self.mostly), (0.4, self.no_two),
+            (1.5, self.in_one_box), (1, self.two_named_boxes), (1.2, self.evenly), (0.8, self.most_of_them),
+            (2.5, self.in_box_with), (1.2, self.every_wall),
         )  # fmt: skip
 
     def look(self) -> Look:
@@ -263,9 +266,11 @@ class ScatterFrames(Frames):
     @cached_property
     def _conditions(self) -> Sequence[tuple[float, Callable[[], Condition]]]:
         return (
-            (0.34, self.has_some), (0.13, lambda: self.total_in_box(8)), (0.15, self.has_traited), (0.07, self.purely),
-            (0.07, self.varied), (0.06, self.has_none), (0.04, self.has_compared), (0.04, self.has_total_of_which),
-            (0.02, self.all_of_box), (0.03, self.only_item), (0.03, self.two_alike), (0.02, self.two_lots),
+            (0.31, self.has_some), (0.12, lambda: self.total_in_box(8)), (0.15, self.has_traited), (0.06, self.purely),
+            (0.07, self.varied), (0.05, self.has_none), (0.035, self.has_compared), (0.035, self.has_total_of_which),
+            (0.025, self.all_of_box), (0.03, self.only_item), (0.03, self.two_alike), (0.02, self.two_lots),
+            (0.01, self.either), (0.015, self.one_of_each), (0.02, self.just_these), (0.015, self.and_others),
+            (0.005, self.no_two_alike),
         )  # fmt: skip
 
     def two_lots(self) -> Condition:
@@ -306,3 +311,32 @@ class ScatterFrames(Frames):
             there = self.pick("there are no", "no")
             return Said(f"{there} {several} {joint}", f"NOT(exist({items(noun.also(trait))}))")
         return Said(f"{there} {several} {joint}", f"exist({items(noun.also(trait))})")
+
+    def in_box_with(self) -> Said:
+        """ "there is a blue circle in a box with two squares" """
+        look = self.look()
+        condition = self.pick(lambda: self.total_in_box(6), self.has_some, self.has_none, self.purely, self.varied)()
+        while condition.has is None:
+            condition = self.has_some()
+        box = self.a(self.voice.box)
+        with_it = self.described([condition], plural=False)
+        core = f"{self.pick('in', 'in', 'in', 'inside')} {box} {with_it}"
+        noun = Noun(look, (Trait(core, lambda v: condition.test(f"{v}.box"), kind="box"),))
+        return self.saying(self.quantity(3, none=0.06), noun)
+
+    def every_wall(self) -> Said:
+        """Items touching two walls, or exactly one."""
+        look = self.look()
+        wall = self.voice.wall
+        two = self.pick(f"two {pluralised(wall)}", f"2 {pluralised(wall)}", f"two {pluralised(wall)} of the box")
+        touching = self.pick("touching", "touching", "almost touching")
+        function = "is_touching_corner" if touching == "touching" else "is_closely_touching_corner"
+        trait = Trait(f"{touching} {two}", lambda v: f"{function}({v})", holds=self.chance(0.9), kind="wall")
+        if self.chance(0.35):
+            one = self.pick("only one", "exactly one", "just one")
+
+            def test(variable: str) -> str:
+                return f"(is_touching_wall({variable}) and NOT(is_touching_corner({variable})))"
+
+            trait = Trait(f"touching {one} {wall}", test, kind="wall")
+        return self.saying(self.quantity(3, none=0.06), Noun(look, (trait,)))

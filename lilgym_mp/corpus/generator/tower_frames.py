@@ -6,10 +6,22 @@ import random
 from collections.abc import Sequence
 from functools import cached_property
 
-from lilgym_mp.corpus.generator.frames import BOX, TWO_COLOURS, Condition, Family, Frames, Said, filtered, in_box
+from lilgym_mp.corpus.generator.box_frames import Frames
+from lilgym_mp.corpus.generator.conditions import BOX, TWO_COLOURS, Condition, Family, Said, in_box
 from lilgym_mp.corpus.generator.meanings import NONE, SOME, Quantity
 from lilgym_mp.corpus.generator.phrases import pluralised
-from lilgym_mp.corpus.generator.speech import ANYTHING, Look, Noun, Trait, Voice, exactly, items, numbered
+from lilgym_mp.corpus.generator.speech import (
+    ANYTHING,
+    Look,
+    Noun,
+    Phrase,
+    Trait,
+    Voice,
+    exactly,
+    filtered,
+    items,
+    numbered,
+)
 
 ON = ("on", "on", "on top of", "above", "above", "over", "over", "directly above", "directly on", "right above",
       "just above", "immediately above", "directly on top of", "sitting on", "resting on", "placed on", "stacked on",
@@ -53,7 +65,9 @@ class TowerFrames(Frames):
             (1.5, self.same_all), (1, self.variety), (2, self.compared), (3, self.joined), (3, self.two_counted),
             (34, self.boxes_with), (3, self.named_box), (1, self.conditional_boxes), (3, self.box_with_definite),
             (9, self.in_tower), (3, self.pile), (3, self.ends_told), (3, self.towers_alike), (1.5, self.touching_pair),
-            (1.5, self.taller),
+            (1.5, self.taller), (0.7, self.both), (0.5, self.excepted), (0.5, self.mostly), (0.4, self.no_two),
+            (1, self.in_one_box), (1.5, self.two_named_boxes), (1.2, self.evenly), (0.8, self.most_of_them),
+            (2, self.coloured_towers), (1.5, self.order_told),
         )  # fmt: skip
 
     def look(self) -> Look:
@@ -201,10 +215,11 @@ class TowerFrames(Frames):
     @cached_property
     def _conditions(self):
         return (
-            (0.2, self.has_some), (0.2, self.height), (0.22, self.end), (0.07, self.purely), (0.06, self.varied),
-            (0.05, self.has_none), (0.05, self.stacked_condition), (0.03, self.has_compared), (0.03, self.same_ends),
+            (0.17, self.has_some), (0.19, self.height), (0.21, self.end), (0.06, self.purely), (0.06, self.varied),
+            (0.04, self.has_none), (0.05, self.stacked_condition), (0.03, self.has_compared), (0.03, self.same_ends),
             (0.02, self.has_total_of_which), (0.015, self.only_item), (0.015, self.two_alike), (0.03, self.two_ends),
-            (0.015, self.alternating),
+            (0.01, self.alternating), (0.04, self.with_more_on_it), (0.01, self.either), (0.015, self.one_of_each),
+            (0.02, self.just_these), (0.02, self.and_others), (0.005, self.no_two_alike), (0.01, self.between_alike),
         )  # fmt: skip
 
     def height(self) -> Condition:
@@ -267,7 +282,7 @@ class TowerFrames(Frames):
                 (f"is topped with {block}", f"are topped with {block}") if part == "top" else None,
             )  # fmt: skip
         return Condition(lambda box: numbered(SOME, self.part_items(box, part, look)), has, verbs=verbs,
-                         kind=part, least={"second": 2, "third": 3}.get(part, 1))  # fmt: skip
+                         kind=part, look=look, least={"second": 2, "third": 3}.get(part, 1))  # fmt: skip
 
     def end_place(self, part: str) -> str:
         if part == "top":
@@ -346,6 +361,50 @@ class TowerFrames(Frames):
             ),
             has, kind="alternating", least=2,
         )  # fmt: skip
+
+    def with_more_on_it(self) -> Condition:
+        """ "a black item touching the wall and two blue items on top of it" """
+        look, other = Look(self.colour()), self.pick(ANYTHING, Noun(Look(self.colour())), Noun(Look(self.colour())))
+        trait = self.pick(None, self.floor_trait(), self.floor_trait(), self.place_trait())
+        traits = () if trait is None or not trait.holds or "top" in trait.core else (trait,)
+        first = Noun(look, traits)
+        quantity = self.pick(SOME, SOME, exactly(1), exactly(2), exactly(2), Quantity(2, None), NONE)
+        above = self.chance(0.8)
+        it = self.pick("it", "it", "it", "that", f"that {self.voice.item}")
+        words = self.pick(
+            f"on top of {it}", f"on top of {it}", f"above {it}", f"over {it}", f"on {it}", f"directly above {it}",
+        ) if above else self.pick(f"below {it}", f"under {it}", f"beneath {it}", f"underneath {it}")  # fmt: skip
+        joint = "but" if quantity == NONE and self.chance(0.3) else "and"
+        text = f"{self.some(first)} {joint} {self.quantified(quantity, other).text} {words}"
+        direct = words.startswith("directly")
+        related = ("get_above" if direct else "get_box_all_above") if above else "get_box_all_below"
+        more = numbered(quantity, items(other, f"{related}(x)", "y"))
+
+        def test(box: str) -> str:
+            own = " and ".join(part("x") for part in first.tests())
+            return f"exist(filter_obj({in_box(box)}, lambda x: {own} and {more}))"
+
+        return Condition(test, text, kind="pile", least=2)
+
+    def between_alike(self) -> Condition:
+        """ "a black item between two items of the same color" """
+        noun = Noun(Look(self.colour()))
+        several = pluralised(self.voice.item)
+        between = self.pick("between", "in between", "sandwiched between")
+        same = self.pick("the same", "the same", "same")
+        text = f"{self.some(noun)} {between} {self.number(2)} {several} of {same} color"
+        more, more_text = self.pick(("", ""), ("", ""), (" and NOT(exist(get_above(y)))", "top"))
+        neighbours = (
+            "exist(filter_obj(get_above(x), lambda y: exist(filter_obj(get_below(x), lambda z: z.color == y.color))"
+        )
+        if more_text:
+            text += self.pick(f" and no {self.voice.item} on top of that", f" and no {self.voice.item} above that",
+                              f" and no {self.voice.item} on top of them")  # fmt: skip
+
+        def test(box: str) -> str:
+            return f"exist(filter_obj({in_box(box)}, lambda x: {noun.tests()[0]('x')} and {neighbours}{more})))"
+
+        return Condition(test, text, kind="pile", least=3)
 
     # Statements
 
@@ -554,3 +613,53 @@ class TowerFrames(Frames):
         counts = [f"count(all_boxes[{index}].all_items_in_box())" for index in (one, other)]
         towers = f"all_boxes[{one}].is_tower() and all_boxes[{other}].is_tower()"
         return Said(text, f"{towers} and {counts[0]} {order} {counts[1]}")
+
+    def coloured_towers(self) -> Said:
+        """ "there is a black tower with two blocks" """
+        colour = self.colour()[0]
+        tower = self.voice.tower
+        quantity = self.pick(SOME, SOME, SOME, exactly(1), exactly(2), Quantity(2, None), NONE)
+        words = self.determiner(quantity)
+        name = self.pick(f"{colour} {tower}", f"{colour} {tower}", f"all {colour} {tower}", f"fully {colour} {tower}",
+                         f"completely {colour} {tower}", f"{colour} colored {tower}")  # fmt: skip
+        name = pluralised(name) if words.plural else name
+        named = Phrase(self.a(name) if words.text == "a" else f"{words.text} {name}", words.plural)
+        test = f"{BOX}.is_tower() and All({in_box(BOX)}, lambda x: is_{colour}(x))"
+        if self.chance(0.5):
+            condition = self.height()
+            test += f" and {condition.test(BOX)}"
+            named = Phrase(f"{named.text} {self.described([condition], words.plural)}", words.plural)
+        if quantity == SOME and self.chance(0.2):
+            named = Phrase(
+                f"one of the {pluralised(tower)} is {self.pick('all ', 'only ', 'completely ', '')}{colour}", False
+            )
+            test = f"{BOX}.is_tower() and All({in_box(BOX)}, lambda x: is_{colour}(x))"
+            return Said(named.text, f"exist(filter_obj(all_boxes, lambda {BOX}: {test}))")
+        return Said(self.existential(named), numbered(quantity, f"filter_obj(all_boxes, lambda {BOX}: {test})"))
+
+    def order_told(self) -> Said:
+        """ "the second block of a tower is black", "the first block is yellow and the second is blue" """
+        item, tower = self.voice.item, self.voice.tower
+        places = (("bottom", ("first", "lowest", "bottom")), ("second", ("second",)), ("third", ("third",)),
+                  ("top", ("top", "top most", "uppermost", "last")))  # fmt: skip
+        number = self.pick(1, 1, 2)
+        chosen = sorted(self.rng.sample(range(4), number))
+        from_base = self.pick("", " from the bottom", " from the base")
+        told: list[str] = []
+        tests: list[str] = []
+        for index in chosen:
+            part, names = places[index]
+            look = Look(self.colour())
+            after = from_base if part in ("second", "third") else ""
+            told.append(f"the {self.one(names)} {item}{after} is {look.colours[0]}")
+            tests.append(numbered(SOME, self.part_items(BOX, part, look)))
+        somewhere = self.pick(f"in a {tower}", f"in one of the {pluralised(tower)}", f"in one {tower}")
+        text = f"{somewhere} {' and '.join(told)}"
+        if number == 1 and self.chance(0.6):
+            first = told[0].rsplit(" is ", 1)
+            of_tower = self.pick(
+                f"of a {tower}", f"in a {tower}", f"of one of the {pluralised(tower)}", f"of one {tower}"
+            )
+            text = f"{first[0]} {of_tower} is {first[1]}"
+        program = f"exist(filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower() and {' and '.join(tests)}))"
+        return Said(text, program)
