@@ -55,7 +55,12 @@ class Frames(ItemFrames):
         tests = self.box_tests(word, conditions)
         boxes = f"filter_obj(all_boxes, lambda {BOX}: {tests})"
         if quantity == exactly(3):
-            return Said(self.each_box(word, conditions), f"All(all_boxes, lambda {BOX}: {tests})")
+            text = self.each_box(word, conditions)
+            if word == self.voice.tower and not {"three", "3"} & set(text.split(f" {pluralised(word)} ")[0].split()):
+                condition_tests = " and ".join(condition.test(BOX) for condition in conditions)
+                towers = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
+                return Said(text, f"All({towers}, lambda {BOX}: {condition_tests})")
+            return Said(text, f"All(all_boxes, lambda {BOX}: {tests})")
         return Said(self.box_text(quantity, word, conditions), numbered(quantity, boxes))
 
     def box_tests(self, word: str, conditions: Sequence[Condition]) -> str:
@@ -69,13 +74,7 @@ class Frames(ItemFrames):
             none = self.pick("none of the", "no one of the", "not one of the")
             return f"{none} {several} {self.having(conditions, plural=self.chance(0.5))}"
         if quantity.low >= 1 and draw < 0.22:
-            if quantity == SOME:
-                of_the = self.pick("one of the", "one of the", "at least one of the", "in one of the",
-                    "one of the three",
-                                   "one out of three", "one of")  # fmt: skip
-            else:
-                words = self.determiner(quantity)
-                of_the = f"{words.text} of the" if not words.text.endswith(" of") else "two of the"
+            of_the = self.of_the_boxes(quantity)
             if of_the.startswith("in "):
                 has = [condition.has for condition in conditions]
                 if None in has or any(condition.lacks for condition in conditions):
@@ -87,7 +86,8 @@ class Frames(ItemFrames):
         plural = words.plural
         noun = pluralised(word) if plural else word
         text = f"{words.text} {noun}" if words.text != "a" else self.a(noun)
-        only = conditions[0].has if len(conditions) == 1 and not conditions[0].lacks else None
+        alone = len(conditions) == 1 and not conditions[0].lacks and conditions[0].kind != "either"
+        only = conditions[0].has if alone else None
         if quantity == SOME and only is not None and draw < 0.34:
             place = self.pick(f"in a {word}", f"in one of the {several}", f"in one {word}", f"in the same {word}",
                               f"inside a {word}", f"in a {word}", f"in any {word}")  # fmt: skip
@@ -97,6 +97,20 @@ class Frames(ItemFrames):
         if draw < 0.82:
             return self.existential(Phrase(f"{text} {self.described(conditions, plural)}", plural))
         return f"{text} {self.having(conditions, plural)}"
+
+    def of_the_boxes(self, quantity: Quantity) -> str:
+        """ "one of the", "exactly two of the" """
+        if quantity == SOME:
+            if self.voice.loose:
+                return self.pick("at least one of the", "at least 1 of the", "in one of the")
+            return self.pick("one of the", "one of the", "one of the", "at least one of the", "in one of the",
+                             "one of the three", "one out of three", "one of")  # fmt: skip
+        if quantity == exactly(1):
+            one = self.number(1)
+            one = one if self.voice.loose else f"{self.pick('exactly', 'only', 'just', 'exactly')} {one}"
+            return f"{one} of the"
+        words = self.determiner(quantity).text
+        return f"{self.number(quantity.low)} of the" if words.endswith(" of") else f"{words} of the"
 
     def each_box(self, word: str, conditions: Sequence[Condition]) -> str:
         several = pluralised(word)
@@ -181,6 +195,7 @@ class Frames(ItemFrames):
         several = pluralised(word)
         named = self.noun(noun, plural=True)
         counts = f"lambda {BOX}: count({items(noun, in_box(BOX))})"
+        boxes = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())" if word == self.voice.tower else "all_boxes"
         if self.chance(0.6):
             text = self.pick(
                 f"all {several} have the same number of {named}", f"all the {several} have the same number of {named}",
@@ -189,8 +204,8 @@ class Frames(ItemFrames):
                 f"every {word} contains the same number of {named}",
                 f"the number of {named} is the same in all {several}",
             )  # fmt: skip
-            return Said(text, f"all_same_attribute(all_boxes, {counts})")
-        pairs = "combinations(all_boxes, 2)"
+            return Said(text, f"all_same_attribute({boxes}, {counts})")
+        pairs = f"combinations({boxes}, 2)"
         first, second = (f"count({items(noun, in_box(f'p[{index}]'))})" for index in (0, 1))
         if self.chance(0.5):
             text = self.pick(

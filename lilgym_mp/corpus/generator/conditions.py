@@ -269,9 +269,9 @@ class Conditions(Speech):
             words, quantity = self.varied_words(attribute)
         several = pluralised(self.voice.item)
         has = f"{several} {self.pick('of', 'of', 'in', 'with')} {words}"
-        if quantity.low > 1 and self.chance(0.4):
+        if quantity.low > 1 and (attribute != "shape" or "different" in words) and self.chance(0.4):
             has = words
-        if number == 1 == quantity.low and self.chance(0.4):
+        if quantity == exactly(1) and self.chance(0.4):
             has = self.pick(f"all {several} of the same {attribute}", f"all {several} in the same {attribute}",
                             f"only one {attribute}", f"{several} of same {attribute}")  # fmt: skip
         return Condition(
@@ -330,7 +330,7 @@ class Conditions(Speech):
         one = self.quantified(exactly(1), ANYTHING).text
         text = self.pick(f"{one} which is {trait.core}", f"{one} and it is {trait.core}",
             f"{one}, which is {trait.core}",
-                         f"{one} that is {trait.core}", f"{one} and it's {trait.core}")  # fmt: skip
+                         f"{one} and it's {trait.core}")  # fmt: skip
         return Condition(
             lambda box: f"count({in_box(box)}) == 1 and exist({items(Noun(look), in_box(box))})",
             text, kind="total", least=1, most=1,

@@ -94,11 +94,11 @@ class ItemFrames(Conditions):
         if draw < 0.6:
             return Said(self.existential(self.quantified(quantity, noun)), program)
         if draw < 0.63 and quantity == SOME:
-            there = self.existential(self.quantified(quantity, subject_noun))
+            there = self.existential(Phrase(self.some(subject_noun), plural=False))
             joint = self.pick(" and it", ", and it", " and that", f" and the {self.voice.item}", ". it")
             return Said(f"{there}{joint} {self.predicate(last, plural=False)}", program)
         if quantity == NONE and draw < 0.85:
-            none = self.pick("none of the", "none of the", "not one of the", "no one of the", "neither of the")
+            none = self.pick("none of the", "none of the", "not one of the", "no one of the")
             text = f"{none} {self.noun(subject_noun, plural=True)} {self.predicate(last, plural=self.chance(0.4))}"
             return Said(text, program)
         if draw < 0.74 and quantity.low == 1 and quantity.high in (1, None):
@@ -119,7 +119,11 @@ class ItemFrames(Conditions):
 
     def of_the(self, quantity: Quantity) -> str:
         if quantity == exactly(1):
+            if self.voice.loose:
+                return "one of the"
             return self.pick("exactly one of the", "only one of the", "just one of the", "exactly 1 of the")
+        if self.voice.loose:
+            return self.pick("at least one of the", "at least 1 of the", "some of the")
         return self.pick("one of the", "one of the", "at least one of the", "at least 1 of the", "some of the")
 
     def definite(self) -> Said:
@@ -182,6 +186,7 @@ class ItemFrames(Conditions):
             noun = Noun(Look(shape=noun.look.shape, size=noun.look.size), noun.traits)
         program = f"All({items(noun)}, lambda x: {trait.tested('x')})"
         several, single = self.noun(noun, plural=True), self.noun(noun, plural=False)
+        the_several = f"all the {several}" if several == single else f"the {several}"
         text = self.pick(
             f"all {several} {self.predicate(trait, plural=True)}",
             f"all the {several} {self.predicate(trait, plural=True)}",
@@ -189,8 +194,8 @@ class ItemFrames(Conditions):
             f"every {single} {self.predicate(trait, plural=False)}",
             f"each {single} {self.predicate(trait, plural=False)}",
             f"each of the {several} {self.predicate(trait, plural=False)}",
-            f"the {several} {self.predicate(trait, plural=True)}",
-            f"the {several} {self.be(True)} all {trait.told or trait.core}" if trait.holds else
+            f"{the_several} {self.predicate(trait, plural=True)}",
+            f"{the_several} {self.be(True)} all {trait.told or trait.core}" if trait.holds else
             f"the {several} {self.predicate(trait, plural=True)}",
         )  # fmt: skip
         return Said(text, program)
@@ -266,8 +271,11 @@ class ItemFrames(Conditions):
         several = pluralised(self.voice.item)
         there = self.pick(f"there are {several}", several, f"the {self.voice.picture} has {several}",
                           f"the {pluralised(self.voice.box)} have {several}", f"there is {several}")  # fmt: skip
+        named = f"there {self.be(number > 1)} {words} in the {self.voice.picture}"
+        if attribute == "shape" and "different" not in words:
+            named = f"{several} of {words} are in the {self.voice.picture}"
         text = self.pick(f"{there} {self.pick('of', 'of', 'with', 'in')} {words}",
-                         f"there {self.be(number > 1)} {words} in the {self.voice.picture}")  # fmt: skip
+                         named)  # fmt: skip
         return Said(text, f"count({values}) == {number}")
 
     def compared(self) -> Said:

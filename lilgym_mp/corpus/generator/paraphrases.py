@@ -118,6 +118,8 @@ def _finished(text: str, rng: random.Random) -> str:
     draw = rng.random()
     if draw < 0.85:
         text = text[:1].upper() + text[1:]
+    if draw > 0.99:
+        text = text[1:]
     draw = rng.random()
     stop = "." if draw < 0.82 else "" if draw < 0.95 else " ." if draw < 0.98 else ". "
     return text + stop

@@ -61,7 +61,8 @@ class ScatterFrames(Frames):
         return Look(colours, shape, size) if colours or shape or size else Look(self.colour())
 
     def attribute(self) -> str:
-        return self.pick("color", "color", "color", "shape", "shape", "size")
+        attribute = self.pick("color", "color", "color", "shape", "shape", "size")
+        return "color" if attribute == self.voice.item else attribute
 
     def look_free_of(self, attribute: str) -> Look:
         draw = self.rng.random()

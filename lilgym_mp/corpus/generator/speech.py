@@ -38,6 +38,7 @@ class Voice(NamedTuple):
     picture: str
     digits: bool
     sloppy: bool  # agreement errors, articles left out
+    loose: bool = False  # "two" may mean at least two, "one of the boxes" just one
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +196,7 @@ class Speech:
         if draw < 0.97:
             return Quantity(0, number)
         if draw < 0.985 and most >= 4:
-            return Quantity(self.pick(2, 3), None, soft=True)
+            return Quantity(self.pick(2, 3, 3, 4), None, soft=True)
         return Quantity(number, number + 1)
 
     def few(self, most: int = 4) -> Quantity:
@@ -214,11 +215,17 @@ class Speech:
         """The words before the noun; "a" stands for "a" or "an"."""
         low, high, soft = quantity
         if soft:
-            words = ("several", "multiple", "a few") if low == 2 else ("many", "several", "a lot of", "lots of")
+            words = {
+                2: ("multiple",),
+                3: ("several", "several", "a few", "quite a few"),
+                4: ("many", "a lot of", "lots of"),
+            }[low]
             return Phrase(self.one(words), plural=True)
         if quantity == NONE:
             return Phrase("no", plural=self.chance(0.5))
         if quantity == SOME:
+            if self.voice.loose and self.chance(0.08):
+                return Phrase(self.number(1), plural=False)
             if self.chance(0.75):
                 return Phrase("a", plural=False)
             return Phrase(f"{self.at_least()} {self.number(1)}", plural=False)
@@ -240,6 +247,8 @@ class Speech:
 
     def lower_bound(self, low: int) -> str:
         number, before = self.number(low), self.number(low - 1)
+        if self.voice.loose and self.chance(0.5):
+            return number
         draw = self.rng.random()
         if draw < 0.65:
             return f"{self.at_least()} {number}"
@@ -248,7 +257,7 @@ class Speech:
         if draw < 0.9:
             return f"{number} or more"
         if low == 2:
-            return self.pick("multiple", "more than one", "several")
+            return self.pick("multiple", "more than one")
         return f"{self.pick('no less than', 'no fewer than', 'a minimum of')} {number}"
 
     def exact(self, number: int) -> str:

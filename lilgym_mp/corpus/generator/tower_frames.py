@@ -39,7 +39,7 @@ def tower_voice(rng: random.Random) -> Voice:
     pick = rng.choice
     tower = pick(("tower",) * 12 + ("stack", "stack", "pile", "column"))
     return Voice(
-        item=pick(("block",) * 10 + ("item", "item", "box", "brick", "square", "square", "object", "cube")),
+        item=pick(("block",) * 10 + ("item", "item", "item", "brick", "square", "square", "object", "cube")),
         tower=tower,
         box=pick(("box",) * 8 + ("grey box", "gray box", "grey square", "grey area")),
         wall=pick(("wall", "wall", "edge")),
@@ -80,7 +80,7 @@ class TowerFrames(Frames):
         return Look()
 
     def box_word(self) -> str:
-        return self.voice.box if self.voice.item != "box" and self.chance(0.25) else self.voice.tower
+        return self.voice.box if self.chance(0.25) else self.voice.tower
 
     # Traits
 
