@@ -47,7 +47,7 @@ from lilgym_mp.scene import (
     Size,
 )
 
-__all__ = ["MARGIN", "PerceptionError", "read_scene", "read_scenes"]
+__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # pixels by which an item may leave its box; further out it might be the next box's
 KEPT_BOXES = 4096  # boxes whose pixels are remembered, least recently seen first to go
@@ -84,6 +84,21 @@ def read_scenes(images: Iterable[UInt8Array], appearance: str) -> list[Scene]:
         except PerceptionError as fault:
             raise PerceptionError(f"image {index}: {fault}") from None
     return scenes
+
+
+def image_size_of(image: UInt8Array) -> str:
+    """ "half" or "native". Raises PerceptionError for an array that is no image."""
+    shrink = _sizes()[_checked(image).shape]
+    return next(name for name, value in SHRINKS.items() if value == shrink)
+
+
+def recoloured(image: UInt8Array, colours: Sequence[Colour]) -> UInt8Array:
+    """A new picture of the same scene in other colours, without reading it; `colours`: what each colour becomes.
+
+    Raises PerceptionError naming a pixel that no scene has there.
+    """
+    shrink = _sizes()[_checked(image).shape]
+    return _recoloured_pixels(tuple(colours), shrink).take(_hashes(image, shrink), axis=0)
 
 
 def _reader(appearance: str) -> Callable[[UInt8Array], Scene]:
@@ -204,6 +219,17 @@ def _counting(shrink: int) -> _Counting:
         bare=int(on_separator[0]),
         counts=tuple(row.tobytes() for row in by_hash),
     )
+
+
+@lru_cache(maxsize=64)
+def _recoloured_pixels(colours: tuple[Colour, ...], shrink: int) -> UInt8Array:
+    """(256, 3) what becomes of the pixel that has each hash."""
+    counting = _counting(shrink)
+    counts = np.array([list(table) for table in counting.counts])[[colours.index(colour) for colour in Colour]]
+    bare = shrink**2 - counts.sum(axis=0)
+    painted = counts.T @ np.array([COLOUR_RGB[colour] for colour in Colour])
+    background = np.where(counting.is_box[:, None], BOX_RGB, SEPARATOR_RGB)
+    return ((painted + bare[:, None] * background) // shrink**2).astype(np.uint8)
 
 
 def _hashes(image: UInt8Array, shrink: int) -> UInt8Array:

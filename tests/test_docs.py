@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = ("README.md", "docs/fidelity.md", "docs/perception.md", "docs/vectorised.md")
+DOCUMENTS = ("README.md", "docs/fidelity.md", "docs/perception.md", "docs/augmentation.md", "docs/vectorised.md")
 
 
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")

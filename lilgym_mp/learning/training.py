@@ -21,15 +21,15 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.utils import set_random_seed
 
 from lilgym_mp.appearances import make_appearance
+from lilgym_mp.augmentation import write_recoloured
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import writable_directory
+from lilgym_mp.evaluation.files import writable_directory, write_whole
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_envs
 from lilgym_mp.learning.network import ActorCritic
 from lilgym_mp.learning.policy import Agent, MaskedActorCritic
 from lilgym_mp.learning.recipe import Recipe
-from lilgym_mp.learning.recolouring import write_recoloured
 from lilgym_mp.learning.run_directory import Checkpoint, Identity, RunDirectory, RunError, refuse_other
 from lilgym_mp.wrappers.tokens import default_length
 
@@ -91,7 +91,7 @@ def begin_run(path: Path, settings: Settings, recipe: Recipe) -> Run:
     settings.make(TRAINING_SPLIT)
     writable_directory(path)
     if recipe.recolour:
-        write_recoloured(directory.tasks_file, origin)
+        write_whole(directory.tasks_file, lambda unfinished: write_recoloured(unfinished, origin))
     tasks = _training_tasks(directory, settings, recipe)
     statements = {task.statement for task in tasks}
     vocabulary = Vocabulary.from_statements(statements)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.augmentation import facts
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout, action_layout
-from lilgym_mp.learning.recolouring import recoloured
+from lilgym_mp.learning.imitation.layout import ActionLayout, action_layout
 from lilgym_mp.programs import Program, compile_program
 from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.scene import BOX_COUNT, Colour, Scene
+from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.solver import Solver
 from lilgym_mp.task import Task
 
@@ -47,13 +47,12 @@ def lessons_of(tasks: Iterable[Task], share: float = 1.0) -> list[Lesson]:
     found: dict[tuple[str, str], list[Task]] = {}
     for task in tasks:
         found.setdefault((task.statement, task.program), []).append(task)
-    exchange = dict(zip(Colour, (Colour(colour) for colour in COLOUR_ORDERS[-1]), strict=True))
     return [
         Lesson(
             statement,
             compile_program(program),
             tuple(dict.fromkeys(task.start for task in group)),
-            recoloured(group[0], exchange) is not None,
+            facts(statement, program).colours,
             share,
         )
         for (statement, program), group in found.items()

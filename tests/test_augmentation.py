@@ -1,0 +1,434 @@
+"""Augmentations: what is rewritten and refused, what commutes with truth, pictures and the rules."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.appearances import APPEARANCES, Appearance, Scatter, Tower
+from lilgym_mp.appearances.placement import check_apart, clear_templates, placement_tables
+from lilgym_mp.augmentation import (
+    COLOUR_EXCHANGES,
+    IDENTITY,
+    NUMBER_RANGE,
+    Augmentation,
+    AugmentationError,
+    facts,
+    random_augmentation,
+    random_pair,
+    write_recoloured,
+)
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.programs import compile_program
+from lilgym_mp.render import draw
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import KIND_PIXELS, Colour, Scene, SceneError, Shape
+from lilgym_mp.task import Task
+from tests.own_corpus import write_own_corpus
+from tests.scenes import LARGE, SCENES, SMALL, B, K, Y, circle, scene, square, tower, triangle
+
+ROTATED = Augmentation((K, B, Y))
+ROUND_TO_POINTED = Augmentation(shapes=(Shape.TRIANGLE, Shape.SQUARE, Shape.CIRCLE))
+SQUARES_MOVE = Augmentation(shapes=(Shape.SQUARE, Shape.TRIANGLE, Shape.CIRCLE))
+MIRRORED = Augmentation(mirrored=True)
+BOXES = Augmentation(boxes=(2, 0, 1))
+TWO_AND_FIVE = Augmentation(numbers=(1, 5, 3, 4, 2, 6, 7))
+EVERY = "exist(all_items)"
+
+NOT_BLACK = Task(
+    id="1",
+    statement="Black? No: a BLUE block.",
+    program="AND(NOT(exist(filter_obj(all_items, is_black))), exist(filter_color(all_items, Color.BLUE)))",
+    target=False,
+    start=scene(tower(B, Y)),
+)
+
+# Language
+
+
+def test_colours__statement_program_and_scene_change_alike():
+    assert ROTATED.task(NOT_BLACK) == Task(
+        id="1",
+        statement="Blue? No: a YELLOW block.",
+        program="AND(NOT(exist(filter_obj(all_items, is_blue))), exist(filter_color(all_items, Color.YELLOW)))",
+        target=False,
+        start=scene(tower(Y, K)),
+    )
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "Not a blak one, but a blue block.",
+        "Neither is there.",
+        "A black one or a bkack one, but a blue block.",
+        "A black one, but ablue block and a blue one.",
+    ],
+)
+def test_colours__a_statement_that_names_others_than_its_program_is_refused(statement: str):
+    assert ROTATED.pair(statement, NOT_BLACK.program) is None
+    assert IDENTITY.pair(statement, NOT_BLACK.program) == (statement, NOT_BLACK.program)
+
+
+def test_colours__words_that_hold_a_colour_are_no_colours():
+    assert ROTATED.pair("Blackish bluebells.", EVERY) == ("Blackish bluebells.", EVERY)
+
+
+def test_shapes__plurals_and_capitals_stay():
+    program = "AND(exist(filter_obj(all_items, is_circle)), exist(filter_shape(all_items, Shape.TRIANGLE)))"
+    assert ROUND_TO_POINTED.pair("Circles, and a TRIANGLE?", program) == (
+        "Triangles, and a CIRCLE?",
+        "AND(exist(filter_obj(all_items, is_triangle)), exist(filter_shape(all_items, Shape.CIRCLE)))",
+    )
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "There is a circle on a block.",
+        "There is a round circle.",
+        "There is a circle and a cirlce.",
+        "There is a circle in a gray square.",
+        "There is a circle on a black box.",
+        "There is something.",
+    ],
+)
+def test_shapes__what_implies_a_shape_is_refused(statement: str):
+    assert ROUND_TO_POINTED.pair(statement, "exist(filter_obj(all_items, is_circle))") is None
+
+
+def test_shapes__boxes_that_hold_items_are_no_shapes():
+    program = "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x.all_items_in_box(), is_circle))))"
+    assert ROUND_TO_POINTED.pair("There is a box with a circle.", program) is not None
+
+
+@pytest.mark.parametrize(
+    "program", ["exist(filter_obj(all_boxes, lambda x: x.is_tower()))", "exist(get_above(all_items))"]
+)
+def test_shapes__squares_stay_where_the_program_asks_for_towers(program: str):
+    assert SQUARES_MOVE.pair("Something is stacked.", program) is None
+    assert ROUND_TO_POINTED.pair("Something is stacked.", program) is not None
+
+
+def test_mirror__left_and_right_walls_change_places():
+    program = "exist(filter_obj(all_items, lambda x: is_touching_wall(x, Side.LEFT)))"
+    assert MIRRORED.pair("Something touches the left wall.", program) == (
+        "Something touches the right wall.",
+        "exist(filter_obj(all_items, lambda x: is_touching_wall(x, Side.RIGHT)))",
+    )
+
+
+@pytest.mark.parametrize(
+    ("statement", "program"),
+    [
+        ("Something lies right on the wall.", "exist(filter_obj(all_items, is_touching_wall))"),
+        ("The left box holds something.", "exist(all_boxes[0])"),
+        (
+            "In the left box something touches the left wall.",
+            "exist(filter_obj(all_boxes[0], lambda x: is_touching_wall(x, Side.LEFT)))",
+        ),
+        ("There is a tower.", "exist(filter_obj(all_boxes, lambda x: x.is_tower()))"),
+    ],
+)
+def test_mirror__other_lefts_and_towers_are_refused(statement: str, program: str):
+    assert MIRRORED.pair(statement, program) is None
+
+
+@pytest.mark.parametrize(
+    "program", ["exist(all_boxes[1])", "exist(min(all_boxes, key=count))", "exist(all_boxes[0:2])"]
+)
+def test_boxes__a_program_that_takes_them_by_place_is_refused(program: str):
+    assert BOXES.pair("Some box holds something.", program) is None
+
+
+def test_numbers__digits_and_words_change_alike():
+    program = "AND(count(all_boxes) == 2, ge(count(all_items), 5))"
+    assert TWO_AND_FIVE.pair("Two boxes, at least 5 items.", program) == (
+        "Five boxes, at least 2 items.",
+        "AND(count(all_boxes) == 5, ge(count(all_items), 2))",
+    )
+
+
+@pytest.mark.parametrize(
+    ("statement", "program"),
+    [
+        ("There is a pair of items.", "count(all_items) == 2"),
+        ("There are two items in two boxes.", "count(all_items) == 2"),
+        ("There are 2 items.", "AND(count(all_items) == 2, NOT(count(all_items) == 2))"),
+        ("There is an item in box 2.", "exist(all_boxes[2])"),
+        ("More than 2 and less than 5 items.", "AND(gt(count(all_items), 2), lt(count(all_items), 5))"),
+    ],
+)
+def test_numbers__those_that_are_not_named_alike_are_refused(statement: str, program: str):
+    assert TWO_AND_FIVE.pair(statement, program) is None
+
+
+def test_numbers__that_are_not_exchanged_do_not_matter():
+    program = "OR(count(all_items) == 3, count(all_items) == 3)"
+    assert TWO_AND_FIVE.pair("There are 3 items, and 12.5 metres.", program) is not None
+
+
+def test_numbers__make_no_tasks():
+    assert TWO_AND_FIVE.task(Task("1", "There are 2 items.", "count(all_items) == 2", True, Scene.empty())) is None
+
+
+@pytest.mark.parametrize(
+    "fields", [{"colours": (Y, Y, B)}, {"shapes": (Shape.CIRCLE,)}, {"boxes": (0, 1, 3)}, {"numbers": (1, 2)}]
+)
+def test_fields__that_are_no_permutations_are_refused(fields: Any):
+    (name,) = fields
+    with pytest.raises(AugmentationError, match=f"{name} must be a permutation of"):
+        Augmentation(**fields)
+
+
+# Scenes and truth
+
+
+def test_scene__every_part_changes():
+    everything = Augmentation((K, B, Y), (Shape.TRIANGLE, Shape.CIRCLE, Shape.SQUARE), (2, 0, 1), mirrored=True)
+    before = scene([circle(0, 10, LARGE, Y)], [square(80, 80, colour=K)], [triangle(5, 6, SMALL, B)])
+    assert everything.scene(before) == scene(
+        [square(85, 6, SMALL, Y)], [triangle(70, 10, LARGE, K)], [circle(0, 80, colour=B)]
+    )
+
+
+@st.composite
+def augmentations(draw: st.DrawFn) -> Augmentation:
+    return random_augmentation(
+        np.random.default_rng(draw(st.integers(0, 10**6))), boxes=True, mirror=True, numbers=False
+    )
+
+
+def check_truths(programs: list[tuple[str, str]], scenes: list[Scene]) -> int:
+    """Asserts that truth follows wherever a pair may be augmented; how often it was."""
+    rng = np.random.default_rng(3)
+    count = 0
+    for statement, program in programs:
+        for _ in range(3):
+            augmentation = random_augmentation(rng, boxes=True, mirror=True, numbers=False)
+            pair = augmentation.pair(statement, program)
+            if pair is not None:
+                before, after = compile_program(program), compile_program(pair[1])
+                assert [after(augmentation.scene(shown)) for shown in scenes] == [before(shown) for shown in scenes], (
+                    augmentation,
+                    program,
+                )
+                count += not augmentation.is_identity
+    return count
+
+
+def some_scenes(corpus: str, count: int) -> list[Scene]:
+    """Mixtures of the boxes of a corpus's start scenes."""
+    rng = np.random.default_rng(5)
+    scenes: list[Scene] = []
+    for appearance in ("tower", "scatter"):
+        boxes = [box for task in load_tasks(corpus, appearance, "flipit", "dev") for box in task.start.boxes]
+        picks = rng.integers(len(boxes), size=(count, 3)).tolist()
+        scenes += [Scene((boxes[a], boxes[b], boxes[c])) for a, b, c in picks]
+    return scenes
+
+
+def pairs_of(corpus: str, split: str) -> list[tuple[str, str]]:
+    sets = [load_tasks(corpus, appearance, "scratch", split) for appearance in ("tower", "scatter")]
+    return sorted({(task.statement, task.program) for tasks in sets for task in tasks})
+
+
+def test_builtin_programs__truth_follows_every_augmentation():
+    assert check_truths(pairs_of("builtin", "dev"), some_scenes("builtin", 20)) > 100
+
+
+def test_official_programs__truth_follows_every_augmentation(official_data: Path):
+    corpus = str(official_data)
+    assert check_truths(pairs_of(corpus, "train")[::2], some_scenes(corpus, 8)) > 1000
+
+
+def test_task__overlapping_shapes_are_refused():
+    start = scene([circle(10, 10, LARGE), circle(36, 36, LARGE)])
+    check_apart(start.boxes[0].items)
+    assert SQUARES_MOVE.task(Task("1", "Something.", EVERY, False, start)) is None
+    assert ROUND_TO_POINTED.task(Task("1", "Something.", EVERY, False, scene([circle(0, 0)]))) is not None
+
+
+def test_task__a_tower_stays_one():
+    task = Task("1", "Something.", EVERY, False, scene(tower(B)))
+    assert SQUARES_MOVE.task(task, "tower") is None
+    assert MIRRORED.task(task, "tower") == task
+
+
+# Pictures
+
+
+@pytest.mark.parametrize("image_size", ["half", "native"])
+@settings(max_examples=30)
+@given(augmentation=augmentations(), shown=SCENES["scatter"])
+def test_image__is_that_of_the_augmented_scene(image_size: str, augmentation: Augmentation, shown: Scene):
+    expected = augmentation.scene(shown)
+    try:
+        for box in expected.boxes:
+            check_apart(box.items)
+    except SceneError:
+        assume(False)
+    image = draw(shown, image_size)
+    before = image.copy()
+    assert np.array_equal(augmentation.image(image), draw(expected, image_size))
+    assert np.array_equal(image, before)
+
+
+# Actions and the rules
+
+
+def test_action__boxes_colours_and_shapes():
+    both = Augmentation((K, B, Y), (Shape.TRIANGLE, Shape.SQUARE, Shape.CIRCLE), (2, 0, 1))
+    assert both.action(AddBlock(2, Y)) == AddBlock(0, K)
+    assert both.action(RemoveBlock(0)) == RemoveBlock(1)
+    assert both.action(AddItem(15, 2, Shape.CIRCLE, Y, SMALL)) == AddItem(1, 2, Shape.TRIANGLE, K, SMALL)
+    assert both.action(RemoveItem(0, 4)) == RemoveItem(7, 4)
+    assert both.action(RemoveItem(6, 4)) == RemoveItem(6, 4)  # a separator
+    assert both.action(STOP) == STOP
+
+
+@pytest.mark.parametrize(("column", "size", "mirrored"), [(0, SMALL, 4), (0, LARGE, 3), (4, LARGE, 4), (8, SMALL, 10)])
+def test_action__a_mirrored_item_goes_where_its_corner_comes_to_lie(column: int, size: Any, mirrored: int):
+    action = AddItem(column, 1, Shape.CIRCLE, Y, size)
+    assert MIRRORED.action(action) == action._replace(column=mirrored)
+
+
+@pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))], ids=str)
+@settings(max_examples=10)
+@given(augmentation=augmentations())
+def test_action_indices__are_a_permutation_that_action_agrees_with(appearance: Appearance, augmentation: Augmentation):
+    indices = augmentation.action_indices(appearance)
+    assert np.array_equal(np.sort(indices), np.arange(appearance.action_count))
+    grid = appearance.grid if isinstance(appearance, Scatter) else (19, 5)
+    for index in (0, 5, appearance.action_count - 1):
+        assert appearance.decode(int(indices[index])) == augmentation.action(appearance.decode(index), grid)
+
+
+EXACT = [
+    (ROTATED, appearance, rules) for appearance in (Tower(), Scatter(), Scatter((380, 100))) for rules in RULE_SETS
+] + [
+    (BOXES, Tower(), "release"),
+    (BOXES, Scatter(), "paper"),
+    (BOXES, Scatter((380, 100)), "release"),
+    (MIRRORED, Tower(), "paper"),
+    (MIRRORED, Scatter((380, 100)), "paper"),
+    (ROUND_TO_POINTED, Tower(), "paper"),
+]
+
+
+@pytest.mark.parametrize(("augmentation", "appearance", "rules"), EXACT)
+def test_exact__augmenting_commutes_with_steps_and_masks(
+    augmentation: Augmentation, appearance: Appearance, rules: str
+):
+    assert augmentation.is_exact(appearance, rules)
+    placement = RULE_SETS[rules].placement
+    rng = np.random.default_rng(11)
+    small = appearance.action_count < 10_000
+    indices = augmentation.action_indices(appearance) if small else None
+    for _ in range(12):
+        before = Scene.empty()
+        for _ in range(12):
+            other = augmentation.scene(before)
+            action = appearance.decode(int(rng.integers(1, appearance.action_count)))
+            if indices is not None:
+                mask = appearance.legal_mask(before, placement)
+                assert np.array_equal(appearance.legal_mask(other, placement)[indices], mask)
+                action = appearance.decode(int(rng.choice(np.flatnonzero(mask)[1:])))
+            grid = appearance.grid if isinstance(appearance, Scatter) else (19, 5)
+            edit = appearance.apply(before, action, placement)
+            same = appearance.apply(other, augmentation.action(action, grid), placement)
+            assert same.invalid == edit.invalid
+            assert same.scene == augmentation.scene(edit.scene)
+            before = edit.scene
+
+
+@pytest.mark.parametrize(
+    ("augmentation", "appearance", "rules"),
+    [
+        (SQUARES_MOVE, Tower(), "paper"),
+        (ROUND_TO_POINTED, Scatter(), "paper"),
+        (MIRRORED, Scatter(), "paper"),
+        (BOXES, Scatter(), "release"),
+        (TWO_AND_FIVE, Tower(), "paper"),
+    ],
+)
+def test_exact__is_not_said_of_others(augmentation: Augmentation, appearance: Appearance, rules: str):
+    assert not augmentation.is_exact(appearance, rules)
+
+
+def test_exact__unknown_rules_name_the_choices():
+    with pytest.raises(ValueError, match=r"paper, release"):
+        ROTATED.is_exact(APPEARANCES["tower"], "papers")
+
+
+def test_mirror__the_geometry_of_items_is_symmetric():
+    """What makes mirroring exact where items come to lie where they are put."""
+    clear = clear_templates()
+    for other, new in np.ndindex(9, 9):
+        shift = KIND_PIXELS[other] - KIND_PIXELS[new]
+        offsets = [offset for offset in range(-30, 31) if -30 <= shift - offset <= 30]
+        mirrored = [shift - offset for offset in offsets]
+        there, back = np.array(offsets) + 30, np.array(mirrored) + 30
+        assert np.array_equal(clear[other, new, there], clear[other, new, back])
+    for areas, side in zip(placement_tables().pixel_areas, KIND_PIXELS, strict=True):
+        assert np.array_equal(areas[:side], areas[:side][::-1])
+
+
+# Random ones
+
+
+def test_random_augmentation__exchanges_what_is_asked_for_and_leaves_one_alone():
+    made = [random_augmentation(np.random.default_rng(seed)) for seed in range(40)]
+    assert {augmentation.colours for augmentation in made} == set(permutations(Colour))
+    assert len({augmentation.numbers for augmentation in made}) > 10
+    assert all(augmentation.numbers[0] == 1 and augmentation.boxes == (0, 1, 2) for augmentation in made)
+    nothing = random_augmentation(np.random.default_rng(0), colours=False, shapes=False, numbers=False)
+    assert nothing.is_identity
+
+
+def test_random_pair__is_never_refused_and_often_new():
+    statement, program = (
+        "Just 3 of the circles are black.",
+        "count(filter_obj(filter_color(all_items, Color.BLACK), is_circle)) == 3",
+    )
+    made = {random_pair(statement, program, np.random.default_rng(seed)) for seed in range(60)}
+    assert len(made) > 20
+    for new_statement, new_program in made:
+        compile_program(new_program)
+        assert facts(new_statement, new_program) == facts(statement, program)._replace(
+            numbers=facts(new_statement, new_program).numbers,
+            named_numbers=facts(new_statement, new_program).named_numbers,
+        )
+
+
+def test_random_pair__leaves_what_is_not_named_alike():
+    statement, program = "There is a blak triangle on 2 items.", "exist(filter_obj(all_items, is_black))"
+    assert {random_pair(statement, program, np.random.default_rng(seed)) for seed in range(10)} == {
+        (statement, program)
+    }
+
+
+# Files
+
+
+@pytest.mark.parametrize("start", ["scratch", "flipit"])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_write_recoloured__every_exchange_is_a_task_once_and_loads(tmp_path: Path, appearance: str, start: str):
+    tasks = load_tasks(write_own_corpus(tmp_path / "own.jsonl"), appearance, start, "train")
+    write_recoloured(tmp_path / "more.jsonl", tasks)
+    more = load_tasks(tmp_path / "more.jsonl", appearance, start, "train")  # labels are checked against truths
+    found = {(task.statement, task.program, task.target, task.start) for task in more}
+    assert len(found) == len(more)
+    assert found >= {(task.statement, task.program, task.target, task.start) for task in tasks}
+    assert {task.statement for task in more} == {
+        *("There is something yellow.", "There is something black.", "There is something blue.", "Count them: 1."),
+    }
+    assert COLOUR_EXCHANGES[0].is_identity
+    assert sorted(NUMBER_RANGE) == list(NUMBER_RANGE)
