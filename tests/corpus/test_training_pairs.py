@@ -134,6 +134,12 @@ def test_paraphrased__is_repeatable_and_keeps_most_words() -> None:
     assert min(kept) >= len(statement.split()) - 4
 
 
+def test_paraphrased__sets_no_second_full_stop() -> None:
+    told = {paraphrased("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
+    assert any(text[:1].islower() for text in told)
+    assert max(text.count(".") for text in told) == 1
+
+
 def test_training_pairs__are_not_imported_with_the_package() -> None:
     code = "import sys, lilgym_mp; print([name for name in sys.modules if name.endswith(('.pairs', '.spelling'))])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -185,6 +185,8 @@ class Conditions(Speech):
             return f"{which} {self.having(conditions, plural)}"
         opening = self.pick("with", "with", "with", "with", "with", "with", "containing", "having", "that contains",
                             "consisting of", "in which there is", "where there is")  # fmt: skip
+        if opening == "consisting of" and any(condition.kind in ("has", "traited") for condition in conditions):
+            opening = "with"  # "a tower consisting of two black blocks" has no others
         if opening == "that contains":
             opening = f"that {self.verb('contains', plural)}"
         if opening in ("consisting of", "in which there is", "where there is") and any(c.lacks for c in conditions):

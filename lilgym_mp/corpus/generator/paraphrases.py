@@ -38,7 +38,8 @@ SWAPS = {
 
 def paraphrased(statement: str, rng: random.Random) -> str:
     """The statement as somebody else might have typed it: same meaning, other case, stops, spelling, small words."""
-    text = statement
+    text = statement.rstrip(" .!")
+    text = text[:1].lower() + text[1:]
     draw = rng.random
     if draw() < 0.05:
         text = _swapped(text, rng)

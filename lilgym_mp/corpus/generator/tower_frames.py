@@ -329,7 +329,7 @@ class TowerFrames(Frames):
         ends = self.pick("the top and the base", "a top and a base", "top and base", "base and top",
             "the base and the top",
                          "the top and bottom blocks")  # fmt: skip
-        what = self.pick("of the same color", "in the same color", "the same color") if same else self.pick(
+        what = self.pick("of the same color", "in the same color", "with the same color") if same else self.pick(
             "of different colors", "in different colors")  # fmt: skip
         verb = (
             ("has the same color", "have the same color") if same else ("has different colors", "have different colors")
