@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lilgym_mp.programs import lifting, reference, syntax
+from lilgym_mp.programs import costs, lifting, syntax
 from lilgym_mp.programs.views import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
 
@@ -31,8 +31,9 @@ program.errors  # a Counter: how often, and why, it had no value (then it counts
 ## What a scene is made of
 
 `all_boxes` is the list of the three boxes, left to right; `all_items` the list of all items, box by box.
-A box can stand wherever a collection of items is wanted: it means its items. Items and boxes are themselves and
-nothing else: two items that look the same at the same place of two boxes are different, and count twice.
+A box can stand wherever a list of items is wanted: it means its items, and is false where it has none. Items and boxes
+are themselves and nothing else: two items that look the same at the same place of two boxes are different, and count
+twice.
 
 Members of a box `b` and of an item `x`:
 
@@ -61,7 +62,7 @@ SYNTAX = """
 | `and`, `or`, `not` | Python's: they stop at the first operand that decides, and take any value as a truth |
 | `==` `!=` `<` `<=` `>` `>=` `in` `not in` | also in chains: `1 < count(s) <= 3` |
 | `+` `%` | numbers; `+` also joins two lists |
-| `s[0]`, `s[1:]` | positions in a list, counted from 0 |
+| `s[0]`, `s[1:]` | positions in a list or of items in a box, counted from 0 |
 | `[a, b]`, `{{a, b}}` | lists and sets |
 
 Everything else of Python is refused: other operators, other attributes, comprehensions, strings, assignments,
@@ -79,9 +80,17 @@ LIMITS = """
 ## Limits
 
 A source has at most {max_length} characters, {max_brackets} nested brackets, {max_depth} nested expressions.
-An evaluation takes at most {steps:,} steps (an element looked at is a step), and no list of choices is longer than
-{size:,}; a program that needs more has no value on that scene. Evaluation is fast while no box
-holds more than {box} items; beyond that programs are run in a slower form with the same values.
+An evaluation takes at most {steps:,} steps of about a tenth of a microsecond: whatever is copied, hashed, compared
+or brought into order is charged first, elements of elements included. No collection holds more than {size:,} elements,
+collections are nested at most {nesting} deep, functions called at most {calls} deep, and the values that an evaluation
+holds at once have at most {held:,} elements at all levels. A program that needs more has no value on that scene.
+
+What this promises for any text, on a processor core of our days: it compiles or is refused in less than 5 seconds and
+100 MB, and has its value or `ProgramRuntimeError` in less than 30 seconds and 200 MB, on any scene. The programs made
+to break this take up to 7 seconds and 20 MB ([reliability.md](reliability.md)); official ones microseconds.
+
+Evaluation is fast while no box holds more than {box} items; beyond that programs are run in a slower form with the
+same values.
 
 ## Errors
 
@@ -148,8 +157,11 @@ def document() -> str:
             max_length=syntax.MAX_LENGTH,
             max_brackets=syntax.MAX_BRACKETS,
             max_depth=syntax.MAX_DEPTH,
-            steps=reference.STEP_LIMIT,
-            size=reference.SIZE_LIMIT,
+            steps=costs.STEP_LIMIT,
+            size=costs.SIZE_LIMIT,
+            nesting=costs.NESTING_LIMIT,
+            calls=costs.CALL_LIMIT,
+            held=costs.HELD_LIMIT,
             box=lifting.MAX_BOX_ITEMS,
             example=_example_error(),
         )

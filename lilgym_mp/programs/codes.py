@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NoReturn
 
-from lilgym_mp.programs import lifting
+from lilgym_mp.programs import costs, lifting
 from lilgym_mp.programs.views import Color, Shape, Size
 from lilgym_mp.scene import BOX_COUNT, Item
 
@@ -172,16 +172,51 @@ def narrowed(part: Part, mask: ItemMask) -> Part:
 
 
 def most_elements(value: Code) -> int:
-    """The most elements a value can have; 1 for what is not a collection."""
+    """The most elements that a value can have, at all levels and itself included."""
     match value:
         case Items(parts=parts):
-            return len(parts) * lifting.MAX_BOX_ITEMS
-        case OneBox() | AttributeList():
-            return MOST_ITEMS
+            return 1 + len(parts) * lifting.MAX_BOX_ITEMS
+        case OneBox():
+            return 1 + lifting.MAX_BOX_ITEMS
+        case AttributeList():
+            return 1 + MOST_ITEMS
+        case Attributes(kind=kind):
+            return 1 + len(kind)
         case Choices(parts=parts, size=size):
-            return math.comb(len(parts) * lifting.MAX_BOX_ITEMS, size)
+            return 1 + math.comb(len(parts) * lifting.MAX_BOX_ITEMS, size) * (1 + size)
+        case Static(elements=elements):
+            return 1 + len(elements) + sum(most_elements(e) for e in elements if isinstance(e, Static | AttributeList))
         case _:
-            return BOX_COUNT
+            return 1
+
+
+def steps_to_weigh(value: Code) -> int:
+    """The most steps that counting a value's elements, and bringing a set of them into order, can take."""
+    weight = most_elements(value)
+    if isinstance(value, Attributes) or (isinstance(value, Items) and not value.ordered):
+        return 2 * weight + costs.sorting(weight, weight)
+    return 2 * weight
+
+
+def text_length(value: Code, enough: int) -> int:
+    """The characters of a value's text, or more than `enough` if there are more."""
+    match value:
+        case OneBox():
+            return 0
+        case Static(elements=parts, conditions=conditions):
+            parts = (*parts, *conditions)
+        case Items(parts=parts) | TheOnly(of=Items(parts=parts)):
+            pass
+        case Choices(parts=parts, number=number):
+            parts = (*parts, Number(number))
+        case _:
+            return len(value.text)
+    length = 0
+    for part in parts:
+        length += len(part.text or "") if isinstance(part, Part) else text_length(part, enough)
+        if length > enough:
+            break
+    return length
 
 
 def each_value(values: Attributes) -> Static:
@@ -223,6 +258,8 @@ def as_truth(value: Code) -> Truth:
             return Truth(f"({value.text} != [])", value.total)
         case Items() | Choices():
             return existence(value)
+        case OneBox():
+            return existence(Items((Part(value.box, None),), ordered=True))
         case Static():
             return existence(value) if value.elements else Truth("False")
         case _:

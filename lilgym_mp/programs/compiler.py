@@ -76,15 +76,17 @@ def _unsure(scene: Scene) -> bool:
     raise UnsureError
 
 
-@lru_cache(maxsize=CACHE_SIZE)
 def compile_program(source: str) -> Program:
     """The program with that source; the same object while it is among the last ones asked for.
 
-    Raises ProgramError, with position and reason, when `source` is not a program.
+    Raises ProgramError, with position and reason, when `source` is not a program, TypeError when it is no text.
     """
     if not isinstance(source, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"the source of a program is a str, not {type(source).__name__}")
-    return Program(source)
+    return _compiled(source)
+
+
+_compiled = lru_cache(maxsize=CACHE_SIZE)(Program)
 
 
 def explain_program(source: str) -> str:

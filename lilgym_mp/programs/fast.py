@@ -12,13 +12,15 @@ form would fail (and sometimes where it would not). What is not covered here rai
 from __future__ import annotations
 
 import itertools
+import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
 
-from lilgym_mp.programs import lifting
+from lilgym_mp.programs import costs, lifting
 from lilgym_mp.programs.codes import (
     ATTRIBUTE_TYPES,
     BOXES,
@@ -50,9 +52,10 @@ from lilgym_mp.programs.codes import (
     most_elements,
     narrowed,
     negated,
+    steps_to_weigh,
+    text_length,
     uncovered,
 )
-from lilgym_mp.programs.reference import STEP_LIMIT
 from lilgym_mp.programs.runtime import NAMES
 from lilgym_mp.programs.syntax import (
     METHODS,
@@ -71,6 +74,7 @@ from lilgym_mp.programs.syntax import (
     Variable,
     WordName,
     children,
+    own_size,
 )
 from lilgym_mp.programs.views import Color, Shape, Side, Size
 from lilgym_mp.programs.vocabulary import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
@@ -78,6 +82,7 @@ from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 
 MAX_TEXT = 20_000  # characters of generated source
+MAX_ALL_TEXT = 2_000_000  # characters of all parts of it, whose texts hold each other's
 MAX_NODES = 5_000  # nodes generated for one program
 
 
@@ -124,31 +129,42 @@ def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], 
     return names[name]
 
 
-def _uses_scene(node: Node) -> bool:
-    """Whether a node speaks of more than the values of its variables."""
-    if isinstance(node, SceneName) or (isinstance(node, Call | WordName) and node.word.reach == "scene"):
-        return True
-    return any(_uses_scene(child) for child in children(node))
+class _Traits(NamedTuple):
+    """What a node says, whatever is around it."""
 
-
-def _free(node: Node) -> frozenset[str]:
-    """The variables a node takes from around it."""
-    if isinstance(node, Variable):
-        return frozenset({node.name})
-    found = frozenset[str]().union(*map(_free, children(node)))
-    return found - {node.parameter} if isinstance(node, Lambda) else found
+    node: Node  # kept, so that no other node takes its identity
+    uses_scene: bool  # speaks of more than the values of its variables
+    free: frozenset[str]  # variables that it takes from around it
+    size: int  # `own_size`
 
 
 class _Work:
-    """What one program costs: nodes generated, and a bound on the steps its reference form is charged.
+    """What one program costs: nodes and text generated, and a bound on the steps its reference form is charged.
 
     A program that might exceed STEP_LIMIT on boxes of MAX_BOX_ITEMS has no fast form: it would not fail there.
     """
 
     def __init__(self) -> None:
         self.nodes_left = MAX_NODES
-        self.steps_left = STEP_LIMIT
-        self.kernels: dict[tuple[str, Node, object], tuple[str, bool, int]] = {}
+        self.text_left = MAX_ALL_TEXT
+        self.steps_left = costs.STEP_LIMIT
+        self.kernels: dict[tuple[str, int, object], tuple[str, bool, int]] = {}
+        self._traits: dict[int, _Traits] = {}
+
+    def traits(self, node: Node) -> _Traits:
+        known = self._traits.get(id(node))
+        if known is None:
+            parts = [self.traits(child) for child in children(node)]
+            uses_scene = isinstance(node, SceneName) or (
+                isinstance(node, Call | WordName) and node.word.reach == "scene"
+            )
+            free = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()
+            free = free.union(*(part.free for part in parts))
+            if isinstance(node, Lambda):
+                free -= {node.parameter}
+            whole = uses_scene or any(part.uses_scene for part in parts)
+            known = self._traits[id(node)] = _Traits(node, whole, free, own_size(node))
+        return known
 
 
 class _Generator:
@@ -170,12 +186,21 @@ class _Generator:
             uncovered("too much work")
 
     def charge_call(self, word: Word, *values: Code) -> None:
-        self.charge(1 + word.steps(map(most_elements, values), MOST_ITEMS))
+        weighing = sum(map(steps_to_weigh, values))
+        self.charge(weighing + word.steps(sum(map(most_elements, values)), MOST_ITEMS))
+
+    def charge_function(self, body: Node, calls: int = 1) -> None:
+        """Charges calls of a lambda."""
+        self.charge(calls * (costs.LAMBDA + costs.NODE * self.work.traits(body).size))
+
+    def charge_values(self, *values: Code) -> None:
+        """Charges an operator."""
+        self.charge(costs.OPERATION + sum(map(steps_to_weigh, values)) + sum(map(most_elements, values)))
 
     # Kernels and lifted words
 
     def in_kernel(
-        self, box: str, key: tuple[str, Node, object], write: Callable[[_Generator], Truth | Part]
+        self, box: str, key: tuple[str, int, object], write: Callable[[_Generator], Truth | Part]
     ) -> tuple[str, bool]:
         """The call, for a box, of the kernel that `write` generates for any box; and whether it is total.
 
@@ -209,7 +234,8 @@ class _Generator:
             yield f"{indent}{name} = {text}\n"
 
     def is_closed(self, parameter: str, body: Node) -> bool:
-        return not self.kernel and _free(body) <= {parameter} and not _uses_scene(body)
+        traits = self.work.traits(body)
+        return not self.kernel and traits.free <= {parameter} and not traits.uses_scene
 
     # Expressions
 
@@ -223,7 +249,9 @@ class _Generator:
                 owner = self.code(of, scope)
                 return Truth("True") if isinstance(owner, OneBox) else uncovered()
             case _:
-                return as_truth(self.code(node, scope))
+                value = self.code(node, scope)
+                self.charge(steps_to_weigh(value))
+                return as_truth(value)
 
     def strict_truth(self, node: Node, scope: Scope) -> Truth:
         """The value of a node that is known to be a bool."""
@@ -231,7 +259,16 @@ class _Generator:
         return value if isinstance(value, Truth) else uncovered("not a bool")
 
     def code(self, node: Node, scope: Scope) -> Code:
-        self.charge(1)
+        """The node's value. Raises Uncovered where its text is too long: texts hold those of their parts repeatedly."""
+        self.charge(0)
+        value = self.written(node, scope)
+        length = text_length(value, MAX_TEXT)
+        self.work.text_left -= length
+        if length > MAX_TEXT or self.work.text_left < 0:
+            uncovered("too long")
+        return value
+
+    def written(self, node: Node, scope: Scope) -> Code:
         match node:
             case Constant(value=bool() as value):
                 return Truth(str(value))
@@ -242,6 +279,7 @@ class _Generator:
             case SceneName(name="all_boxes"):
                 return Static(tuple(map(OneBox, BOXES)), (Truth("True"),) * BOX_COUNT)
             case SceneName():
+                self.charge(MOST_ITEMS)
                 return Items(tuple(Part(box, None) for box in BOXES), ordered=True)
             case Variable(name=name):
                 return scope[name]
@@ -257,7 +295,7 @@ class _Generator:
                 return self.arithmetic(node, scope)
             case Subscript(of=of, index=Constant(value=int() as index)):
                 held = self.code(of, scope)
-                self.charge(1 + BOX_COUNT)
+                self.charge_values(held)
                 if isinstance(held, Static) and held.certain and index < len(held.elements):
                     return held.elements[index]
                 uncovered("subscript")
@@ -273,8 +311,9 @@ class _Generator:
     def display(self, is_set: bool, values: list[Code]) -> Code:
         if values and all(isinstance(value, OneBox) for value in values) and not is_set:
             return Static(tuple(values), (Truth("True"),) * len(values))
+        self.charge_values(*values)
         kinds = {value.kind for value in values if isinstance(value, Attribute)}
-        if len(kinds) != 1 or not all(isinstance(value, Attribute) for value in values):
+        if len(kinds) != 1 or len(values) > MOST_ITEMS or not all(isinstance(value, Attribute) for value in values):
             uncovered("display")
         texts = [cast("Attribute", value).text for value in values]
         total = all_total(values)
@@ -301,7 +340,7 @@ class _Generator:
 
     def comparison(self, node: Comparison, scope: Scope) -> Truth:
         values = [self.code(part, scope) for part in (node.left, *node.rights)]
-        self.charge(1 + 2 * sum(map(most_elements, values)))
+        self.charge_values(*values, *values)
         total = all_total(values)
         if all(isinstance(value, Number | Truth) for value in values) and "in" not in " ".join(node.operators):
             texts = [cast("Number", value).text for value in values]
@@ -335,7 +374,7 @@ class _Generator:
 
     def arithmetic(self, node: Arithmetic, scope: Scope) -> Code:
         left, right = self.code(node.left, scope), self.code(node.right, scope)
-        self.charge(1 + most_elements(left) + most_elements(right))
+        self.charge_values(left, right)
         if isinstance(left, Number) and isinstance(right, Number):
             if node.operator == "%" and (node.right == Constant(0) or not isinstance(node.right, Constant)):
                 uncovered("remainder")
@@ -420,7 +459,7 @@ class _Generator:
     def quantified(self, node: Call, scope: Scope) -> Code:
         """filter_obj, All and Any."""
         held = as_collection(self.code(cast("Node", node.arguments[0]), scope))
-        self.charge_call(node.word, held)
+        self.charge_call(node.word, held, Number("0"))
         parameter, body = _as_lambda(cast("Node", node.arguments[1]))
         name = node.word.name
         strict = name != "filter_obj"
@@ -476,7 +515,10 @@ class _Generator:
                 loops.append(f"for {', '.join(names)}, in choices(bits({group[0].mask}), {len(group)})")
             chosen: Scope = {**scope, parameter: Static(tuple(items), (Truth("True"),) * len(items))}
             self.loops += 1
-            times, self.times = self.times, self.times * int(lifting.MAX_BOX_ITEMS**held.size)
+            sizes = Counter(part.box for part in parts).values()
+            ways = math.prod(math.comb(lifting.MAX_BOX_ITEMS, size) for size in sizes)
+            times, self.times = self.times, self.times * ways
+            self.charge_function(body)
             condition = self.strict_truth(body, chosen) if strict else self.truth(body, chosen)
             self.loops, self.times = self.loops - 1, times
             total = total and condition.total
@@ -486,11 +528,12 @@ class _Generator:
     def all_same_attribute(self, node: Call, scope: Scope) -> Truth:
         held = self.code(cast("Node", node.arguments[0]), scope)
         parameter, body = _as_lambda(cast("Node", node.arguments[1]))
-        self.charge_call(node.word, held)
+        self.charge_call(node.word, held, Number("0"))
         if isinstance(held, Attributes):
             held = each_value(held)
         if not isinstance(held, Static):
             uncovered("all_same_attribute")
+        self.charge_function(body, len(held.elements))
         values = [self.code(body, {**scope, parameter: element}) for element in held.elements]
         if not all(isinstance(value, Number) for value in values) and not all(isinstance(v, Truth) for v in values):
             uncovered("all_same_attribute of other values")
@@ -510,12 +553,14 @@ class _Generator:
         return Static(held.elements, tuple(conditions))
 
     def static_condition(self, parameter: str, body: Node, element: Code, scope: Scope, *, strict: bool) -> Truth:
+        self.charge_function(body)
+
         def write(generator: _Generator, bound: Scope) -> Truth:
             return generator.strict_truth(body, bound) if strict else generator.truth(body, bound)
 
         if not isinstance(element, OneBox) or not self.is_closed(parameter, body):
             return write(self, {**scope, parameter: element})
-        key = (parameter, body, ("box", strict))
+        key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
         return Truth(*self.in_kernel(element.box, key, lambda inner: write(inner, {parameter: OneBox(LOCAL_BOX)})))
 
     def where(self, parameter: str, body: Node, part: Part, scope: Scope, *, strict: bool) -> Part:
@@ -525,7 +570,7 @@ class _Generator:
         whole = Part(LOCAL_BOX, None)
         text, total = self.in_kernel(
             part.box,
-            (parameter, body, ("items", strict)),
+            (parameter, id(body), ("items", strict)),
             lambda inner: inner.where_here(parameter, body, whole, {}, strict=strict),
         )
         return Part(part.box, text if part.text is None else f"({part.text} & {text})", part.total and total)
@@ -535,6 +580,7 @@ class _Generator:
         index = f"i{self.count}"
         bound: Scope = {**scope, parameter: OneItem(part.box, index)}
         times, self.times = self.times, self.times * lifting.MAX_BOX_ITEMS
+        self.charge_function(body)
         masks, rest = self.split(parameter, body, index, bound, strict=strict)
         for mask in masks:
             part = narrowed(part, mask)
@@ -581,7 +627,7 @@ class _Generator:
     def mask(self, parameter: str, node: Node, index: str, bound: Scope) -> ItemMask | None:
         """The node, a truth about an item, for all items of its box at once; None when it cannot be."""
         box = cast("OneItem", bound[parameter]).box
-        self.charge(4)
+        self.charge(costs.CALL + 8)  # as much as AND, OR and NOT of bools
         match node:
             case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and _is_test(word):
                 return ItemMask(self.test_mask(node, box))

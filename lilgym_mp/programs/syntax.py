@@ -229,6 +229,11 @@ def children(node: Node) -> Iterator[Node]:
             return
 
 
+def own_size(node: Node) -> int:
+    """The number of nodes of an expression, without those in lambdas, which may be evaluated more than once."""
+    return 1 + sum(own_size(child) for child in children(node) if not isinstance(node, Lambda))
+
+
 def _screened(source: str) -> str:
     """The text without surrounding blanks, once every token of it is known to be harmless."""
     if len(source) > MAX_LENGTH:

@@ -67,7 +67,7 @@ class ItemView:
 
 
 class BoxView:
-    """A box of a scene: iterating it goes over its items. `index` counts boxes from the left."""
+    """A box of a scene: a list of its items wherever one is wanted. `index` counts boxes from the left."""
 
     __slots__ = ("_members", "content", "index", "scene")
 
@@ -85,6 +85,9 @@ class BoxView:
 
     def __iter__(self) -> Iterator[ItemView]:
         return iter(self.members)
+
+    def __len__(self) -> int:
+        return len(self.content.items)
 
     def is_tower(self) -> bool:
         """Whether the box holds a tower: not empty, squares only, all with the same right edge."""

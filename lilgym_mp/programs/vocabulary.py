@@ -10,10 +10,11 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Protocol
 
-from lilgym_mp.programs import lifting
+from lilgym_mp.programs import costs, lifting
 from lilgym_mp.programs.codes import (
     ATTRIBUTE_TYPES,
     ITEM_FIELDS,
+    MOST_ITEMS,
     Attribute,
     AttributeList,
     Attributes,
@@ -37,7 +38,9 @@ from lilgym_mp.programs.codes import (
     parallel,
     uncovered,
 )
-from lilgym_mp.programs.reference import SIZE_LIMIT
+from lilgym_mp.programs.functions.collections import number_of_choices
+
+MOST_TUPLES = 100  # that are written out
 
 
 class Generator(Protocol):
@@ -138,12 +141,17 @@ def _write_combinations(generator: Generator, s: Code, k: Code) -> Static | Choi
     if isinstance(s, Items) and isinstance(k, Number) and k.text in ("2", "3"):
         size = int(k.text)
         choices = Choices(s.parts, size, f"ways({' + '.join(part.number for part in s.parts)}, {size})", s.total)
-        if len({part.box for part in s.parts}) == len(s.parts) and most_elements(choices) <= SIZE_LIMIT:
-            generator.charge(most_elements(choices))
+        ways = number_of_choices(MOST_ITEMS, size)
+        if len({part.box for part in s.parts}) == len(s.parts) and ways <= costs.SIZE_LIMIT:
+            generator.charge(costs.MADE * (1 + size) * ways)
             return choices
         uncovered("combinations")
     if not isinstance(s, Static) or not s.certain or not isinstance(k, Number) or not k.text.isdecimal():
         uncovered("combinations")
+    ways = number_of_choices(len(s.elements), int(k.text))
+    if ways > MOST_TUPLES:
+        uncovered("combinations of many")
+    generator.charge(costs.MADE * (1 + int(k.text)) * (1 + ways) * most_elements(s))
     chosen = itertools.combinations(s.elements, int(k.text))
     tuples = tuple(Static(elements, (Truth("True"),) * len(elements)) for elements in chosen)
     return Static(tuples, (Truth("True"),) * len(tuples))

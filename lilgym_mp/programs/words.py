@@ -12,8 +12,9 @@ import inspect
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.views import BoxView, Color, ItemView, Shape, Side, Size
 
@@ -68,7 +69,20 @@ def _scene_order(value: Any) -> tuple[Any, ...]:
     if isinstance(value, tuple):
         parts = cast("tuple[Any, ...]", value)
         return (4, len(parts), tuple(map(_scene_order, parts)))
-    return (5,)
+    return (5, value.order) if isinstance(value, FunctionValue) else (6, value.__self__.index, value.__name__)
+
+
+class FunctionValue:
+    """A lambda or a word as a value of a program. `order` tells where it comes in a set."""
+
+    __slots__ = ("call", "order")
+
+    def __init__(self, call: Callable[[Any], Any], order: tuple[int | str, ...]) -> None:
+        self.call = call
+        self.order = order
+
+    def __call__(self, value: Any) -> Any:
+        return self.call(value)
 
 
 def identity(value: Any) -> Hashable:
@@ -98,7 +112,7 @@ def described(value: object) -> str:
     if isinstance(value, list | tuple | set | frozenset):
         contents = cast("list[Any]", value)
         return f"a {type(contents).__name__} of {len(contents)}"
-    return f"the function {value.name}" if isinstance(value, Word) else "a function"
+    return "a function"
 
 
 def _instance(kind: type) -> Callable[[Any], Any]:
@@ -132,7 +146,7 @@ def _collections(value: Any) -> list[list[Any]]:
 
 
 def _function(value: Any) -> Any:
-    if not callable(value):
+    if not isinstance(value, FunctionValue):
         raise KindError
     return value
 
@@ -187,13 +201,26 @@ class Parameter:
         return f"{self.name}: {self.kind.name}" + (f" = {self.default}" if self.optional else "")
 
 
+class Growth(NamedTuple):
+    """How large a list of choices is."""
+
+    elements: int
+    each: int  # elements of each
+    of: int  # elements chosen from
+
+    def weight(self, chosen_from: int) -> int:
+        """Elements at all levels, if what is chosen from has so many."""
+        return self.elements * (1 + self.each * -(-chosen_from // max(1, self.of)))
+
+
 @dataclass(frozen=True, eq=False)
 class Word:
     """A word of the language; calling it checks the arguments first.
 
     `reach` says what the value for an item depends on: its look (colour, shape, size), its place too, its box, or
     the whole scene.
-    `size` bounds the number of elements of the result where that can exceed the arguments'.
+    `steps_each` is what an element of the arguments costs. `growth` tells how large the result is where it can
+    exceed the arguments.
     """
 
     name: str
@@ -202,7 +229,8 @@ class Word:
     parameters: tuple[Parameter, ...]
     result: str
     reach: Reach
-    size: Callable[..., int] | None
+    steps_each: int
+    growth: Callable[..., Growth] | None
 
     @property
     def signature(self) -> str:
@@ -216,10 +244,10 @@ class Word:
     def meaning(self) -> str:
         return inspect.getdoc(self.function) or ""
 
-    def steps(self, sizes: Iterable[int], item_count: int) -> int:
-        """How many steps a call is charged, for the sizes of its arguments and the items of the scene."""
-        looked_at = sum(sizes)
-        return 1 + looked_at * (1 + item_count if self.reach in ("box", "scene") else 1)
+    def steps(self, weight: int, item_count: int) -> int:
+        """How many steps a call is charged, for the elements of its arguments and the items of the scene."""
+        others = costs.PAIR * item_count if self.reach in ("box", "scene") else 0
+        return costs.CALL + weight * (self.steps_each + others)
 
     def bind(self, positional: int, keywords: Iterable[str]) -> tuple[int | str | None, ...]:
         """For each parameter where its argument is: a position, a keyword, or None for the default.
@@ -281,7 +309,12 @@ WORDS: dict[str, Word] = {}
 
 
 def word(
-    group: str, *, reach: Reach = "item", name: str | None = None, size: Callable[..., int] | None = None
+    group: str,
+    *,
+    reach: Reach = "item",
+    name: str | None = None,
+    steps_each: int = 2,
+    growth: Callable[..., Growth] | None = None,
 ) -> Callable[[Function], Function]:
     """Makes the decorated function a word; `name` is for words that would hide a built-in of Python."""
     assert group in GROUPS, group
@@ -295,7 +328,8 @@ def word(
         )
         assert called not in WORDS, called
         result = _result_name(hints["return"])
-        WORDS[called] = Word(called, _by_position(function, parameters), group, parameters, result, reach, size)
+        plain = _by_position(function, parameters)
+        WORDS[called] = Word(called, plain, group, parameters, result, reach, steps_each, growth)
         return function
 
     return declare

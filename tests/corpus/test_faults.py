@@ -213,7 +213,7 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
 def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
     entries: Entries, written: Writer, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("lilgym_mp.programs.reference.STEP_LIMIT", 100_000)
+    monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
     program = "exist(filter_obj(all_items, lambda {}: {}))"
     nested = "exist(all_items)"
     for variable in "abcdefgh":
@@ -227,7 +227,7 @@ def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
     entries[2] |= {"program": nested, "starts": starts}
     (fault,) = check_corpus(written(entries)).faults
     assert "start 's0'" in fault.where
-    assert "needs more than 100000 steps on this scene" in fault.what
+    assert "needs more than 1000000 steps on this scene" in fault.what
 
 
 def test_check__a_generated_corpus_is_counted(monkeypatch: pytest.MonkeyPatch):

@@ -72,7 +72,8 @@ def test_program__boxes_of_any_number_of_items(count: int) -> None:
         "is_top(a) and is_top(d) and False))))",
     ],
 )
-def test_program__too_much_work_is_a_runtime_error(source: str) -> None:
+def test_program__too_much_work_is_a_runtime_error(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 2_000_000)
     with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
         compile_program(source).evaluate(scene_of(60))
 

@@ -165,6 +165,8 @@ def test_program_error__survives_pickling() -> None:
 def test_compile_program__refuses_what_is_no_text() -> None:
     with pytest.raises(TypeError, match="not bytes"):
         compile_program(b"True")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="the source of a program is a str, not list"):
+        compile_program([])  # type: ignore[arg-type]
 
 
 def refusal(text: str) -> ProgramError | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from typing import Any
 
 from lilgym_mp.programs.views import Color, ItemView, Shape, Size
@@ -73,7 +73,7 @@ def filter_shape(s: Items, shape: AShape) -> list[ItemView]:
     return [x for x in s if x.shape is shape]
 
 
-@word("attributes")
+@word("attributes", steps_each=8)
 def all_same(values: Elements) -> bool:
     """Whether `values` holds exactly one distinct value; false when it is empty."""
     return _one_value(values)
@@ -104,4 +104,12 @@ def all_same_attribute(s: Elements, f: AFunction) -> bool:
 
 
 def _one_value(values: Iterable[Any]) -> bool:
-    return len({value_key(value) for value in values}) == 1
+    """Every value is looked at, for what may be wrong with a later one; only the first is kept."""
+    first: Hashable = None
+    is_empty = same = True
+    for value in values:
+        key = value_key(value)
+        if is_empty:
+            first, is_empty = key, False
+        same = same and key == first
+    return same and not is_empty

@@ -6,7 +6,17 @@ import itertools
 from typing import Any
 
 from lilgym_mp.programs.errors import ProgramRuntimeError
-from lilgym_mp.programs.words import AFunction, Collections, Elements, Integer, Value, described, identity, word
+from lilgym_mp.programs.words import (
+    AFunction,
+    Collections,
+    Elements,
+    Growth,
+    Integer,
+    Value,
+    described,
+    identity,
+    word,
+)
 
 MANY = 10**9  # stands for any number of combinations beyond every limit
 
@@ -23,14 +33,14 @@ def number_of_choices(n: int, k: int) -> int:
     return ways
 
 
-def number_of_sublists(k: int, s: list[Any]) -> int:
-    """The size of `select(k, s)`."""
-    return number_of_choices(len(s), k)
+def growth_of_sublists(k: int, s: list[Any]) -> Growth:
+    """How large `select(k, s)` is."""
+    return Growth(number_of_choices(len(s), k), k, len(s))
 
 
-def number_of_tuples(s: list[Any], k: int) -> int:
-    """The size of `combinations(s, k)`."""
-    return number_of_choices(len(s), k)
+def growth_of_tuples(s: list[Any], k: int) -> Growth:
+    """How large `combinations(s, k)` is."""
+    return Growth(number_of_choices(len(s), k), k, len(s))
 
 
 @word("sets")
@@ -101,13 +111,13 @@ def member_of(x: Value, s: Elements) -> bool:
     return x in s
 
 
-@word("sets", size=number_of_sublists)
+@word("sets", growth=growth_of_sublists)
 def select(k: Integer, s: Elements) -> list[list[Any]]:
     """All sub-lists of `s` of size `k`, in order."""
     return [list(choice) for choice in itertools.combinations(s, k)] if k >= 0 else []
 
 
-@word("sets", size=number_of_tuples)
+@word("sets", growth=growth_of_tuples)
 def combinations(s: Elements, k: Integer) -> list[tuple[Any, ...]]:
     """All `k`-tuples of elements of `s`, in order, each choice once."""
     return list(itertools.combinations(s, k)) if k >= 0 else []

@@ -50,7 +50,7 @@ def equal_int(a: Integer, b: Integer) -> bool:
     return a == b
 
 
-@word("comparison")
+@word("comparison", steps_each=8)
 def equal(a: Value, b: Value) -> bool:
     """Whether `a` equals `b`. Values of different types are compared as sets, a lone value as {value}."""
     if type(a) is type(b):

@@ -1,0 +1,277 @@
+"""Attacks on the program language: programs made to break its limits, and random ones against the reference form.
+
+Each attack runs in a process of its own under limits of processor time and memory. Run:
+python -m checks.program_language --count 2000
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import random
+import resource
+import sys
+from collections import Counter
+from collections.abc import Callable
+from time import process_time
+from typing import Any
+
+from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+
+SECONDS = 40  # of processor time, for one attack
+MEGABYTES = 300  # beyond what the process has at first
+ITEMS = 72  # as many as the fast form takes
+
+
+def nested(levels: int, step: str, leaf: str, first: str) -> str:
+    """`leaf` in `levels` lambdas of v1, v2, ..., each of one value that `step` makes of the one before."""
+    source = leaf
+    for level in range(levels, 0, -1):
+        source = f"All([{step.format(f'v{level - 1}')}], lambda v{level}: {source})"
+    return f"All([{first}], lambda v0: {source})"
+
+
+def loops(variables: str, leaf: str) -> str:
+    """`leaf` in loops over all items."""
+    return "".join(f"All(all_items, lambda {name}: " for name in variables) + leaf + ")" * len(variables)
+
+
+def repeated(levels: int, outer: str, leaf: str) -> str:
+    source = leaf
+    for level in range(levels):
+        source = outer.format(f"b{level}", source)
+    return source
+
+
+SHARED = "[{0}, {0}]"
+DOUBLED = "{0} + {0}"
+PAIRS, TRIPLES = "combinations(all_items, 2)", "combinations(all_items, 3)"
+ATTACKS: dict[str, str] = {
+    **{
+        f"shared lists, {leaf}": nested(25, SHARED, leaf.format("v25"), "1")
+        for leaf in ("equal({0}, 1)", "{0} == {0}", "all_same({0})", "min([{0}, {0}]) == 1", "{0} in {0}")
+    },
+    "choices of all but one, as lists": nested(13, DOUBLED, "exist(select(24575, v13))", "all_boxes"),
+    "choices of all but one, as tuples": nested(13, DOUBLED, "exist(combinations(v13, 24575))", "all_boxes"),
+    "parts of a union": nested(14, DOUBLED, f"exist(union_all([{', '.join(['v14'] * 300)}]))", "all_items"),
+    "sorting pairs": loops("abc", f"exist(set({PAIRS}))"),
+    "sorting seven boxes": loops("abcd", f"exist(set(combinations({' + '.join(['all_boxes'] * 6)}, 7)))"),
+    "hashing choices of choices": "exist(set(combinations(combinations(all_boxes + all_boxes, 3), 2)))",
+    "loops": loops("abcdef", "True"),
+    "loops of a long condition": loops("abcd", " and ".join(["True"] * 500)),
+    "loops of tests": loops("abcd", "is_top(d) == is_top(a)"),
+    "loops of relations": loops("abc", "count(get_img_all_above(all_items)) >= 0"),
+    "loops of equalities": loops("abc", "equal(set(all_items), all_items)"),
+    "loops of counts": loops("abc", "count(query_color(all_items)) > 0"),
+    "loops of displays": loops("abc", "exist({" + ", ".join(["a", "b", "c"] * 300) + "})"),
+    "loops of lists": loops("abc", "exist((all_items + all_items)[0:])"),
+    "loops of unions": loops("ab", f"exist(intersect_all([{', '.join(['all_items'] * 300)}]))"),
+    "loops of membership": f"All({PAIRS}, lambda a: All({PAIRS}, lambda b: a in {PAIRS}))",
+    "pairs of triples": f"All({TRIPLES}, lambda a: All({TRIPLES}, lambda b: a == b))",
+    "many lists held": "exist([" + ", ".join([TRIPLES] * 150) + "])",
+    "many sets held": "exist([" + ", ".join([f"set({PAIRS})"] * 120) + "])",
+    "arguments held": f"equal({TRIPLES}, " * 20 + "1" + ")" * 20,
+    "values of a function held": f"all_same_attribute({TRIPLES}, lambda q: {TRIPLES})",
+    "keys": f"min({TRIPLES}, key=lambda q: {TRIPLES}) == 1",
+    "a function of itself": "All([lambda f: All([f], f)], lambda g: All([g], g))",
+    "lists of lists of lists": "exist(select(2, select(2, select(2, select(2, all_boxes + all_boxes)))))",
+    "text that trebles": repeated(14, "All(filter_obj([all_boxes[0]], lambda {0}: {1}), lambda c: 1 == 1)", "1 == 1"),
+    "text of three boxes": repeated(19, "All(all_boxes, lambda {0}: {1} and exist({0}))", "True"),
+    "text of filters": repeated(14, "Any(filter_obj(all_boxes, lambda {0}: {1} and exist({0})), exist)", "1 == 1"),
+    "text of tuples": f"exist(combinations([{', '.join(['all_boxes[0]'] * 200)}], 2))",
+}  # fmt: skip
+
+
+def crowded_scene(count: int) -> Scene:
+    """A scene of `count` small items, whatever they overlap."""
+    items = [Item(3 * (n % 30), 3 * (n // 30 % 30), Shape(n % 3), Colour(n // 3 % 3), Size.SMALL) for n in range(count)]
+    return Scene.of(items[::3], items[1::3], items[2::3])
+
+
+def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
+    """The value, or why there is none. Anything but ProgramRuntimeError is raised."""
+    try:
+        return evaluate(scene)
+    except ProgramRuntimeError as fault:
+        return str(fault)
+
+
+def attacked(source: str, items: int = ITEMS) -> dict[str, Any]:
+    """What came of compiling and evaluating `source`: seconds, megabytes and the outcome."""
+    before, begun = _peak(), process_time()
+    try:
+        program = Program(source)
+    except ProgramError as fault:
+        said: bool | str = str(fault)
+        compiled = process_time()
+    else:
+        compiled = process_time()
+        said = outcome(program.evaluate, crowded_scene(items))
+    ended = process_time()
+    return {
+        "compile_seconds": compiled - begun,
+        "seconds": ended - compiled,
+        "megabytes": _peak() - before,
+        "outcome": said,
+    }
+
+
+def _peak() -> float:
+    """Megabytes, the most that this process has used."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megabytes: int = MEGABYTES) -> Any:
+    """What `work` gives in a process of its own; a text saying how it ended where it gave nothing."""
+    context = multiprocessing.get_context("fork")
+    answers, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_work_limited, args=(theirs, seconds, megabytes, work, args))
+    process.start()
+    theirs.close()
+    try:
+        answer = answers.recv()
+    except EOFError:
+        answer = "no answer"
+    process.join()
+    answers.close()
+    return answer if process.exitcode == 0 else f"{answer} (exit code {process.exitcode})"
+
+
+def _work_limited(answers: Any, seconds: int, megabytes: int, work: Callable[..., Any], args: tuple[Any, ...]) -> None:
+    with open("/proc/self/statm", encoding="ascii") as file:
+        used = int(file.read().split()[0]) * resource.getpagesize()
+    most = used + megabytes * 1_000_000
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    try:
+        answers.send(work(*args))
+    except BaseException as fault:
+        answers.send(f"{type(fault).__name__}: {fault}")
+        sys.exit(1)
+
+
+class Writer:
+    """Random programs of every word and construct, mostly of the right kinds and sometimes not."""
+
+    def __init__(self, chance: random.Random) -> None:
+        self.chance = chance
+
+    def program(self, depth: int) -> str:
+        return self.expression("bool", depth, ())
+
+    def expression(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
+        chance = self.chance
+        if chance.random() < 0.05:
+            kind = chance.choice(("bool", "int", "item", "collection", "Color"))
+        if depth <= 0 or (names and chance.random() < 0.3):
+            return self.leaf(kind, names)
+        pick = chance.random()
+        if kind == "bool" and pick < 0.3:
+            a, b = (self.expression("bool", depth - 1, names) for _ in "ab")
+            return chance.choice((f"({a} and {b})", f"({a} or {b})", f"(not {a})", f"AND({a}, {b})"))
+        if kind == "bool" and pick < 0.45:
+            other = chance.choice(("int", "collection", "item", "Color", "box"))
+            a, b = (self.expression(other, depth - 1, names) for _ in "ab")
+            return f"({a} {chance.choice(('==', '!=', '<', 'in', 'not in'))} {b})"
+        if kind == "collection" and pick < 0.2:
+            a, b = (self.expression("collection", depth - 1, names) for _ in "ab")
+            return chance.choice((f"({a} + {b})", f"[{a}, {b}]", f"{a}[0:2]", "{" + a + "}", f"{a}[0]"))
+        words = [word for word in WORDS.values() if self._gives(word.result, kind)]
+        if not words:
+            return self.leaf(kind, names)
+        word = chance.choice(words)
+        given = [self.argument(p.kind.name, depth - 1, names) for p in word.parameters if not p.optional]
+        return f"{word.name}({', '.join(given)})"
+
+    @staticmethod
+    def _gives(result: str, kind: str) -> bool:
+        return result == kind or (kind == "collection" and result.startswith(("list", "set")))
+
+    def argument(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
+        if kind == "function":
+            if self.chance.random() < 0.2:
+                return self.chance.choice([word.name for word in WORDS.values() if len(word.parameters) == 1])
+            name = self.chance.choice("xyz")
+            wanted = self.chance.choice(("bool", "bool", "bool", "int", "collection"))
+            return f"lambda {name}: {self.expression(wanted, depth, (*names, name))}"
+        if "collection" in kind:
+            return self.expression("collection", depth, names)
+        return self.expression("bool" if kind == "value" else kind, depth, names)
+
+    def leaf(self, kind: str, names: tuple[str, ...]) -> str:
+        chance = self.chance
+        if names and chance.random() < 0.7:
+            return chance.choice(names) + chance.choice(("", "", "", ".box", ".color", ".is_tower()", ".is_tower"))
+        leaves = {
+            "bool": ("True", "False", "exist(all_items)"),
+            "int": ("0", "1", "2", "5"),
+            "item": ("all_items[0]", "unique(filter_color(all_items, Color.BLUE))"),
+            "collection": ("all_items", "all_boxes", "all_boxes[1]", "[]", "set()", "all_boxes[0].all_items_in_box()"),
+            "box": ("all_boxes[0]", "all_boxes[2]"),
+        }
+        members = {"Color": "BLUE BLACK", "Shape": "SQUARE CIRCLE", "Size": "SMALL BIG", "Side": "TOP LEFT ANY"}
+        if kind in members:
+            return f"{kind}.{chance.choice(members[kind].split())}"
+        return chance.choice(leaves.get(kind, leaves["collection"]))
+
+    def mutated(self, source: str) -> str:
+        """The text with some pieces lost, doubled or swapped."""
+        for _ in range(self.chance.randint(1, 3)):
+            a, b = sorted(self.chance.randrange(len(source) + 1) for _ in "ab")
+            piece = source[a : min(b, a + 12)]
+            source = self.chance.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:]))
+            source = source or "x"
+        return source
+
+
+def random_scene(chance: random.Random) -> Scene:
+    """Up to four items a box."""
+
+    def item() -> Item:
+        kinds = (chance.choice(list(kind)) for kind in (Shape, Colour, Size))
+        return Item(10 * chance.randrange(8), 10 * chance.randrange(8), *kinds)  # pyright: ignore[reportArgumentType]
+
+    return Scene.of(*([item() for _ in range(chance.choice((0, 0, 1, 2, 4)))] for _ in range(3)))
+
+
+def fuzz(count: int, seed: int) -> dict[str, int]:
+    """Compiles random and mutated programs, and holds the fast form against the reference form.
+
+    Raises AssertionError for a difference; whatever else a program raises is raised on.
+    """
+    chance = random.Random(seed)
+    writer = Writer(chance)
+    found: Counter[str] = Counter()
+    for _ in range(count):
+        source = writer.program(chance.randint(1, 5))
+        if chance.random() < 0.4:
+            source = writer.mutated(source)
+        try:
+            program = Program(source)
+        except ProgramError:
+            found["refused"] += 1
+            continue
+        found["programs with a fast form" if program.is_fast else "programs without"] += 1
+        for _ in range(3):
+            scene = random_scene(chance)
+            ours, theirs = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
+            assert ours == theirs, f"{source!r}: {ours} by the fast form, {theirs} by the reference form, on {scene}"
+            found["values" if isinstance(ours, bool) else "failures"] += 1
+    return dict(found)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=2_000, help="random programs")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    for name, source in ATTACKS.items():
+        print(name, json.dumps(limited(attacked, source)), flush=True)
+    print("random programs", limited(fuzz, arguments.count, arguments.seed, seconds=600))
+
+
+if __name__ == "__main__":
+    main()

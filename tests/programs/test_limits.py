@@ -1,0 +1,165 @@
+"""No program works without bound: the attacks of checks/program_language.py, within what docs/programs.md promises."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from checks.program_language import ATTACKS, Writer, attacked, crowded_scene, fuzz, limited, outcome
+from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program, costs, fast
+from lilgym_mp.programs.reference import evaluate_counted, reference_form
+from lilgym_mp.programs.syntax import parse
+from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+
+FEW_STEPS = 3_000_000  # for the tests to be short
+BLUE = Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_attacks__end_in_time_and_in_little_memory(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
+    told = limited(attacked, ATTACKS[name], seconds=30)
+    assert isinstance(told, dict), told
+    assert told["compile_seconds"] < 5
+    assert told["seconds"] < 5
+    assert told["megabytes"] < 100
+
+
+@pytest.mark.parametrize("name", ["loops of displays"])
+def test_attacks__end_within_what_is_promised_at_the_full_limit(name: str) -> None:
+    told = limited(attacked, ATTACKS[name])
+    assert isinstance(told, dict), told
+    assert told["seconds"] < 30
+    assert told["megabytes"] < 200
+    assert f"more than {costs.STEP_LIMIT} steps" in told["outcome"]
+
+
+def test_attacks__of_a_crowded_scene_end_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
+    for name in ("loops", "loops of relations", "sorting pairs", "many sets held"):
+        told = limited(attacked, ATTACKS[name], 20_000, seconds=30)
+        assert isinstance(told, dict), told
+        assert told["seconds"] < 5
+
+
+def test_random_programs__have_values_or_clear_failures_alike_in_both_forms() -> None:
+    found = fuzz(400, seed=3)
+    assert found["refused"] > 50
+    assert found["values"] > 200
+    assert found["programs with a fast form"] > 40
+
+
+def steps_allowed(source: str) -> int | None:
+    """The bound on the reference form's steps with which a program got its fast form."""
+    work = fast._Work()
+    try:
+        fast._scene_source(fast._Generator(work, kernel=False), parse(source))
+    except fast.Uncovered:
+        return None
+    return costs.STEP_LIMIT - work.steps_left
+
+
+USUAL = (
+    "exist(filter_obj(all_items, lambda x: AND(is_blue(x), NOT(is_touching_wall(x, Side.TOP)))))",
+    "exist(filter_obj(all_items, lambda x: exist(get_below(x)) and All(get_above(x), is_black)))",
+    "exist(filter_obj(all_boxes, lambda a: count(filter_obj(all_boxes, lambda b: count(a) == count(b))) == 2))",
+    "exist(filter_obj(combinations(all_boxes, 2), lambda p: get_set_colors(p[0]) == get_set_colors(p[1])))",
+    "exist(filter_obj(combinations(all_items, 2), lambda p: all_same_color(p) and p[0].box != p[1].box))",
+    "All(all_items, lambda x: equal_color(query_color(x), query_color(all_items)) or exist(get_touching(all_items)))",
+    "All(filter_obj(all_boxes, lambda b: b), lambda b: count(set(b)) < 30 and contained(b, b))",
+    "exist(filter_obj(get_set_colors(all_items), lambda c: count(filter_color(all_items, Color.BLUE)) == 1))",
+)
+
+
+@pytest.mark.parametrize("source", USUAL)
+def test_fast_form__reckons_with_as_many_steps_as_the_reference_form_takes(source: str) -> None:
+    allowed = steps_allowed(source)
+    if allowed is None:
+        pytest.skip("has no fast form")
+    assert evaluate_counted(reference_form(parse(source)), crowded_scene(72))[1] <= allowed
+
+
+def test_fast_form__reckons_with_enough_steps_for_random_programs() -> None:
+    writer = Writer(random.Random(11))
+    compared = 0
+    for _ in range(800):
+        source = writer.program(writer.chance.randint(2, 5))
+        try:
+            allowed = steps_allowed(source)
+            steps = evaluate_counted(reference_form(parse(source)), crowded_scene(72))[1]
+        except (ProgramError, ProgramRuntimeError):
+            continue
+        if allowed is not None:
+            compared += 1
+            assert steps <= allowed, source
+    assert compared > 50
+
+
+def test_fast_form__is_not_written_at_length_to_be_thrown_away() -> None:
+    source = "exist(all_items)"
+    for _ in range(14):
+        source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
+    work = fast._Work()
+    with pytest.raises(fast.Uncovered, match="too long"):
+        fast._Generator(work, kernel=False).code(parse(source), {})
+    assert work.text_left > -fast.MAX_TEXT * 10
+
+
+def test_collections__may_be_nested_and_functions_call_each_other_a_bounded_number_of_times() -> None:
+    source = "equal(v25, v25)"
+    for level in range(25, 0, -1):
+        source = f"All([[v{level - 1}]], lambda v{level}: {source})"
+    with pytest.raises(ProgramRuntimeError, match="collections are nested more than 20 deep"):
+        compile_program(f"All([[1]], lambda v0: {source})").evaluate(Scene.empty())
+    with pytest.raises(ProgramRuntimeError, match="functions call each other more than 50 deep"):
+        compile_program("All([lambda f: All([f], f)], lambda g: All([g], g))").evaluate(Scene.empty())
+
+
+@pytest.mark.parametrize(
+    ("source", "on_nothing", "on_one_item"),
+    [
+        ("all(all_boxes)", False, False),
+        ("exist(filter_obj(all_boxes, lambda b: b))", False, True),
+        ("exist(filter_obj(all_boxes, lambda b: not b))", True, True),
+        ("count(filter_obj(all_boxes, lambda b: b)) == 1 and all([all_boxes[1]])", False, True),
+        ("len(all_boxes[1]) == 0", True, False),
+    ],
+)
+def test_a_box__is_as_true_as_the_list_of_its_items(source: str, *, on_nothing: bool, on_one_item: bool) -> None:
+    program = Program(source)
+    for scene, truth in ((Scene.empty(), on_nothing), (Scene((Box(), Box((BLUE,)), Box())), on_one_item)):
+        assert (program.evaluate(scene), program.evaluate_reference(scene)) == (truth, truth)
+
+
+def test_a_box__has_positions_as_the_list_of_its_items() -> None:
+    scene = Scene((Box(), Box((BLUE, BLUE._replace(x=50))), Box()))
+    for source in (
+        "is_blue(all_boxes[1][0])",
+        "all_boxes[1][1] == all_items[1]",
+        "all_boxes[1][0:] == all_items",
+        "all_boxes[1][0].box == all_boxes[1]",
+    ):
+        program = Program(source)
+        assert program.evaluate(scene) is program.evaluate_reference(scene) is True, source
+    assert "out of range" in str(outcome(Program("is_blue(all_boxes[0][0])").evaluate, scene))
+
+
+def test_sets_of_functions__have_one_order() -> None:
+    words = "{is_top, is_blue, is_square, is_circle, is_small}"
+    for source in (
+        f"filter_obj({words}, lambda f: True)[0] == is_blue",
+        f"filter_obj({words}, lambda f: True)[4] == is_top",
+        "Any(filter_obj({lambda x: is_blue(x), lambda x: is_black(x)}, lambda f: True)[0:1], "
+        "lambda f: All([all_items], lambda s: exist(filter_obj(s, f))))",
+    ):
+        values = {Program(source).evaluate(Scene((Box((BLUE,)), Box(), Box()))) for _ in range(20)}
+        assert values == {True}, source
+
+
+def test_methods__are_values_but_no_functions() -> None:
+    scene = Scene((Box((BLUE,)), Box(), Box()))
+    assert Program("exist(filter_obj(all_boxes, lambda b: b.is_tower))").evaluate(scene) is True
+    assert Program("exist({all_boxes[0].is_tower, all_boxes[1].is_tower})").evaluate(scene) is True
+    with pytest.raises(ProgramRuntimeError, match="f must be a function"):
+        Program("exist(filter_obj(all_boxes, all_boxes[0].is_tower))").evaluate(scene)
