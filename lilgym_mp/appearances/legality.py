@@ -66,14 +66,32 @@ class BoxLegality:
 
     def addable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows, kinds) whether an item of each kind can be added to each cell of a box with `items`."""
+        by_cell = np.bitwise_or.reduce(self._room(items), axis=-1)
+        return by_cell.any(axis=2).transpose(2, 1, 0)
+
+    def first_places(self, items: Iterable[Item]) -> tuple[NDArray[np.int64], NDArray[np.int64], BoolArray]:
+        """(cells, kinds) x and y where an item of each kind that is added to each cell finds its place before it
+        snaps, and whether it finds one. Cells are in the order of their columns, then rows."""
+        columns, rows = self._grid
+        width, height = self._cell
+        room = self._room(items).transpose(3, 1, 0, 4, 2).reshape(columns * rows, KIND_COUNT, -1)
+        some = room != 0
+        first = some.argmax(axis=2)  # columns from left to right, and the words of a column from the top
+        word = np.take_along_axis(room, first[:, :, None], axis=2)[:, :, 0].astype(np.uint64)
+        lowest = np.frexp((word & (~word + np.uint64(1))).astype(np.float64))[1] - 1
+        pixel_column, part = np.divmod(first, height // self._pixels)
+        column, row = np.divmod(np.arange(columns * rows)[:, None], rows)
+        return column * width + pixel_column, row * height + part * self._pixels + lowest, some.any(axis=2)
+
+    def _room(self, items: Iterable[Item]) -> Words:
+        """(kinds, rows, words of a cell's column, columns, cell width) bits: where corners may be among `items`."""
         room = self._allowed.copy()
         for item in items:
             place, clear = self._left_clear(item.kind, item.x, item.y)
             here = room[place]
             here &= clear
         columns, rows = self._grid
-        by_cell = np.bitwise_or.reduce(room.reshape(KIND_COUNT, rows, -1, columns, self._cell[0]), axis=-1)
-        return by_cell.any(axis=2).transpose(2, 1, 0)
+        return room.reshape(KIND_COUNT, rows, -1, columns, self._cell[0])
 
     def removable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows) whether one of `items` covers part of each cell."""

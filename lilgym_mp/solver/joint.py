@@ -34,6 +34,12 @@ def programs_of(task: Task) -> tuple[str, ...]:
     return (task.program, *(program for program, _ in others))
 
 
+def truths_wanted(task: Task) -> int:
+    """Which of `programs_of` a task wants to be true, the first as the lowest bit."""
+    others = task.others if isinstance(task, JointTask) else ()
+    return sum(1 << number for number, target in enumerate((task.target, *(target for _, target in others))) if target)
+
+
 def judged_by_program(task: Task) -> bool:
     """Whether success is the truth of programs, and not something else as in `corpus.matching`."""
     return type(task).solved_by in (Task.solved_by, JointTask.solved_by)

@@ -85,10 +85,16 @@ class Placements:
     def _cells_of(self, item: Item) -> Iterable[tuple[int, int]]:
         """The cells that an item lies in, that of its centre first; of a fine grid, some of them."""
         half = item.side // 2
-        step = 1 if self.complete else COVER_STEP
-        points = [(item.x + dx, item.y + dy) for dx in range(0, item.side, step) for dy in range(0, item.side, step)]
-        points.insert(0, (item.x + half, item.y + half))
+        centre = [(item.x + half, item.y + half)]
+        step_x, step_y = self._scatter.cell if self.complete else (COVER_STEP, COVER_STEP)
+        xs, ys = _points(item.x, item.side, step_x), _points(item.y, item.side, step_y)
+        points = itertools.chain(centre, itertools.product(xs, ys))
         return dict.fromkeys(self._cell(x, y) for x, y in points if 0 <= x < BOX_SIDE and 0 <= y < BOX_SIDE)
+
+
+def _points(start: int, side: int, step: int) -> list[int]:
+    """Pixels from `start` on at most `step` apart, the last one that belongs to the side among them."""
+    return [*range(start, start + side - 1, step), start + side - 1]
 
 
 def _places(cell: int, spans: Sequence[tuple[int, int]]) -> list[int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
@@ -59,6 +60,7 @@ class SeenBy:
         self._programs = [(compile_program(program), 1 << number) for number, program in enumerate(programs)]
         self._truths: dict[Triple, int] = {}
         self._reaches: dict[Hashable, FaceReach] = {}
+        self.kept: dict[str, Any] = {}  # what an appearance must keep as long as the reaches
 
     def reach(self, key: Hashable, layers: BoxLayers, box_cost: int = 1) -> FaceReach:
         """The reach of a box that `key` tells from all others.

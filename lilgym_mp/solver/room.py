@@ -25,11 +25,20 @@ class _TriesSpentError(Exception):
 
 
 def room_for(
-    edits: tuple[SketchEdit, ...], box: Box, placements: Placements, sketcher: Sketcher, budget: Budget
+    edits: tuple[SketchEdit, ...],
+    box: Box,
+    placements: Placements,
+    sketcher: Sketcher,
+    budget: Budget,
+    *,
+    reverse: bool = False,
 ) -> tuple[BoxEdit, ...] | Refuted:
-    """The first edits found that do to the box what `edits` do to its sketch. Raises BudgetSpentError."""
+    """The first edits found that do to the box what `edits` do to its sketch. Raises BudgetSpentError.
+
+    `reverse`: whether cells are tried from the last one on.
+    """
     try:
-        found = next(iter(_Ways(edits, box, placements, sketcher, budget)), None)
+        found = next(iter(_Ways(edits, box, placements, sketcher, budget, reverse=reverse)), None)
     except _TriesSpentError:
         return Refuted.OPEN
     if found is not None:
@@ -41,8 +50,16 @@ class _Ways:
     """Tries edits of a box that follow those of its sketch."""
 
     def __init__(
-        self, edits: tuple[SketchEdit, ...], box: Box, placements: Placements, sketcher: Sketcher, budget: Budget
+        self,
+        edits: tuple[SketchEdit, ...],
+        box: Box,
+        placements: Placements,
+        sketcher: Sketcher,
+        budget: Budget,
+        *,
+        reverse: bool,
     ) -> None:
+        self._order = -1 if reverse else 1
         self._edits = edits
         self._box = box
         self._placements = placements
@@ -99,7 +116,7 @@ class _Ways:
         """Additions of an item of that class, first where it would be of it if it stayed at its cell's corner."""
         classes = self._sketcher.classes
         later: list[tuple[Look, int, int]] = []
-        corners = self._placements.corners(box)
+        corners = self._placements.corners(box)[:: self._order]
         for look in classes.looks[item_class]:
             for x, y in corners:
                 if classes.of(Item(x, y, *look)) == item_class:

@@ -13,10 +13,11 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.solver.aspects import aspects, joined
-from lilgym_mp.solver.joint import judged_by_program, programs_of
+from lilgym_mp.solver.first_edits import ReachableSketches
+from lilgym_mp.solver.joint import judged_by_program, programs_of, truths_wanted
 from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
 from lilgym_mp.solver.placements import BoxEdit, Placements
-from lilgym_mp.solver.reach import SeenBy, Split, Triple, seen_by
+from lilgym_mp.solver.reach import seen_by, triples_after
 from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
 from lilgym_mp.solver.sketches import SketchEdit, Sketcher, SketchLayers
@@ -24,7 +25,7 @@ from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, so
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
-SKETCH_COST = 5  # threes of faces that can be looked at in the time that a new sketch takes
+TRIAL_BUDGET = 60_000  # scenes looked at to find first edits one by one
 MOST_DETOURS = 2  # edits beyond the fewest a sketch needs, before the search without sketches takes over
 
 
@@ -48,6 +49,7 @@ class ScatterSearch:
         placement = dynamics.rules.placement
         self._placements = [Placements(scatter, placement, index) for index in range(BOX_COUNT)]
         self._placement = placement
+        self._complete = all(placements.complete for placements in self._placements)
 
     def solve(self, state: State, most_edits: int, budget: Budget) -> Solution:
         if state.task.solved_by(state.scene):
@@ -70,7 +72,9 @@ class ScatterSearch:
         return not sketcher_of((program,)).aspects.relational
 
     def reachable(self, programs: tuple[str, ...], scene: Scene) -> ReachableSketches:
-        return ReachableSketches(self._placements, scene, sketcher_of(programs), seen_by(programs))
+        seen = seen_by(programs)
+        sketcher: Sketcher = seen.kept.setdefault("sketcher", sketcher_of(programs))  # its layers made the reaches
+        return ReachableSketches(self._scatter, self._placement, self._placements, scene, sketcher, seen)
 
     def after(self, scene: Scene, edits: Sequence[Action]) -> Scene:
         """The scene after edits that are all valid."""
@@ -79,15 +83,40 @@ class ScatterSearch:
         return scene
 
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
-        """Every edit from which as many edits remain as a shortest solution leaves; complete where that is certain."""
+        """Every edit that starts a shortest solution; complete where that is certain."""
+        if state.task.solved_by(state.scene):
+            return ActionSet((self._scatter.encode(STOP),), complete=True, steps=1)
+        sketched = judged_by_program(state.task) and all(map(self.by_faces, programs_of(state.task)))
+        found = self._firsts_by_faces(state, most_edits, budget) if sketched and self._complete else None
+        return self._firsts_by_trial(state, most_edits, budget) if found is None else found
+
+    def _firsts_by_faces(self, state: State, most_edits: int, budget: Budget) -> ActionSet | None:
+        """None where the nearest goals that sketches show have no room."""
+        programs, wanted = programs_of(state.task), truths_wanted(state.task)
+        seen, reachable = seen_by(programs), self.reachable(programs, state.scene)
+        try:
+            for edits in range(1, most_edits + 1):
+                triples = triples_after(edits, reachable.reaches, budget)
+                goals = [(split, triple) for split, triple in triples if seen.truths(triple) == wanted]
+                if goals:
+                    found = reachable.firsts(goals, budget)
+                    numbers = tuple(sorted(found.actions))
+                    return ActionSet(numbers, complete=found.complete, steps=edits + 1) if numbers else None
+        except BudgetSpentError:
+            return None
+        return ActionSet((), complete=True, steps=0)
+
+    def _firsts_by_trial(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
+        """Every edit from which as many edits remain as a shortest solution leaves, found one by one."""
         solution = self.solve(state, most_edits, budget)
         if solution.steps < 2:
             actions = tuple(map(self._scatter.encode, solution.actions))
             return ActionSet(actions, complete=solution.status is not Status.NOT_FOUND, steps=solution.steps)
         remaining = solution.steps - 2
         found = {self._scatter.encode(solution.actions[0])}
-        certain = solution.proven_optimal and all(placements.complete for placements in self._placements)
+        certain = solution.proven_optimal and self._complete
         rooms: Rooms = {}
+        budget = Budget(min(budget.scenes_left, TRIAL_BUDGET))
         try:
             for edit, after in self._edits(state.scene):
                 answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget, rooms)
@@ -115,51 +144,6 @@ class ScatterSearch:
         if search.by_sketches() is not None:
             return True
         return False if search.least_edits > edits else None
-
-
-class ReachableSketches:
-    """What the boxes of a scene can become, in the eyes of some programs, and whether there is room for it."""
-
-    def __init__(self, placements: Sequence[Placements], scene: Scene, sketcher: Sketcher, seen: SeenBy) -> None:
-        self._placements = placements
-        self._boxes = scene.boxes
-        self._sketcher = sketcher
-        self._layers = [sketcher.layers(box) for box in scene.boxes]
-        self.reaches = [
-            seen.reach(("sketch", sketcher.sketch(box)), layer)
-            for box, layer in zip(scene.boxes, self._layers, strict=True)
-        ]
-        self._rooms: dict[tuple[int, int, int], tuple[BoxEdit, ...] | None] = {}
-
-    def edits_to(self, split: Split, triple: Triple, budget: Budget) -> list[BoxEdit] | None:
-        """Edits after which the boxes have these faces, as many as the split says; None where none were found.
-
-        Raises BudgetSpentError.
-        """
-        found: list[BoxEdit] = []
-        for index, (edits, face) in enumerate(zip(split, triple, strict=True)):
-            room = self._room(index, edits, face, budget)
-            if room is None:
-                return None
-            found.extend(room)
-        return found
-
-    def _room(self, index: int, edits: int, face: int, budget: Budget) -> tuple[BoxEdit, ...] | None:
-        """Edits that give the box that face."""
-        if not edits:
-            return ()
-        key = (index, edits, face)
-        if key not in self._rooms:
-            self._rooms[key] = self._new_room(index, self.reaches[index].level(edits, budget)[face], budget)
-        return self._rooms[key]
-
-    def _new_room(self, index: int, goals: Sequence[Box], budget: Budget) -> tuple[BoxEdit, ...] | None:
-        for goal in goals[:MOST_GOALS]:
-            path = self._layers[index].path(goal)
-            room = room_for(path, self._boxes[index], self._placements[index], self._sketcher, budget)
-            if not isinstance(room, Refuted):
-                return room
-        return None
 
 
 class _Level(NamedTuple):

@@ -38,7 +38,8 @@ class ItemClasses:
 
     def __init__(self, aspects: Aspects) -> None:
         numbers, firsts = _classes(aspects.questions)
-        self.by_sample: list[int] = numbers.tolist()  # the class of each sample
+        self.by_sample = numbers  # (1323,) the class of each sample
+        self._by_sample: list[int] = numbers.tolist()
         self.representatives = [every_item()[first] for first in firsts]
         self.shares: list[int] = np.bincount(numbers).tolist()  # by class: how many of all placements belong to it
         self.looks = _one_colour_a_kind(numbers, len(firsts))  # by class
@@ -48,7 +49,7 @@ class ItemClasses:
 
     def of(self, item: Item) -> int:
         """The number of the item's class."""
-        return self.by_sample[sample_number(item)]
+        return self._by_sample[sample_number(item)]
 
 
 def _classes(questions: Sequence[Question]) -> tuple[NDArray[np.int64], list[int]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any, Protocol
 
 from lilgym_mp.actions import Action
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
+from lilgym_mp.solver.joint import judged_by_program, programs_of, truths_wanted
 from lilgym_mp.solver.scatter import ScatterSearch
 from lilgym_mp.solver.search import Budget
 from lilgym_mp.solver.solution import ActionSet, Solution
@@ -29,17 +30,20 @@ class Search(Protocol):
     def after(self, scene: Scene, edits: Sequence[Action]) -> Scene: ...
 
 
+KEPT_SETS = 4_096  # of first actions, the last ones asked for
+
 SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
 
 
 class Solver:
-    """Shortest solutions of the tasks of one MDP. It keeps nothing between calls but what is true of all."""
+    """Shortest solutions of the tasks of one MDP. It keeps nothing between calls but answers to the same question."""
 
     def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
         """`budget`: scenes looked at per call, at most; None is the appearance's own. Raises ValueError below 1."""
         self.dynamics = dynamics
         self._search = SEARCHES[type(dynamics.appearance)](dynamics.appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
+        self._sets: dict[Hashable, ActionSet] = {}  # by programs, what they should be, scene and edits left
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
@@ -56,7 +60,27 @@ class Solver:
 
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError when the horizon is over."""
-        return self._search.first_actions(state, self._most_edits(state), Budget(self.budget))
+        most_edits = self._most_edits(state)
+        if not judged_by_program(state.task):
+            return self._search.first_actions(state, most_edits, Budget(self.budget))
+        key = (programs_of(state.task), truths_wanted(state.task), state.scene, most_edits)
+        found = self._sets.get(key)
+        if found is None:
+            if len(self._sets) >= KEPT_SETS:
+                del self._sets[next(iter(self._sets))]
+            found = self._sets[key] = self._search.first_actions(state, most_edits, Budget(self.budget))
+        return found
+
+    def optimal_sets(self, states: Sequence[State]) -> list[ActionSet]:
+        """`optimal_actions` of each state, in their order; those of one program are found together.
+
+        That is quicker, as what a program sees of boxes is found out once and kept while it is among the last ones
+        asked about. Raises ValueError when a state's horizon is over.
+        """
+        found: list[ActionSet | None] = [None] * len(states)
+        for index in sorted(range(len(states)), key=lambda index: states[index].task.program):
+            found[index] = self.optimal_actions(states[index])
+        return [actions for actions in found if actions is not None]
 
     def plan_for(
         self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int, budget: int | None = None

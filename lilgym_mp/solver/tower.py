@@ -6,7 +6,7 @@ statement is left to find out, scene by scene, nearest first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,8 +15,8 @@ from lilgym_mp.appearances import PlacementRules, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
 from lilgym_mp.solver.faces import BoxFaces
-from lilgym_mp.solver.joint import judged_by_program, programs_of
-from lilgym_mp.solver.reach import SeenBy, Split, Triple, seen_by
+from lilgym_mp.solver.joint import judged_by_program, programs_of, truths_wanted
+from lilgym_mp.solver.reach import SeenBy, Split, Triple, seen_by, triples_after
 from lilgym_mp.solver.search import BoxLayers, Budget, BudgetSpentError, goals_after
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
 
@@ -36,6 +36,10 @@ class StackLayers:
 
     def layer(self, edits: int) -> Sequence[Box]:
         return self.layers[edits] if edits < len(self.layers) else ()
+
+    def first(self, after: Box) -> BoxEdit:
+        """The first edit, of box 0, on the way to `after`, which must be another stack."""
+        return self.paths[after.items][0]
 
     def path(self, after: Box, index: int) -> tuple[BoxEdit, ...]:
         """The edits that make the stack `after` when it stands in box `index`: stacks form a tree, so the only way."""
@@ -99,6 +103,18 @@ class ReachableStacks:
             found.extend(self._layers[index].path(self.reaches[index].level(edits, budget)[face][0], index))
         return found
 
+    def firsts(self, towards: Sequence[Collection[tuple[int, int]]], budget: Budget) -> set[int]:
+        """The actions that begin to give boxes their faces, by box pairs of edits and face."""
+        found: set[int] = set()
+        for index, (layers, reach) in enumerate(zip(self._layers, self.reaches, strict=True)):
+            levels = [reach.level(edits, budget)[face] for edits, face in towards[index] if edits]
+            edits = {layers.first(box) for boxes in levels for box in boxes}
+            found.update(_NUMBERS[index][edit] for edit in edits)
+        return found
+
+
+_NUMBERS = [{edit: Tower().encode(edit._replace(box=index)) for edit in _EDITS} for index in range(BOX_COUNT)]  # by box
+
 
 class TowerSearch:
     """Shortest solutions by looking at every scene, nearest first."""
@@ -138,22 +154,34 @@ class TowerSearch:
 
     def first_actions(self, state: State, most_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""
-        layers = self._layers(state.scene)
-        found: set[Action] = set()
-        edits = 0
-        complete = True
+        if state.task.solved_by(state.scene):
+            return ActionSet((self._tower.encode(STOP),), complete=True, steps=1)
+        find = self._firsts_by_faces if judged_by_program(state.task) else self._firsts_by_trial
         try:
-            for edits in range(most_edits + 1):
-                for goal in goals_after(edits, layers, state.task.solved_by, budget):
-                    found.update(path[0] for path in _paths(layers, goal) if path)
-                    if not edits:
-                        found.add(STOP)
+            for edits in range(1, most_edits + 1):
+                found = find(state, edits, budget)
                 if found:
-                    break
+                    return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
         except BudgetSpentError:
-            complete = False
-        numbers = tuple(sorted(map(self._tower.encode, found)))
-        return ActionSet(numbers, complete=complete, steps=edits + 1 if found else 0)
+            return ActionSet((), complete=False, steps=0)
+        return ActionSet((), complete=True, steps=0)
+
+    def _firsts_by_faces(self, state: State, edits: int, budget: Budget) -> set[int]:
+        """The first actions of solutions with that many edits, if there are none with fewer."""
+        programs, wanted = programs_of(state.task), truths_wanted(state.task)
+        seen = seen_by(programs)
+        reachable = self.reachable(programs, state.scene)
+        begun: list[set[tuple[int, int]]] = [set() for _ in range(BOX_COUNT)]
+        for split, triple in triples_after(edits, reachable.reaches, budget):
+            if seen.truths(triple) == wanted:
+                for firsts, towards in zip(begun, zip(split, triple, strict=True), strict=True):
+                    firsts.add(towards)
+        return reachable.firsts(begun, budget)
+
+    def _firsts_by_trial(self, state: State, edits: int, budget: Budget) -> set[int]:
+        layers = self._layers(state.scene)
+        goals = goals_after(edits, layers, state.task.solved_by, budget)
+        return {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
 
     def by_faces(self, program: str) -> bool:
         return True

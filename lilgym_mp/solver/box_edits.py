@@ -1,0 +1,181 @@
+"""Every edit of a box of scattered items at once: where each addition comes to rest, and what each removal takes away.
+
+The same tables that `appearances` places single items by, indexed for all cells and kinds together.
+"""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import BoolArray, PlacementRules, Scatter
+from lilgym_mp.appearances.legality import box_legality
+from lilgym_mp.appearances.placement import (
+    FIRST_TOO_FAR,
+    LARGEST_MOVE,
+    OFFSET_COUNT,
+    OFFSET_LIMIT,
+    OVERLAPPING,
+    cell_areas,
+    placement_tables,
+)
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Colour, Item, Shape, Size
+from lilgym_mp.solver.item_samples import BEYOND, PLACE_COUNT, places
+
+KEPT_BOXES = 8_192  # whose edits are kept
+
+IntArray = NDArray[np.int64]
+
+
+class BoxEdits(NamedTuple):
+    """What each edit of one box does. Cells are numbered as actions number them: columns first, then rows."""
+
+    valid: BoolArray  # (cells, 9) by kind: whether an item of it can be added
+    x: IntArray  # (cells, 9) where it comes to rest; anything where it cannot be added
+    y: IntArray  # (cells, 9)
+    samples: IntArray  # (cells * 27,) in the order of ADD's numbers: the item's sample, -1 where invalid
+    removed: IntArray  # (cells,) position of the item that a removal takes away, -1 where there is none
+
+    def item(self, add: int) -> Item:
+        """The item that the valid addition with that number, counted in this box, brings."""
+        cell, look = divmod(add, LOOK_COUNT)
+        shape, colour, size = (int(value) for value in _looks()[look])
+        kind = shape * len(Size) + size
+        return Item(int(self.x[cell, kind]), int(self.y[cell, kind]), Shape(shape), Colour(colour), Size(size))
+
+
+LOOK_COUNT = len(Shape) * len(Colour) * len(Size)
+
+
+@lru_cache(maxsize=KEPT_BOXES)
+def box_edits(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tuple[Item, ...]) -> BoxEdits:
+    """The edits of a box with these items; `frame_x` is its left border in the coordinates that are rounded."""
+    width, height = scatter.cell
+    found_x, found_y, valid = box_legality(width, height, searches=scatter.searches(rules)).first_places(items)
+    if items and not scatter.is_native:
+        x, y = _snapped(found_x, found_y, valid, items, rules, frame_x)
+    else:
+        x, y = found_x, found_y
+    return BoxEdits(valid, x, y, _samples(x, y, valid), _removed(scatter.cell, items))
+
+
+def frame_of(rules: PlacementRules, index: int) -> int:
+    """The left border of box `index` in the coordinates that the rules round."""
+    return index * BOX_PITCH if rules.rounds_in_image else 0
+
+
+class _Tables(NamedTuple):
+    clearance: NDArray[np.uint8]  # (9, 9, 69, 69), and beyond these offsets nothing is near
+    moves: NDArray[np.uint8]  # likewise
+    tied: BoolArray  # likewise: whether nearest points are settled in place
+
+
+@cache
+def _tables() -> _Tables:
+    tables = placement_tables()
+    form = (KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
+    clearance = np.frombuffer(b"".join(map(b"".join, tables.clearance)), np.uint8).reshape(form)
+    moves = np.frombuffer(b"".join(map(b"".join, tables.moves)), np.uint8).reshape(form)
+    tied = np.zeros(clearance.size, np.bool_)
+    tied[list(tables.ties)] = True
+    return _Tables(clearance, moves, tied.reshape(form))
+
+
+_KINDS = np.arange(KIND_COUNT)
+
+
+def _clearances(x: IntArray, y: IntArray, items: tuple[Item, ...]) -> IntArray:
+    """(items, cells, kinds) the clearance codes of an item of each kind at (x, y) to each item."""
+    placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])
+    dx = x - placed[:, 0, None, None] + OFFSET_LIMIT
+    dy = y - placed[:, 1, None, None] + OFFSET_LIMIT
+    near = (dx >= 0) & (dx < OFFSET_COUNT) & (dy >= 0) & (dy < OFFSET_COUNT)
+    last = OFFSET_COUNT - 1
+    codes = _tables().clearance[_KINDS, placed[:, 2, None, None], dx.clip(0, last), dy.clip(0, last)]
+    return np.where(near, codes, FIRST_TOO_FAR)
+
+
+def _snapped(
+    x: IntArray, y: IntArray, valid: BoolArray, items: tuple[Item, ...], rules: PlacementRules, frame_x: int
+) -> tuple[IntArray, IntArray]:
+    """Where items that found their places at (x, y) come to rest."""
+    codes = _clearances(x, y, items)
+    closest = codes.argmin(axis=0)
+    cells, kinds = (valid & (codes.min(axis=0) < FIRST_TOO_FAR)).nonzero()
+    if not len(cells):
+        return x, y
+    old_x, old_y, others = x[cells, kinds], y[cells, kinds], closest[cells, kinds]
+    move_x, move_y = _moves(kinds, old_x, old_y, others, items, frame_x)
+    new_x, new_y = x.copy(), y.copy()
+    new_x[cells, kinds] += move_x
+    new_y[cells, kinds] += move_y
+    if not rules.keeps_unfit_snaps:
+        last = BOX_SIDE - np.array(KIND_PIXELS)
+        fits = (new_x >= 0) & (new_x <= last) & (new_y >= 0) & (new_y <= last)
+        fits &= (_clearances(new_x, new_y, items) != OVERLAPPING).all(axis=0)
+        new_x, new_y = np.where(fits, new_x, x), np.where(fits, new_y, y)
+    return new_x, new_y
+
+
+def _moves(
+    kinds: IntArray, x: IntArray, y: IntArray, others: IntArray, items: tuple[Item, ...], frame_x: int
+) -> tuple[IntArray, IntArray]:
+    """By how much each new item moves to the one of `items` that `others` says."""
+    placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
+    place = (kinds, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
+    codes = _tables().moves[place].astype(np.int64)
+    move_x, move_y = (codes >> 4) - LARGEST_MOVE, (codes & 15) - LARGEST_MOVE
+    apart = _tables().tied[place] | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
+    move = placement_tables().move
+    for index in apart.nonzero()[0].tolist():
+        other = items[int(others[index])]
+        move_x[index], move_y[index] = move(int(kinds[index]), int(x[index]), int(y[index]), other, frame_x)
+    return move_x, move_y
+
+
+@cache
+def _looks() -> IntArray:
+    """(27, 3) shape, colour and size in the order of ADD's numbers."""
+    return np.stack(np.meshgrid(*map(np.arange, (3, 3, 3)), indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@cache
+def _places() -> IntArray:
+    return np.array(places())
+
+
+def _samples(x: IntArray, y: IntArray, valid: BoolArray) -> IntArray:
+    """`item_samples.sample_number` for every addition, -1 where invalid."""
+    shapes, colours, sizes = _looks().T
+    by_pixel = _places()
+    looks = sizes * PLACE_COUNT**2
+    kinds = shapes * len(Size) + sizes
+    place = by_pixel[sizes, x[:, kinds] + BEYOND] * PLACE_COUNT + by_pixel[sizes, y[:, kinds] + BEYOND]
+    numbers = (looks + place) * (len(Shape) * len(Colour)) + shapes * len(Colour) + colours
+    return np.where(valid[:, kinds], numbers, -1).ravel()
+
+
+@cache
+def _areas(width: int, height: int) -> IntArray:
+    return np.array(cell_areas(width, height))
+
+
+def _removed(cell: tuple[int, int], items: tuple[Item, ...]) -> IntArray:
+    """By cell the position of the item that covers most of it, the first of equals; -1 where none does."""
+    width, height = cell
+    columns, rows = BOX_SIDE // width, BOX_SIDE // height
+    if not items:
+        return np.full(columns * rows, -1)
+    table = _areas(width, height)
+    placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])
+    dx = np.arange(columns) * width - placed[:, 0, None] + width - 1
+    dy = np.arange(rows) * height - placed[:, 1, None] + height - 1
+    inside_x, inside_y = (dx >= 0) & (dx < table.shape[1]), (dy >= 0) & (dy < table.shape[2])
+    columns_of, rows_of = dx.clip(0, table.shape[1] - 1), dy.clip(0, table.shape[2] - 1)
+    areas = table[placed[:, 2, None, None], columns_of[:, :, None], rows_of[:, None, :]]
+    areas *= inside_x[:, :, None] & inside_y[:, None, :]
+    areas = areas.reshape(len(items), -1)
+    return np.where(areas.max(axis=0) > 0, areas.argmax(axis=0), -1)

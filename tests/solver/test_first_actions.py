@@ -1,0 +1,140 @@
+"""Sets of first actions are what trying every action finds, and tables of edits are what the rules do."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import Box, Scene
+from lilgym_mp.solver import Solver
+from lilgym_mp.solver.box_edits import box_edits, frame_of
+from lilgym_mp.solver.item_samples import sample_number
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
+from tests.solver.tasks import edits_by_trial, mdp, task
+
+CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for start in ("scratch", "flipit")]
+
+
+def strayed(dynamics: Dynamics, state: State, edits: int, seed: int) -> State:
+    """The state after so many random legal edits."""
+    rng = random.Random(seed)
+    for _ in range(edits):
+        number = rng.choice(dynamics.legal_mask(state).nonzero()[0][1:].tolist())
+        state = dynamics.step(state, dynamics.appearance.decode(number)).state
+    return state
+
+
+def least_steps(dynamics: Dynamics, state: State) -> int:
+    """Steps of a shortest solution; for trial of sets, from a solver that has answered nothing else."""
+    return Solver(dynamics).solve_from(state).steps
+
+
+@pytest.mark.parametrize(("appearance", "start"), CONFIGURATIONS)
+def test_sets__are_what_trying_every_action_finds(appearance: str, start: str):
+    dynamics = mdp(appearance)
+    solver = Solver(dynamics)
+    most_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
+    checked = 0
+    for number, one in enumerate(load_tasks("builtin", appearance, start, "train")[: 20 * stride : stride]):
+        state = strayed(dynamics, dynamics.start(one), number % 4, number)
+        edits, firsts = edits_by_trial(dynamics, state, most_edits)
+        found = solver.optimal_actions(state)
+        if edits is None:
+            assert found.steps == 0 or found.steps > most_edits + 1, one.id
+        else:
+            checked += 1
+            assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1), one.id
+    assert checked > 5
+
+
+NO_WALL = "count(filter_obj(all_items, lambda x: is_black(x) and not is_touching_wall(x))) == 2"
+CROWDED_BOX = "exist(filter_obj(all_boxes, lambda b: count(filter_obj(b, is_blue)) >= 3))"
+CORNERS = "count(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x))) == 2"
+FEWER = "exist(filter_obj(all_boxes, lambda b: count(b) == 1)) and count(all_items) >= 5"
+FULL = scene(
+    left=[circle(0, 0, LARGE, B), square(40, 0, LARGE, K), triangle(0, 40, LARGE, Y), square(70, 70, LARGE, B)],
+    middle=[circle(20, 20, SMALL, B), square(60, 60, colour=K), circle(61, 5, colour=B)],
+    right=[triangle(70, 70, LARGE, B), square(0, 80, colour=Y)],
+)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
+@pytest.mark.parametrize("start", [scene(), FULL], ids=["empty", "full"])
+def test_sets__of_several_edits_hold_every_action_from_which_one_less_remains(rules: str, program: str, start: Scene):
+    """Every action of the set is tried, and of the others some."""
+    dynamics = mdp("scatter", rules)
+    state = dynamics.start(task(program, start, target=not task(program).truth(start)))
+    found = Solver(dynamics).optimal_actions(state)
+    assert found.steps == least_steps(dynamics, state)
+    if found.steps < 2:
+        return
+    legal: list[int] = dynamics.legal_mask(state).nonzero()[0][1:].tolist()
+    assert set(found.actions) <= set(legal)
+    others = [number for number in legal if number not in found.actions]
+    rng = random.Random(0)
+    for number in [*rng.sample(found.actions, min(12, len(found.actions))), *rng.sample(others, min(12, len(others)))]:
+        transition = dynamics.step(state, dynamics.appearance.decode(number))
+        assert transition.outcome is Outcome.CONTINUES
+        shorter = least_steps(dynamics, transition.state) == found.steps - 1
+        assert shorter == (number in found.actions) or (shorter and not found.complete), number
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_sets__of_many_states_are_those_of_each(appearance: str):
+    dynamics = mdp(appearance)
+    tasks = load_tasks("builtin", appearance, "flipit", "dev")[:12]
+    states = [strayed(dynamics, dynamics.start(one), seed, seed) for seed in range(3) for one in tasks]
+    assert Solver(dynamics).optimal_sets(states) == [Solver(dynamics).optimal_actions(state) for state in states]
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_sets__heed_the_edits_that_are_left(appearance: str):
+    dynamics = mdp(appearance)
+    solver = Solver(dynamics)
+    far = dynamics.start(task("count(all_items) == 5"))
+    assert solver.optimal_actions(far).steps == 6
+    assert solver.optimal_actions(far._replace(steps=6)).steps == 6
+    found = solver.optimal_actions(far._replace(steps=7))
+    assert (found.actions, found.complete, found.steps) == ((), True, 0)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("grid", [(19, 5), (38, 10), (19, 1)])
+def test_box_edits__are_what_the_rules_do(rules: str, grid: tuple[int, int]):
+    dynamics = mdp("scatter", rules, grid=grid)
+    scatter, placement = dynamics.appearance, dynamics.rules.placement
+    assert isinstance(scatter, Scatter)
+    rng = random.Random(0)
+    for seed, one in enumerate(load_tasks("builtin", "scatter", "flipit", "train")[:160:20]):
+        state = strayed(dynamics, dynamics.start(one), seed % 5, seed)
+        for index, box in enumerate(state.scene.boxes):
+            edits = box_edits(scatter, placement, frame_of(placement, index), box.items)
+            adds, removals = scatter.box_numbers[index]
+            for number in rng.sample(range(adds.start, adds.stop), 60):
+                after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
+                sample = edits.samples[number - adds.start]
+                if invalid:
+                    assert sample == -1
+                else:
+                    item = after.boxes[index].items[-1]
+                    assert (edits.item(number - adds.start), sample) == (item, sample_number(item))
+            for number in rng.sample(range(removals.start, removals.stop), 5):
+                after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
+                position = edits.removed[number - removals.start]
+                assert (after.boxes[index] if not invalid else None) == (
+                    box.without(int(position)) if position >= 0 else None
+                )
+
+
+def test_box_edits__of_stacks_count_as_any_box():
+    """Boxes of towers are boxes of items, too."""
+    scatter = mdp("scatter").appearance
+    assert isinstance(scatter, Scatter)
+    box = Box(tuple(tower(B, K)))
+    edits = box_edits(scatter, mdp("scatter").rules.placement, 0, box.items)
+    assert set(edits.removed.tolist()) == {-1, 0, 1}
