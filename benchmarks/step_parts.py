@@ -8,7 +8,6 @@ Run: python benchmarks/step_parts.py [--envs 64] [--configurations TowerFlipIt S
 from __future__ import annotations
 
 import argparse
-import os
 from collections import defaultdict
 from collections.abc import Callable
 from statistics import median
@@ -18,7 +17,6 @@ from typing import Any
 import gymnasium as gym
 
 from lilgym_mp.benchmark.traces import Course, Trace, vector_trace
-from lilgym_mp.envs.cores import NUMBA_SWITCH, installed_makers
 
 WARM_UPS = 3
 
@@ -56,12 +54,10 @@ def watched_parts(env: Any) -> Clocks:
         (env, "_step", "whose turn it is, and which task is next"),
         (core, "start", "episodes begun, with their pictures"),
         (core, "step", "what actions mean, and verdicts"),
-        (core, "_solved", "STOPs: scenes for programs, and their truth"),
+        (core, "_edit", "items added and removed, and drawn"),
+        (core, "_scenes_of", "STOPs: scenes made"),
+        (core, "_solved", "STOPs: truth of programs"),
     ]
-    if hasattr(core, "_edits"):
-        watched.append((core._edits, "edit", "items placed and taken, and drawn"))
-    else:
-        watched.append((core._painter, "paint", "blocks drawn"))
     for owner, function, part in watched:
         clocks.watch(owner, function, part)
     return clocks
@@ -88,18 +84,15 @@ def main() -> None:
     given = parser.parse_args()
     for configuration in given.configurations:
         course = Course(configuration)
-        ways = {"": "0"} | ({", numba": "1"} if course.appearance == "scatter" and installed_makers() else {})
-        for way, switch in ways.items():
-            os.environ[NUMBA_SWITCH] = switch
-            env: Any = gym.make_vec(course.environment_id, num_envs=given.envs, **course.arguments)
-            trace = vector_trace(course.scripts(given.envs), env.metadata["autoreset_mode"])
-            found = rounds_of(env, trace, given.rounds)
-            medians = {part: median(one[part] for one in found) for part in found[0]}
-            whole = sum(medians.values())
-            print(f"\n{configuration}{way}, {given.envs} environments: {whole:.2f} us")
-            for part, cost in sorted(medians.items(), key=lambda item: -item[1]):
-                print(f"  {cost:6.2f} us  {cost / whole:4.0%}  {part}")
-            env.close()
+        env: Any = gym.make_vec(course.environment_id, num_envs=given.envs, **course.arguments)
+        trace = vector_trace(course.scripts(given.envs), env.metadata["autoreset_mode"])
+        found = rounds_of(env, trace, given.rounds)
+        medians = {part: median(one[part] for one in found) for part in found[0]}
+        whole = sum(medians.values())
+        print(f"\n{configuration}, {given.envs} environments: {whole:.2f} us")
+        for part, cost in sorted(medians.items(), key=lambda item: -item[1]):
+            print(f"  {cost:6.2f} us  {cost / whole:4.0%}  {part}")
+        env.close()
 
 
 if __name__ == "__main__":

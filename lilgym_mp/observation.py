@@ -8,14 +8,12 @@ from typing import TypedDict
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from lilgym_mp.render import UInt8Array, image_shape
+from lilgym_mp.arrays import Int16Array, UInt8Array
+from lilgym_mp.render import image_shape
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
 from lilgym_mp.task import Task
-
-Int16Array = NDArray[np.int16]
 
 MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
 EMPTY = -1  # in every field of an item array's slot without an item

@@ -16,20 +16,11 @@ from typing import NamedTuple, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.placement import BoolArray, fits_box, is_free
+from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.appearances.tower import BLOCK_X, LEVEL_Y, tower_tables
+from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.render import (
-    BOX_RGB,
-    COLOUR_RGB,
-    SEPARATOR_RGB,
-    SHRINKS,
-    UInt8Array,
-    draw,
-    image_shape,
-    palette,
-    stamp,
-)
+from lilgym_mp.render import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, draw, image_shape, palette, stamp
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.appearances.placement import fits_box
+from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.scene import (
     BOX_COUNT,
@@ -23,6 +24,7 @@ from lilgym_mp.scene import (
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
     KIND_PIXELS,
+    KINDS,
     SIZE_PIXELS,
     Box,
     Colour,
@@ -32,8 +34,6 @@ from lilgym_mp.scene import (
     Size,
 )
 
-UInt8Array = NDArray[np.uint8]
-BoolArray = NDArray[np.bool_]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 BOX_RGB = (211, 211, 211)
@@ -56,6 +56,9 @@ def image_shape(image_size: str) -> tuple[int, int, int]:
     return IMAGE_HEIGHT // shrink, IMAGE_WIDTH // shrink, 3
 
 
+_SHAPES = {kind: shape for shape in Shape for kind in KINDS[shape]}
+
+
 @cache
 def _mask(kind: int) -> BoolArray:
     """(side, side) by row and column: the pixels of a kind's bounding square that are drawn."""
@@ -63,7 +66,7 @@ def _mask(kind: int) -> BoolArray:
     image = Image.new("1", (side, side))
     draw = ImageDraw.Draw(image)
     last = side - 1
-    match Shape(kind // len(Size)):
+    match _SHAPES[kind]:
         case Shape.CIRCLE:
             draw.ellipse((0, 0, last, last), fill=1)
         case Shape.SQUARE:
@@ -205,10 +208,7 @@ def _looks(shrink: int) -> _Looks:
     return [
         [
             [
-                [
-                    [_look(shape * len(Size) + size, colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
-                    for odd_x in (0, 1)
-                ]
+                [[_look(KINDS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)] for odd_x in (0, 1)]
                 for size in Size
             ]
             for colour in Colour

@@ -1,4 +1,4 @@
-"""What one action does to one state, and what it is worth: the only home of both.
+"""What one action does to a state, its reward, and when an episode ends: the only home of these rules.
 
 Source: SPEC sections 4, 5 and 7 (Wu et al. 2023, section 4, and release 0.0.1).
 """
@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import NamedTuple
+from itertools import chain
+from typing import Any, NamedTuple
 
 from lilgym_mp.actions import Action, Stop
-from lilgym_mp.appearances import Appearance, BoolArray, InvalidReason, PlacementRules
+from lilgym_mp.appearances import Appearance, InvalidReason, PlacementRules
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
@@ -30,8 +32,8 @@ class Outcome(StrEnum):
     HORIZON = "horizon"
 
 
-class Consequence(NamedTuple):
-    """What an outcome is worth, and whether and how it ends the episode."""
+class OutcomeSignal(NamedTuple):
+    """The reward and the flags that an outcome gives."""
 
     reward: float
     terminated: bool
@@ -45,7 +47,7 @@ class RuleSet:
     name: str
     horizon: int
     placement: PlacementRules
-    consequences: Mapping[Outcome, Consequence]
+    signals: Mapping[Outcome, OutcomeSignal]
     applies_edit_at_horizon: bool
     truncates_last_stop: bool  # a STOP that is the last action allowed is flagged truncated as well
 
@@ -54,12 +56,12 @@ _PAPER = RuleSet(
     name="paper",
     horizon=12,
     placement=PlacementRules(searches_cell=True, keeps_unfit_snaps=False, rounds_in_image=False),
-    consequences={
-        Outcome.CONTINUES: Consequence(-STEP_COST, terminated=False, truncated=False),
-        Outcome.SUCCESS: Consequence(1.0, terminated=True, truncated=False),
-        Outcome.WRONG_STOP: Consequence(-1.0, terminated=True, truncated=False),
-        Outcome.INVALID_ACTION: Consequence(-1.0, terminated=True, truncated=False),
-        Outcome.HORIZON: Consequence(-1.0, terminated=True, truncated=False),
+    signals={
+        Outcome.CONTINUES: OutcomeSignal(-STEP_COST, terminated=False, truncated=False),
+        Outcome.SUCCESS: OutcomeSignal(1.0, terminated=True, truncated=False),
+        Outcome.WRONG_STOP: OutcomeSignal(-1.0, terminated=True, truncated=False),
+        Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=True, truncated=False),
+        Outcome.HORIZON: OutcomeSignal(-1.0, terminated=True, truncated=False),
     },
     applies_edit_at_horizon=True,
     truncates_last_stop=False,
@@ -69,12 +71,12 @@ _RELEASE = RuleSet(
     name="release",
     horizon=11,
     placement=PlacementRules(searches_cell=False, keeps_unfit_snaps=True, rounds_in_image=True),
-    consequences={
-        Outcome.CONTINUES: Consequence(-STEP_COST, terminated=False, truncated=False),
-        Outcome.SUCCESS: Consequence(1.0, terminated=True, truncated=False),
-        Outcome.WRONG_STOP: Consequence(-1.0, terminated=True, truncated=False),
-        Outcome.INVALID_ACTION: Consequence(-1.0, terminated=False, truncated=True),
-        Outcome.HORIZON: Consequence(-STEP_COST, terminated=False, truncated=True),
+    signals={
+        Outcome.CONTINUES: OutcomeSignal(-STEP_COST, terminated=False, truncated=False),
+        Outcome.SUCCESS: OutcomeSignal(1.0, terminated=True, truncated=False),
+        Outcome.WRONG_STOP: OutcomeSignal(-1.0, terminated=True, truncated=False),
+        Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=False, truncated=True),
+        Outcome.HORIZON: OutcomeSignal(-STEP_COST, terminated=False, truncated=True),
     },
     applies_edit_at_horizon=False,
     truncates_last_stop=True,
@@ -83,47 +85,57 @@ _RELEASE = RuleSet(
 RULE_SETS: Mapping[str, RuleSet] = {rules.name: rules for rules in (_PAPER, _RELEASE)}
 
 
-class Situation(IntEnum):
-    """What an action turned out to be, before the rule set judges it."""
+class ActionStatus(IntEnum):
+    """What an action turned out to be in its state, before the rule set rewards it."""
 
-    RIGHT_STOP = 0
+    CORRECT_STOP = 0
     WRONG_STOP = 1
     INVALID_EDIT = 2
     VALID_EDIT = 3
 
 
-class Verdict(NamedTuple):
-    """What a rule set makes of a situation."""
+class StepResult(NamedTuple):
+    """What a rule set gives for an action of some status, taken last or not."""
 
-    number: int  # 2 * situation, plus 1 when the action is the last one allowed
+    code: int  # index in `Dynamics.step_results`
     outcome: Outcome
     reward: float
     terminated: bool
     truncated: bool
     applies: bool  # whether the edit's scene becomes the new one
 
+    @property
+    def ends(self) -> bool:
+        """Whether the episode is over."""
+        return self.terminated or self.truncated
+
 
 _OUTCOMES = {
-    Situation.RIGHT_STOP: Outcome.SUCCESS,
-    Situation.WRONG_STOP: Outcome.WRONG_STOP,
-    Situation.INVALID_EDIT: Outcome.INVALID_ACTION,
-    Situation.VALID_EDIT: Outcome.CONTINUES,
+    ActionStatus.CORRECT_STOP: Outcome.SUCCESS,
+    ActionStatus.WRONG_STOP: Outcome.WRONG_STOP,
+    ActionStatus.INVALID_EDIT: Outcome.INVALID_ACTION,
+    ActionStatus.VALID_EDIT: Outcome.CONTINUES,
 }
 
 
-def _verdict(rules: RuleSet, situation: Situation, *, last: bool) -> Verdict:
-    outcome = _OUTCOMES[situation]
-    if last and situation is Situation.VALID_EDIT:
+def result_index(status: Any, *, last: Any) -> Any:
+    """Index in `Dynamics.step_results`, for numbers or arrays; `last`: whether the action is the last one allowed."""
+    return 2 * status + last
+
+
+def _step_result(rules: RuleSet, status: ActionStatus, *, last: bool) -> StepResult:
+    outcome = _OUTCOMES[status]
+    if last and status is ActionStatus.VALID_EDIT:
         outcome = Outcome.HORIZON
-    reward, terminated, truncated = rules.consequences[outcome]
-    if last and situation in (Situation.RIGHT_STOP, Situation.WRONG_STOP):
+    reward, terminated, truncated = rules.signals[outcome]
+    if last and status in (ActionStatus.CORRECT_STOP, ActionStatus.WRONG_STOP):
         truncated = truncated or rules.truncates_last_stop
-    applies = situation is Situation.VALID_EDIT and (rules.applies_edit_at_horizon or not last)
-    return Verdict(2 * situation + last, outcome, reward, terminated, truncated, applies)
+    applies = status is ActionStatus.VALID_EDIT and (rules.applies_edit_at_horizon or not last)
+    return StepResult(result_index(int(status), last=last), outcome, reward, terminated, truncated, applies)
 
 
 class State(NamedTuple):
-    """A moment of an episode; `steps` actions have been taken."""
+    """A state of the MDP; `steps` actions have been taken in the episode."""
 
     task: Task
     scene: Scene
@@ -131,27 +143,27 @@ class State(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """What an action made of a state."""
+    """The state after an action, and what the action gave."""
 
     state: State
-    verdict: Verdict
+    result: StepResult
     invalid: InvalidReason | None  # why, when the outcome is INVALID_ACTION
 
     @property
     def outcome(self) -> Outcome:
-        return self.verdict.outcome
+        return self.result.outcome
 
     @property
     def reward(self) -> float:
-        return self.verdict.reward
+        return self.result.reward
 
     @property
     def terminated(self) -> bool:
-        return self.verdict.terminated
+        return self.result.terminated
 
     @property
     def truncated(self) -> bool:
-        return self.verdict.truncated
+        return self.result.truncated
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,41 +173,44 @@ class Dynamics:
     appearance: Appearance
     rules: RuleSet
     horizon: int
-    verdicts: Sequence[Verdict] = field(init=False, repr=False, compare=False)  # by number
-    _of_stop: Sequence[Sequence[Verdict]] = field(init=False, repr=False, compare=False)  # [right][last]
-    _of_edit: Sequence[Sequence[Verdict]] = field(init=False, repr=False, compare=False)  # [valid][last]
+    step_results: Sequence[StepResult] = field(init=False, repr=False, compare=False)  # by `result_index`
+    _of_stop: Sequence[Sequence[StepResult]] = field(init=False, repr=False, compare=False)  # [correct][last]
+    _of_edit: Sequence[Sequence[StepResult]] = field(init=False, repr=False, compare=False)  # [valid][last]
 
     def __post_init__(self) -> None:
-        pairs = ((situation, last) for situation in Situation for last in (False, True))
-        table = tuple(_verdict(self.rules, situation, last=last) for situation, last in pairs)
-        rows = {situation: table[2 * situation : 2 * situation + 2] for situation in Situation}
-        object.__setattr__(self, "verdicts", table)
-        # What `step` indexes by bools; numbering a situation by its enum takes three times as long.
-        object.__setattr__(self, "_of_stop", (rows[Situation.WRONG_STOP], rows[Situation.RIGHT_STOP]))
-        object.__setattr__(self, "_of_edit", (rows[Situation.INVALID_EDIT], rows[Situation.VALID_EDIT]))
+        by_status = {
+            status: tuple(_step_result(self.rules, status, last=last) for last in (False, True))
+            for status in ActionStatus
+        }
+        object.__setattr__(self, "step_results", tuple(chain.from_iterable(by_status.values())))
+        # What `step` indexes by bools; computing `result_index` of an enum's member takes three times as long.
+        stops = by_status[ActionStatus.WRONG_STOP], by_status[ActionStatus.CORRECT_STOP]
+        edits = by_status[ActionStatus.INVALID_EDIT], by_status[ActionStatus.VALID_EDIT]
+        object.__setattr__(self, "_of_stop", stops)
+        object.__setattr__(self, "_of_edit", edits)
 
     def start(self, task: Task) -> State:
         return new_tuple(State, (task, task.start, 0))
 
     def step(self, state: State, action: Action) -> Transition:
-        """What `action` makes of `state`. An invalid action is an outcome, never an exception."""
+        """The transition that `action` causes. An invalid action is an outcome, never an exception."""
         task, scene, steps = state
         steps += 1
         invalid = None
         if type(action) is Stop:
             after = scene
-            verdict = self._of_stop[task.solved_by(scene)][steps >= self.horizon]
+            result = self._of_stop[task.solved_by(scene)][steps >= self.horizon]
         else:
             after, invalid = self.appearance.apply(scene, action, self.rules.placement)
-            verdict = self._of_edit[invalid is None][steps >= self.horizon]
-        moved = new_tuple(State, (task, after if verdict.applies else scene, steps))
-        return new_tuple(Transition, (moved, verdict, invalid))
+            result = self._of_edit[invalid is None][steps >= self.horizon]
+        moved = new_tuple(State, (task, after if result.applies else scene, steps))
+        return new_tuple(Transition, (moved, result, invalid))
 
     def wait(self, state: State) -> Transition:
-        """What a step that leaves the scene makes of `state`: it counts as a valid edit does."""
+        """A step without an edit: rewarded and counted as a valid edit is, so that the horizon may end the episode."""
         steps = state.steps + 1
-        verdict = self._of_edit[True][steps >= self.horizon]
-        return Transition(State(state.task, state.scene, steps), verdict, None)
+        result = self._of_edit[True][steps >= self.horizon]
+        return Transition(State(state.task, state.scene, steps), result, None)
 
     def legal_mask(self, state: State) -> BoolArray:
         """(action_count,) a new array: whether each action is valid in `state`."""

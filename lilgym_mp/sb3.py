@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.envs.block import BoolArray
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
 from lilgym_mp.wrappers.tokens import Tokens

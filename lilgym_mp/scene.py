@@ -48,6 +48,8 @@ class Size(IntEnum):
 
 
 SIZE_PIXELS = (10, 20, 30)  # by Size
+# KINDS[shape][size] is the item's kind: shape and size as one index, on which geometry depends.
+KINDS = tuple(tuple(shape * len(Size) + size for size in Size) for shape in Shape)
 KIND_COUNT = len(Shape) * len(Size)
 KIND_PIXELS = SIZE_PIXELS * len(Shape)  # by kind: side of the bounding square
 
@@ -71,7 +73,7 @@ class Item(NamedTuple):
     @property
     def kind(self) -> int:
         """Shape and size as one index, 0 .. 8: what the geometry depends on."""
-        return self[2] * 3 + self[4]
+        return KINDS[self[2]][self[4]]
 
     @property
     def side(self) -> int:

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
 from lilgym_mp import render
-from lilgym_mp.render import Canvas, UInt8Array, box_blits, draw, frame, image_shape, text
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.render import Canvas, box_blits, draw, frame, image_shape, text
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.scenes import (
     LARGE,

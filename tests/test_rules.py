@@ -79,10 +79,10 @@ def test_step__reward_flags_and_scene_are_those_of_the_table(
 def test_every_rule_set__has_a_consequence_for_every_outcome(rules: str):
     rule_set = RULE_SETS[rules]
     assert rule_set.name == rules
-    assert set(rule_set.consequences) == set(Outcome)
-    for outcome, consequence in rule_set.consequences.items():
-        assert isinstance(consequence.reward, float)
-        assert (consequence.terminated or consequence.truncated) == (outcome is not Outcome.CONTINUES)
+    assert set(rule_set.signals) == set(Outcome)
+    for outcome, signal in rule_set.signals.items():
+        assert isinstance(signal.reward, float)
+        assert (signal.terminated or signal.truncated) == (outcome is not Outcome.CONTINUES)
 
 
 @pytest.mark.parametrize("target", [True, False])

@@ -8,15 +8,14 @@ from typing import Any, Protocol, runtime_checkable
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from lilgym_mp.arrays import Float32Array, Int64Array
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Int64Array, Moment, World
+from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Format
-
-Float32Array = NDArray[np.float32]
 
 
 @runtime_checkable

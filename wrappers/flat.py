@@ -8,14 +8,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from lilgym_mp.arrays import Float32Array
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
 from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
 from lilgym_mp.wrappers.transformation import Batch, Transformation
-
-Float32Array = NDArray[np.float32]
 
 
 class Flattening(Transformation):

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import RELEASED_GRID
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.scene import (
     BOX_PITCH,
@@ -24,7 +25,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import PLANES, Int64Array, Moment, World
+from lilgym_mp.wrappers.moment import PLANES, Moment, World
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 

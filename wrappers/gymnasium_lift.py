@@ -10,8 +10,9 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
+from lilgym_mp.wrappers.moment import StatesMoment, World, WrongEnvironment
 from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
 Does = TypeVar("Does", bound=Transformation)

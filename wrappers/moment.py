@@ -8,16 +8,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP
+from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.observation import EMPTY, Int16Array, item_array, item_capacity
+from lilgym_mp.observation import EMPTY, item_array, item_capacity
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
-
-BoolArray = NDArray[np.bool_]
-Int64Array = NDArray[np.int64]
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # the observation's parts that show the scene
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))

@@ -11,9 +11,10 @@ from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import Appearance
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 

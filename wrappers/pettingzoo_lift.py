@@ -11,21 +11,20 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
+from lilgym_mp.arrays import BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
 from lilgym_mp.wrappers.gymnasium_lift import batch_of_one, plain
-from lilgym_mp.wrappers.moment import BoolArray, StatesMoment, World, WrongEnvironment
+from lilgym_mp.wrappers.moment import StatesMoment, World, WrongEnvironment
 from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
 
 SEEN, MASK = "observation", "action_mask"  # the parts of an agent's observation
 
 AgentObservation = Mapping[str, Any]
 Info = dict[str, Any]
-Int8Array = NDArray[np.int8]
 Does = Callable[..., Transformation]
 
 

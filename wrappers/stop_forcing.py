@@ -8,11 +8,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.wrappers.action_mask import MASK
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import BoolArray, Moment, World
+from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 TRAINING_SPLIT = "train"

@@ -9,7 +9,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.observation import EMPTY, Int16Array
+from lilgym_mp.arrays import Int16Array
+from lilgym_mp.observation import EMPTY
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Shape, Size
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper

@@ -14,7 +14,8 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import BOX_NAMES, ActionError, AddItem, RemoveItem, describe, named
-from lilgym_mp.appearances import Appearance, BoolArray
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.observation import statement_space
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
 from lilgym_mp.wrappers.factory import factory

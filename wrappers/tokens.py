@@ -12,10 +12,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Int64Array, Moment, World
+from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 STATEMENT = "statement"  # the observation's part

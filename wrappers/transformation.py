@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 from gymnasium import spaces
 
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.wrappers.moment import BoolArray, Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
 

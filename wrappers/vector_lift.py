@@ -10,10 +10,10 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from lilgym_mp.observation import Int16Array
+from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.gymnasium_lift import plain
-from lilgym_mp.wrappers.moment import BoolArray, Int64Array, Moment, StatesMoment, World, WrongEnvironment, scene_of
+from lilgym_mp.wrappers.moment import Moment, StatesMoment, World, WrongEnvironment, scene_of
 from lilgym_mp.wrappers.transformation import Batch, Format, TaskChange, Transformation, refuse_above_others
 
 if TYPE_CHECKING:

@@ -7,13 +7,11 @@ from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import Action, ActionError
 from lilgym_mp.appearances.placement import PlacementRules
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import Scene
-
-BoolArray = NDArray[np.bool_]
 
 
 class InvalidReason(StrEnum):

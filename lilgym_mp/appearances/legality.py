@@ -13,14 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.placement import (
-    LARGEST_SIDE,
-    BoolArray,
-    cell_areas,
-    clear_templates,
-    inside_corners,
-    search_offsets,
-)
+from lilgym_mp.appearances.placement import LARGEST_SIDE, cell_areas, clear_templates, inside_corners, search_offsets
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import BOX_SIDE, KIND_COUNT, Item
 
 WORD_BITS = (8, 16, 32, 64)

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances.nearest import Point, Ring, all_pairs, nearest_points
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Item, SceneError
+from lilgym_mp.arrays import BoolArray
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, KINDS, Item, SceneError
 
-BoolArray = NDArray[np.bool_]
 Value = TypeVar("Value")
 
 SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item snaps
@@ -66,7 +66,7 @@ class PlacementTables:
             dx = x - item[0]
             dy = y - item[1]
             if -OFFSET_LIMIT <= dx <= OFFSET_LIMIT and -OFFSET_LIMIT <= dy <= OFFSET_LIMIT:
-                code = by_kind[item[2] * 3 + item[4]][dx * OFFSET_COUNT + dy + NO_OFFSET]
+                code = by_kind[KINDS[item[2]][item[4]]][dx * OFFSET_COUNT + dy + NO_OFFSET]
                 if code < smallest:
                     smallest = code
                     closest = item
@@ -270,7 +270,7 @@ def searched(
     for item in items:
         left, top = cell_x - item[0] + LARGEST_SIDE, cell_y - item[1] + LARGEST_SIDE
         if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:
-            taken, shift = overlaps[item[2] * 3 + item[4]][kind], left * pitch + top
+            taken, shift = overlaps[KINDS[item[2]][item[4]]][kind], left * pitch + top
             free &= ~(taken >> shift if shift >= 0 else taken << -shift)
     if not free:
         return None

@@ -13,8 +13,17 @@ from typing import SupportsIndex, cast
 import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
-from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.legality import box_legality
+from lilgym_mp.appearances.numbering import (
+    LOOK_KINDS,
+    LOOKS,
+    REMOVES,
+    action_count,
+    add_index,
+    cell_and_look,
+    remove_index,
+)
 from lilgym_mp.appearances.placement import (
     LAST_CORNER,
     OVERLAPPING,
@@ -25,12 +34,14 @@ from lilgym_mp.appearances.placement import (
     searched,
     snapped,
 )
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
+    KINDS,
     Box,
     Colour,
     Item,
@@ -50,9 +61,8 @@ SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
 
-LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
 _LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
-LOOK_KINDS = np.array([shape * len(Size) + size for shape, _, size in LOOKS])
+_ADD_KINDS = np.array(LOOK_KINDS)
 
 
 class GridError(ValueError):
@@ -100,8 +110,8 @@ class Scatter:
     grid: Grid = RELEASED_GRID
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
-    _first_remove: int = field(init=False, repr=False)
-    box_numbers: tuple[tuple[slice, slice], ...] = field(init=False, repr=False, compare=False)  # ADD, REMOVE, by box
+    cell_count: int = field(init=False, repr=False)  # of the grid, separators included
+    box_cells: tuple[range, ...] = field(init=False, repr=False, compare=False)  # cells of each box
     is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
 
@@ -114,17 +124,11 @@ class Scatter:
         object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
         object.__setattr__(self, "is_native", self.cell == (1, 1))
         object.__setattr__(self, "_columns", by_column)
-        object.__setattr__(self, "_first_remove", 1 + columns * rows * len(LOOKS))
-        object.__setattr__(self, "box_numbers", tuple(self._box_numbers(box) for box in range(BOX_COUNT)))
+        object.__setattr__(self, "cell_count", columns * rows)
+        firsts = (box * BOX_PITCH // width * rows for box in range(BOX_COUNT))
+        object.__setattr__(self, "box_cells", tuple(range(f, f + BOX_SIDE // width * rows) for f in firsts))
         kept = self.action_count if self.action_count <= LARGEST_TABLE else 0
         object.__setattr__(self, "_table", tuple(map(self._decoded, range(kept))))
-
-    def _box_numbers(self, box: int) -> tuple[slice, slice]:
-        """The numbers of the ADDs and of the REMOVEs in a box's cells."""
-        width, rows = self.cell[0], self.grid[1]
-        first, stop = (x // width * rows for x in (box * BOX_PITCH, box * BOX_PITCH + BOX_SIDE))
-        adds = slice(1 + first * len(LOOKS), 1 + stop * len(LOOKS))
-        return adds, slice(self._first_remove + first, self._first_remove + stop)
 
     @property
     def name(self) -> str:
@@ -132,8 +136,7 @@ class Scatter:
 
     @property
     def action_count(self) -> int:
-        columns, rows = self.grid
-        return self._first_remove + columns * rows
+        return action_count(self.cell_count)
 
     @property
     def box_capacity(self) -> None:
@@ -145,19 +148,18 @@ class Scatter:
     def _decoded(self, index: int) -> Action:
         if index == 0:
             return STOP
-        if index >= self._first_remove:
-            return RemoveItem(*divmod(index - self._first_remove, self.grid[1]))
-        cell, look = divmod(index - 1, len(LOOKS))
-        return AddItem(*divmod(cell, self.grid[1]), *LOOKS[look])
+        cell, look = cell_and_look(index, self.cell_count)
+        column, row = divmod(cell, self.grid[1])
+        return RemoveItem(column, row) if look == REMOVES else AddItem(column, row, *LOOKS[look])
 
     def encode(self, action: Action) -> int:
         match action:
             case Stop():
                 return 0
             case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _LOOK_NUMBERS:
-                return 1 + self._cell_number(column, row) * len(LOOKS) + _LOOK_NUMBERS[shape, colour, size]
+                return add_index(self._cell_number(column, row), _LOOK_NUMBERS[shape, colour, size])
             case RemoveItem(column, row):
-                return self._first_remove + self._cell_number(column, row)
+                return remove_index(self._cell_number(column, row), self.cell_count)
             case _:
                 raise ActionError(f"{action!r} is no action of scatter")
 
@@ -202,7 +204,7 @@ class Scatter:
             return Edit(scene, InvalidReason.SEPARATOR)
         box_index, x = place
         y = row * self.cell[1]
-        kind = shape * 3 + size
+        kind = KINDS[shape][size]
         if x > LAST_CORNER[kind] or y > LAST_CORNER[kind]:
             return Edit(scene, InvalidReason.OUT_OF_BOX)
         items = scene.boxes[box_index].items
@@ -244,7 +246,9 @@ class Scatter:
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         mask = np.zeros(self.action_count, np.bool_)
         mask[0] = True
-        for box, (adds, removes) in zip(scene.boxes, self.box_numbers, strict=True):
+        for box, cells in zip(scene.boxes, self.box_cells, strict=True):
+            adds = slice(add_index(cells.start, 0), add_index(cells.stop, 0))
+            removes = slice(remove_index(cells.start, self.cell_count), remove_index(cells.stop, self.cell_count))
             mask[adds], mask[removes] = self._legal_in_box(box, rules)
         return mask
 
@@ -255,7 +259,7 @@ class Scatter:
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
             legality = box_legality(*self.cell, searches=searches)
-            addable = legality.addable(box.items)[..., LOOK_KINDS].ravel()
+            addable = legality.addable(box.items)[..., _ADD_KINDS].ravel()
             found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
 

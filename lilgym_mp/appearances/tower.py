@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
-from lilgym_mp.appearances.base import BoolArray, Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.placement import PlacementRules
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
 from lilgym_mp.tuples import new_tuple
 

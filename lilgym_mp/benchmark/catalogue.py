@@ -18,7 +18,6 @@ from lilgym_mp.wrappers import stop_forcing_v0
 BATCHES = (8, 64, 256)
 WORKER_BATCHES = (64, 256)
 LIMIT = "copy"  # the group that is always measured, and the others are compared with
-NUMBA = "numba"  # the only group that is measured with numba
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,6 @@ class Subject:
     num_envs: int
     open: Callable[[Course], AbstractContextManager[Play]]
     is_part: bool = False
-    appearances: Sequence[str] = ("tower", "scatter")  # that it is measured in
 
 
 def _copies() -> list[Subject]:
@@ -49,24 +47,6 @@ def _single() -> list[Subject]:
 
 def _vector(group: str, name: str, count: int, make: Callable[[Course, int], Any], *, masks: bool = False) -> Subject:
     return Subject(group, name, count, partial(players.vector, num_envs=count, make=make, masks=masks))
-
-
-def _numba() -> list[Subject]:
-    """What Scatter gains by numba."""
-    found: list[Subject] = []
-    for count in BATCHES:
-        openers: dict[str, Callable[[Course], AbstractContextManager[Play]]] = {
-            "batched, numba": partial(players.vector, num_envs=count, make=players.batched_env),
-            "batched, numba, no copy": partial(
-                players.vector, num_envs=count, make=partial(players.batched_env, copy=False)
-            ),
-            "SB3, batched, numba": partial(players.sb3, num_envs=count, backend="batched"),
-        }
-        found += [
-            Subject(NUMBA, name, count, partial(players.with_numba, opener=opener), appearances=("scatter",))
-            for name, opener in openers.items()
-        ]
-    return found
 
 
 def _batched() -> list[Subject]:
@@ -155,7 +135,6 @@ _GROUPS: dict[str, Callable[[], list[Subject]]] = {
     LIMIT: _copies,
     "single": _single,
     "batched": _batched,
-    NUMBA: _numba,
     "workers": _workers,
     "sb3": _sb3,
     "pettingzoo": _pettingzoo,

@@ -22,7 +22,6 @@ COLOURS: Mapping[str, str] = {
     "memory copy": "#9a9a9a",
     "batched, no copy": "#0b3c8c",
     "batched": "#3f7fd9",
-    "batched, numba": "#7a4fd0",
     "workers, 2 processes, no copy": "#0a6b4a",
     "workers, 2 processes": "#3cb58a",
     "SB3, batched": "#b3560a",

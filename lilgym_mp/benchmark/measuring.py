@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from statistics import median
 from typing import NamedTuple
 
-from lilgym_mp.benchmark.catalogue import LIMIT, NUMBA, Subject
+from lilgym_mp.benchmark.catalogue import LIMIT, Subject
 from lilgym_mp.benchmark.players import Play, Timed
 from lilgym_mp.benchmark.traces import ACTIONS, Course
-from lilgym_mp.envs.cores import NUMBA_SWITCH
 
-OPTIONAL_PACKAGES = ("stable_baselines3", "torch", "pettingzoo", "numba")
+OPTIONAL_PACKAGES = ("stable_baselines3", "torch", "pettingzoo")
 
 
 class Effort(NamedTuple):
@@ -45,20 +44,6 @@ class Measurement:
         return median(ours / theirs for ours, theirs in zip(self.rates, other.rates, strict=False))
 
 
-@contextmanager
-def _numba_switched(*, on: bool) -> Iterator[None]:
-    """Environments that are made meanwhile, and the processes that they start, use numba, or do not."""
-    before = os.environ.pop(NUMBA_SWITCH, None)
-    if not on:
-        os.environ[NUMBA_SWITCH] = "0"
-    try:
-        yield
-    finally:
-        os.environ.pop(NUMBA_SWITCH, None)
-        if before is not None:
-            os.environ[NUMBA_SWITCH] = before
-
-
 def load_average() -> float:
     """Processes that ran or waited to run over the last minute; not a number where that is not known."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
@@ -79,8 +64,7 @@ class Bench:
 
         Subjects whose packages are not installed are noted and left out.
         """
-        fitting = [subject for subject in subjects if course.appearance in subject.appearances]
-        measured = [Measurement(course.configuration, subject) for subject in fitting]
+        measured = [Measurement(course.configuration, subject) for subject in subjects]
         try:
             with ExitStack() as stack:
                 plays = [(one, play) for one in measured if (play := self._opened(one, course, stack)) is not None]
@@ -95,8 +79,7 @@ class Bench:
 
     def _opened(self, one: Measurement, course: Course, stack: ExitStack) -> Play | None:
         try:
-            with _numba_switched(on=one.subject.group == NUMBA):
-                return stack.enter_context(one.subject.open(course))
+            return stack.enter_context(one.subject.open(course))
         except ImportError as missing:
             if (missing.name or "").partition(".")[0] not in OPTIONAL_PACKAGES:
                 raise

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
-from importlib import import_module
+from contextlib import contextmanager, suppress
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -82,14 +81,6 @@ def single(course: Course, *, wrap: Wrap = unwrapped, masks: bool = False) -> It
 
 def batched_env(course: Course, num_envs: int, *, copy: bool = True) -> Any:
     return gym.make_vec(course.environment_id, num_envs=num_envs, copy=copy, **course.arguments)
-
-
-def with_numba(
-    course: Course, opener: Callable[[Course], AbstractContextManager[Play]]
-) -> AbstractContextManager[Play]:
-    """Raises ModuleNotFoundError where numba is not installed: the opener would open what there is without it."""
-    import_module("numba")
-    return opener(course)
 
 
 def worker_env(course: Course, num_envs: int, *, processes: int, copy: bool = True) -> Any:

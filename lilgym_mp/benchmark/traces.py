@@ -13,8 +13,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.registration import environment_id
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS

@@ -26,9 +26,7 @@ def add_parser(subparsers: Any) -> None:
         help="steps per second of every way to run the environments",
         description="Plays the same recorded actions in every way there is, in turns, and compares them with copying.",
     )
-    parser.add_argument(
-        "--only", nargs="+", metavar="GROUP", help="single, batched, numba, workers, sb3, pettingzoo, parts"
-    )
+    parser.add_argument("--only", nargs="+", metavar="GROUP", help="single, batched, workers, sb3, pettingzoo, parts")
     parser.add_argument(
         "--configurations", nargs="+", metavar="NAME", help=f"any of {', '.join(CONFIGURATIONS)} (default: all)"
     )

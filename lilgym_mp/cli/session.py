@@ -6,16 +6,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Scatter
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import VERBS, CommandFault, chosen, command_help, command_of, legal_commands, parsed
 from lilgym_mp.cli.ruler import ruled
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.render import frame, text
-
-UInt8Array = NDArray[np.uint8]
 
 
 class Session:

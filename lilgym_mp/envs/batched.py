@@ -13,22 +13,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.actions import ActionError
+from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import (
-    INVALID_REASONS,
-    NO_REASON,
-    Block,
-    BoolArray,
-    Float64Array,
-    Int64Array,
-    refuse_copying,
-)
+from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, refuse_copying
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
-from lilgym_mp.observation import Int16Array, Observation, observation_space
-from lilgym_mp.render import UInt8Array, frame, text
+from lilgym_mp.observation import Observation, observation_space
+from lilgym_mp.render import frame, text
 from lilgym_mp.rules import Dynamics, State
 
 RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
@@ -278,7 +271,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             return None
         reason = int(block.invalid[number])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-        return LastAction(int(block.action[number]), self.dynamics.verdicts[verdict], invalid)
+        return LastAction(int(block.action[number]), self.dynamics.step_results[verdict], invalid)
 
     def _last_observation(self, number: int) -> Observation:
         task = self.tasks[int(self._block.last_task[number])]

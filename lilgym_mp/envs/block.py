@@ -15,21 +15,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.render import UInt8Array, image_shape
-from lilgym_mp.rules import Situation
-
-BoolArray = NDArray[np.bool_]
-Int8Array = NDArray[np.int8]
-Int64Array = NDArray[np.int64]
-Float64Array = NDArray[np.float64]
+from lilgym_mp.arrays import BoolArray, Int8Array, Int64Array, UInt8Array
+from lilgym_mp.render import image_shape
 
 INVALID_REASONS = tuple(InvalidReason)  # by number in `Block.invalid`
 REASON_NUMBERS = {reason: number for number, reason in enumerate(INVALID_REASONS)}
 NO_REASON = -1
-# Plain numbers for arrays: NumPy asks an enum's member for attributes through Python code, which takes microseconds and
-# in which a Ctrl-C would be lost.
-RIGHT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(situation) for situation in Situation)
-EDIT_SITUATIONS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether the edit is valid
 ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
 
 
@@ -51,7 +42,7 @@ class Block:
     image: UInt8Array  # (N, height, width, 3)
     task: Int64Array  # (N,) number of the current task
     steps: Int64Array  # (N,) actions taken in the episode
-    verdict: Int8Array  # (N,) number of the last action's `rules.Verdict`
+    verdict: Int8Array  # (N,) number of the last action's `rules.StepResult`
     invalid: Int8Array  # (N,) number in INVALID_REASONS, or NO_REASON
     ended: BoolArray  # (N,) the last action ended the episode
     started: BoolArray  # (N,) an episode was started in the last call

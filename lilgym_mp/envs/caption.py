@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.rules import Dynamics, State, Verdict
+from lilgym_mp.rules import Dynamics, State, StepResult
 
 
 class LastAction(NamedTuple):
     """What led to the state shown."""
 
     number: int
-    verdict: Verdict
+    result: StepResult
     invalid: InvalidReason | None
 
 
@@ -26,5 +26,5 @@ def caption(state: State, dynamics: Dynamics, last: LastAction | None) -> list[s
     if last is not None:
         name = describe(dynamics.appearance.decode(last.number))
         reason = f" ({last.invalid})" if last.invalid else ""
-        lines.append(f"{name}: {last.verdict.outcome}{reason}, reward {last.verdict.reward:+.1f}")
+        lines.append(f"{name}: {last.result.outcome}{reason}, reward {last.result.reward:+.1f}")
     return lines

@@ -17,17 +17,18 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appearance
+from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, BoolArray, Float64Array, Int64Array, block_forms
+from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, block_forms
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.observation import item_capacity
-from lilgym_mp.rules import Dynamics, Outcome, Situation, State, make_dynamics
+from lilgym_mp.rules import ActionStatus, Dynamics, Outcome, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
-NO_ACTION = 2 * len(Situation)  # number in `Block.verdict` where an episode was started instead of an action taken
+NO_ACTION = 2 * len(ActionStatus)  # number in `Block.verdict` where an episode was started instead of an action taken
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class VerdictTable(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics) -> VerdictTable:
-        verdicts = dynamics.verdicts
+        verdicts = dynamics.step_results
         return cls(
             rewards=np.array([*(verdict.reward for verdict in verdicts), 0.0]),
             terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),

@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError
-from lilgym_mp.appearances import RELEASED_GRID, BoolArray, make_appearance
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.caption import LastAction, caption
@@ -20,7 +21,7 @@ from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import Window
 from lilgym_mp.observation import Observation, observation_space
-from lilgym_mp.render import Canvas, UInt8Array, frame, text
+from lilgym_mp.render import Canvas, frame, text
 from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task

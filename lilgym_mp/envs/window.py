@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from lilgym_mp.render import UInt8Array
+from lilgym_mp.arrays import UInt8Array
 
 
 class Window:

@@ -30,13 +30,14 @@ from typing import Any, NoReturn
 import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
 from lilgym_mp.envs.block import ALIGNMENT, ArrayForm, Block, block_size
-from lilgym_mp.envs.cores import FEWEST_SCATTER_ARRAYS
+from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
-from lilgym_mp.render import UInt8Array, image_shape
+from lilgym_mp.render import image_shape
 from lilgym_mp.rules import State
 
 AUTO = "auto"
@@ -566,7 +567,7 @@ def _rehearse(settings: Settings) -> None:
 
     Such a process could wait for ever for a module that another thread was importing when it was forked.
     """
-    few = min(settings.num_envs, FEWEST_SCATTER_ARRAYS)
+    few = min(settings.num_envs, FEWEST_COMPILED)
     settings = replace(settings, num_envs=few)
     engine = Engine(settings, Block.new(settings.forms()))
     engine.reset(Reset(np.arange(few), [0] * few, [None] * few, everywhere=True))

@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.actions import describe
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.files import write_whole
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render import draw
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
-
-UInt8Array = NDArray[np.uint8]
 
 FRAME_SECONDS = 0.7
 LAST_FRAME_SECONDS = 3.0

@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-UInt8Array = NDArray[np.uint8]
-Int64Array = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 
 
 class Observations(NamedTuple):

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from lilgym_mp.appearances import Appearance, Grid, Scatter
-from lilgym_mp.appearances.scatter import LOOKS
+from lilgym_mp.appearances.numbering import LOOKS
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, SEPARATOR_WIDTH
 

@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
 from sb3_contrib.common.maskable.distributions import MaskableCategorical
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Observations
 from lilgym_mp.learning.network import ActorCritic
 
-BoolArray = NDArray[np.bool_]
-Int64Array = NDArray[np.int64]
 Masks = BoolArray | Tensor
 
 ADAM_EPSILON = 1e-5

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import BoolArray
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.programs.syntax import (
     Arithmetic,
     Call,

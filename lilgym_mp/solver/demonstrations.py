@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lilgym_mp.actions import Action
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.observation import item_array, item_capacity
-from lilgym_mp.render import Canvas, UInt8Array
+from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver.reports import TaskReport
 from lilgym_mp.task import Task

@@ -8,7 +8,7 @@ from lilgym_mp.solver.solution import Solution
 
 def value(solution: Solution, dynamics: Dynamics, discount: float = 1.0) -> float:
     """The return of the solution; of an immediate STOP where there is none, since nothing left is worth more."""
-    worth = dynamics.rules.consequences
+    worth = dynamics.rules.signals
     if not solution.solved:
         return worth[Outcome.WRONG_STOP].reward
     edits = solution.steps - 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -24,7 +23,6 @@ from lilgym_mp.benchmark.release import ReleaseError, release_subject
 from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, in_document, report_text
 from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
 from lilgym_mp.cli import main
-from lilgym_mp.envs.cores import NUMBA_SWITCH
 
 SHORT = Effort(2, 1e-9, 110)
 
@@ -171,25 +169,6 @@ def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
     return Subject(group, name, 1, opened)
 
 
-def test_numba__is_used_by_its_own_group_only_and_where_it_matters(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(NUMBA_SWITCH, "as it was")
-    seen: list[tuple[str, str | None]] = []
-
-    @contextmanager
-    def opened(course: Course, group: str) -> Iterator[Play]:
-        seen.append((group, os.environ.get(NUMBA_SWITCH)))
-        yield lambda: Timed(1, 1.0)
-
-    chosen = [
-        Subject("batched", "batched", 8, partial(opened, group="batched")),
-        Subject("numba", "batched, numba", 8, partial(opened, group="numba"), appearances=("scatter",)),
-    ]
-    for configuration in ("ScatterScratch", "TowerScratch"):
-        Bench(SHORT).measure(Course(configuration, actions=11), chosen, lambda: None)
-    assert seen == [("batched", "0"), ("numba", None), ("batched", "0")]
-    assert os.environ[NUMBA_SWITCH] == "as it was"
-
-
 def test_missing_package__is_noted_and_the_rest_measured() -> None:
     @contextmanager
     def opened(course: Course) -> Iterator[Play]:
@@ -305,7 +284,7 @@ def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--only", "speed"], "unknown group 'speed'; choose from batched, copy, numba, parts"),
+        (["--only", "speed"], "unknown group 'speed'; choose from batched, copy, parts"),
         (["--configurations", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
         (["--against", "nowhere"], "no lilGym release in nowhere: there is no such directory"),
         (["--against", "."], "name the checkout that has the package 'lilgym' in it"),

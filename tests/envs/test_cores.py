@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product
+from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given
 
 from lilgym_mp.actions import AddItem, RemoveItem
@@ -19,16 +23,15 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
-from lilgym_mp.envs.cores import Core, EpisodeLoop, compiled_makers, installed_makers, make_core, wait
-from lilgym_mp.envs.scatter_arrays import Makers, ScatterArrays
-from lilgym_mp.envs.scatter_edits import ArrayEdits
-from lilgym_mp.envs.scatter_masks import ScatterMasks
-from lilgym_mp.envs.tower_arrays import TowerArrays
+from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, kernels, make_core
+from lilgym_mp.envs.cores.scatter import ScatterCore
+from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.render import draw
 from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.task import Task
+from tests.envs.alike import assert_alike
 from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower, triangle
 
 COUNT = 9
@@ -61,17 +64,6 @@ def random_starts(appearance: str) -> list[Scene]:
         return [Scene.empty(), *(Scene((random_box(chance),) * 2 + (Box(),)) for _ in range(12))]
     colours = [[Colour(c) for c in chance.integers(3, size=chance.integers(5)).tolist()] for _ in range(36)]
     return [Scene.empty(), *(scene(*(tower(*box) for box in colours[n : n + 3])) for n in range(0, 36, 3))]
-
-
-@pytest.fixture(params=["numpy", "numba"])
-def scatter_core(request: pytest.FixtureRequest) -> Callable[..., Core]:
-    """`ScatterArrays` by NumPy, and compiled."""
-    if request.param == "numpy":
-        return ScatterArrays
-    compiled = compiled_makers()
-    if compiled is None:
-        pytest.skip("the extra numba is not installed")
-    return partial(ScatterArrays, makers=compiled)
 
 
 class Side:
@@ -120,7 +112,7 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
     """
     chance = np.random.default_rng(1)
     every = np.arange(COUNT)
-    ends = np.array([verdict.terminated or verdict.truncated for verdict in dynamics.verdicts])
+    ends = np.array([result.ends for result in dynamics.step_results])
     met: Counter[int] = Counter()
     beginning = every
     for _ in range(steps):
@@ -142,10 +134,10 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_tower_arrays__equal_the_loop_over_long_runs(rules: str) -> None:
+def test_tower_core__equal_the_loop_over_long_runs(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("tower"), rules)
     tasks = task_set(random_starts("tower"))
-    play(Side(EpisodeLoop, dynamics, tasks), Side(TowerArrays, dynamics, tasks), dynamics, len(tasks), 300)
+    play(Side(ScalarCore, dynamics, tasks), Side(TowerCore, dynamics, tasks), dynamics, len(tasks), 300)
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
@@ -160,12 +152,12 @@ def test_tower_arrays__equal_the_loop_over_long_runs(rules: str) -> None:
     ],
     ids=str,
 )
-def test_scatter_arrays__equal_the_loop_over_long_runs(
-    scatter_core: Callable[..., Core], grid: tuple[int, int], image_size: str, steps: int, rules: str
+def test_scatter_core__equal_the_loop_over_long_runs(
+    grid: tuple[int, int], image_size: str, steps: int, rules: str
 ) -> None:
     dynamics = make_dynamics(make_appearance("scatter", grid), rules)
     tasks = task_set(random_starts("scatter"))
-    sides = Side(EpisodeLoop, dynamics, tasks, image_size), Side(scatter_core, dynamics, tasks, image_size)
+    sides = Side(ScalarCore, dynamics, tasks, image_size), Side(ScatterCore, dynamics, tasks, image_size)
     met = play(*sides, dynamics, len(tasks), steps)
     if steps >= 150:
         expected = set(InvalidReason) - {InvalidReason.FULL_TOWER, InvalidReason.EMPTY_TOWER}
@@ -173,17 +165,17 @@ def test_scatter_arrays__equal_the_loop_over_long_runs(
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_scatter_arrays__equal_the_loop_at_native_resolution(scatter_core: Callable[..., Core], rules: str) -> None:
+def test_scatter_core__equal_the_loop_at_native_resolution(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("scatter", (380, 100)), rules)
     tasks = task_set(random_starts("scatter"))
-    play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 3)
+    play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 3)
 
 
-def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one(scatter_core: Callable[..., Core]) -> None:
+def test_scatter_core__equal_the_loop_at_a_horizon_of_one() -> None:
     for rules in ("paper", "release"):
         dynamics = make_dynamics(make_appearance("scatter"), rules, 1)
         tasks = task_set(random_starts("scatter"))
-        play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 20)
+        play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 20)
 
 
 @pytest.mark.parametrize(
@@ -194,13 +186,11 @@ def test_scatter_arrays__equal_the_loop_at_a_horizon_of_one(scatter_core: Callab
     ],
     ids=["above", "left"],
 )
-def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(
-    scatter_core: Callable[..., Core], there: Item, action: AddItem
-) -> None:
+def test_scatter_core__a_release_snap_out_of_the_box_is_followed_and_drawn(there: Item, action: AddItem) -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     start = scene([there])
     tasks = task_set([start])
-    arrays, loop = Side(scatter_core, dynamics, tasks), Side(EpisodeLoop, dynamics, tasks)
+    arrays, loop = Side(ScatterCore, dynamics, tasks), Side(ScalarCore, dynamics, tasks)
     item = dynamics.appearance.apply(start, action, dynamics.rules.placement).scene.boxes[0].items[-1]
     assert min(item.x, item.y) < 0
     for side in (arrays, loop):
@@ -212,10 +202,10 @@ def test_scatter_arrays__a_release_snap_out_of_the_box_is_followed_and_drawn(
     assert np.array_equal(arrays.block.image[0], draw(arrays.core.state(0).scene, "half"))
 
 
-def test_scatter_arrays__play_on_from_items_that_overlap(scatter_core: Callable[..., Core]) -> None:
+def test_scatter_core__play_on_from_items_that_overlap() -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     tasks = task_set([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
-    play(Side(EpisodeLoop, dynamics, tasks), Side(scatter_core, dynamics, tasks), dynamics, len(tasks), 30)
+    play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 30)
 
 
 @given(box=scatter_boxes())
@@ -234,11 +224,13 @@ def test_touching_items__look_the_same_in_any_order() -> None:
 
 
 @pytest.fixture
-def fresh_choice(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
-    """Has numba looked for again, in the test and after it."""
-    installed_makers.cache_clear()
-    yield monkeypatch
-    installed_makers.cache_clear()
+def fresh_choice() -> Iterator[None]:
+    """Has compiled cores and numba looked for again, in the test and after it."""
+    for function in (cores._compiled, cores._warn_of_slowness):
+        function.cache_clear()
+    yield
+    for function in (cores._compiled, cores._warn_of_slowness):
+        function.cache_clear()
 
 
 def core_of(dynamics: Dynamics, count: int) -> type:
@@ -247,43 +239,66 @@ def core_of(dynamics: Dynamics, count: int) -> type:
     return type(make_core(dynamics, tasks, block, "half"))
 
 
-def test_make_core__chooses_by_appearance_and_number(fresh_choice: pytest.MonkeyPatch) -> None:
-    fresh_choice.setenv(cores.NUMBA_SWITCH, "0")
-    scatter, tower_dynamics = make_dynamics(make_appearance("scatter")), make_dynamics(make_appearance("tower"))
-    few, many = cores.FEWEST_SCATTER_ARRAYS - 1, cores.FEWEST_SCATTER_ARRAYS
-    assert [core_of(scatter, few), core_of(scatter, many)] == [EpisodeLoop, ScatterArrays]
-    assert [core_of(tower_dynamics, 1), core_of(tower_dynamics, many)] == [TowerArrays, TowerArrays]
+@pytest.mark.parametrize(("appearance", "compiled"), [("tower", TowerCore), ("scatter", ScatterCore)])
+def test_make_core__compiles_from_so_many_environments_on(appearance: str, compiled: type) -> None:
+    dynamics = make_dynamics(make_appearance(appearance))
+    few, many = FEWEST_COMPILED - 1, FEWEST_COMPILED
+    assert [core_of(dynamics, few), core_of(dynamics, many)] == [ScalarCore, compiled]
 
 
-def test_make_core__takes_what_numba_compiled_from_few_environments_on(fresh_choice: pytest.MonkeyPatch) -> None:
-    fresh_choice.setattr(cores, "compiled_makers", lambda: Makers(ArrayEdits, ScatterMasks))
-    dynamics = make_dynamics(make_appearance("scatter"))
-    assert core_of(dynamics, cores.FEWEST_COMPILED - 1) is EpisodeLoop
-    assert core_of(dynamics, cores.FEWEST_COMPILED) is ScatterArrays
+@pytest.fixture
+def without_numba(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("lilgym_mp.envs.cores.")]:
+        if name.rpartition(".")[2] not in ("base", "scalar"):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "numba", None)
 
 
-def test_compiled_makers__warns_and_goes_on_where_numba_cannot_be_used(fresh_choice: pytest.MonkeyPatch) -> None:
-    def fails(name: str) -> None:
-        raise ImportError("numba knows no such NumPy")
+@pytest.mark.usefixtures("without_numba")
+def test_batch__without_numba_plays_the_same_and_warns_once() -> None:
+    env_id = "lilgym_mp/ScatterFlipIt-v0"
+    with pytest.warns(RuntimeWarning, match="several times slower .* numba cannot be imported"):
+        slow = gym.make_vec(env_id, num_envs=FEWEST_COMPILED)
+    gym.make_vec(env_id, num_envs=FEWEST_COMPILED)  # without a second warning, which would be an error
+    singles = SyncVectorEnv([lambda: gym.make(env_id)] * FEWEST_COMPILED, autoreset_mode=AutoresetMode.NEXT_STEP)
+    assert_alike(slow, singles, steps=14)
 
-    fresh_choice.delenv(cores.NUMBA_SWITCH, raising=False)
-    fresh_choice.setattr(cores, "find_spec", lambda name: object())
-    fresh_choice.setattr(cores, "import_module", fails)
-    with pytest.warns(RuntimeWarning, match="without numba, LILGYM_NUMBA=0 silences this: numba knows no such NumPy"):
-        assert compiled_makers() is None
+
+def test_kernels__are_compiled_anew_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def njit(function: Callable[..., int] | None = None, cache: bool = False) -> object:
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return ("compiled", function)
+
+    monkeypatch.setattr(kernels, "njit", lambda *args, **named: partial(njit, **named) if not args else njit(*args))
+    assert kernels._kernel(max) == ("compiled", max)
 
 
-@pytest.mark.parametrize("core", [EpisodeLoop, TowerArrays])
+@pytest.mark.parametrize("seconds", [0.0, 0.3])
+def test_compiling__says_so_when_it_takes_long(
+    seconds: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(kernels, "LONG_WAIT", 0.05)
+    kernels._say_so.cache_clear()
+    with kernels.compiling(SimpleNamespace(signatures=[])):
+        time.sleep(seconds)
+    time.sleep(0.1)
+    assert [record.getMessage().split(";")[0] for record in caplog.records] == (
+        ["compiling for batches of environments"] if seconds else []
+    )
+
+
+@pytest.mark.parametrize("core", [ScalarCore, TowerCore])
 def test_waiting__spends_a_step_and_leaves_the_scene(core: Callable[..., Core]):
     dynamics = make_dynamics(make_appearance("tower"), horizon=2)
     tasks = task_set(random_starts("tower"))
     side = Side(core, dynamics, tasks)
     some, everyone = np.array([1, 4]), np.arange(COUNT)
     side.core.start(everyone, everyone)
-    for which in (some, everyone):
-        before = [side.core.state(number) for number in which.tolist()]
-        wait(dynamics, side.block, which)
-        for number, state in zip(which.tolist(), before, strict=True):
+    for env_ids in (some, everyone):
+        before = [side.core.state(env_id) for env_id in env_ids.tolist()]
+        side.core.wait(env_ids)
+        for env_id, state in zip(env_ids.tolist(), before, strict=True):
             transition = dynamics.wait(state)
-            assert side.core.state(number) == transition.state
-            assert side.block.verdict[number] == transition.verdict.number
+            assert side.core.state(env_id) == transition.state
+            assert side.block.verdict[env_id] == transition.result.code

@@ -9,6 +9,7 @@ import pytest
 
 from lilgym_mp.actions import AddBlock
 from lilgym_mp.appearances import InvalidReason
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.evaluation import (
     CONFIGURATIONS,
     Episode,
@@ -19,7 +20,6 @@ from lilgym_mp.evaluation import (
     random_legal,
     random_unmasked,
 )
-from lilgym_mp.evaluation.policies import BoolArray, Int64Array
 from lilgym_mp.rules import Outcome
 
 TOWER = Settings("TowerScratch")

@@ -8,10 +8,9 @@ from functools import partial
 from typing import SupportsIndex
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError, describe
-from lilgym_mp.appearances import BoolArray
+from lilgym_mp.arrays import BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
 from lilgym_mp.envs.proposer_verifier.rulebook import Rulebook
@@ -37,7 +36,6 @@ from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
 from lilgym_mp.tuples import new_tuple
 
-Int8Array = NDArray[np.int8]
 INT8 = np.dtype(np.int8)
 WAITING = "wait"
 NOTHING, WAIT, _, STOP = Counted  # reading a member off its enum costs ten times as much, in every step

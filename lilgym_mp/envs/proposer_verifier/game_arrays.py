@@ -10,17 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.envs.block import (
-    INVALID_REASONS,
-    NO_REASON,
-    Block,
-    BoolArray,
-    Float64Array,
-    Int8Array,
-    Int64Array,
-    block_forms,
-)
-from lilgym_mp.envs.cores import make_core, wait
+from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
+from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.proposer_verifier.game import EDIT
 from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
@@ -35,8 +27,6 @@ from lilgym_mp.envs.proposer_verifier.states import (
 )
 from lilgym_mp.envs.proposer_verifier.views import World
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.observation import Int16Array
-from lilgym_mp.render import UInt8Array
 from lilgym_mp.rules import State, Transition
 
 Info = dict[str, Any]
@@ -150,7 +140,7 @@ class GameArrays:
             self._core.step(None if len(acting) == len(counted) else acting)
             self._has_masks = self._has_items = False
         if len(waiting):
-            wait(self._dynamics, block, waiting)
+            self._core.wait(waiting)
         return block.verdict.astype(np.int64)
 
     @property
@@ -203,7 +193,7 @@ class GameArrays:
         if key not in self._ends:
             verdict, reason = key
             invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-            self._ends[key] = end_info(Transition(self.mdp(number), self._dynamics.verdicts[verdict], invalid))
+            self._ends[key] = end_info(Transition(self.mdp(number), self._dynamics.step_results[verdict], invalid))
         return self._ends[key].copy()
 
     def last_judged(self, number: int) -> Judged | None:
@@ -233,7 +223,7 @@ class _Tables(NamedTuple):
 
     @classmethod
     def of(cls, world: World) -> _Tables:
-        book, verdicts = world.game.rulebook, world.game.conditions.dynamics.verdicts
+        book, verdicts = world.game.rulebook, world.game.conditions.dynamics.step_results
         rulings = book.rulings
         wants_truth = [world.reveals_truth and ruling.probability is not None for ruling in rulings]
         return cls(

@@ -13,7 +13,8 @@ from typing import Any, SupportsIndex
 import numpy as np
 
 from lilgym_mp.actions import ActionError
-from lilgym_mp.envs.proposer_verifier.game import Game, Int8Array
+from lilgym_mp.arrays import Int8Array
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import REJECT
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, STOP_ACTION, GameState, Intent, Role

@@ -40,7 +40,7 @@ class Rulebook:
             for turn in turns
         ]
         self.rulings = tuple(found)
-        verdicts = conditions.dynamics.verdicts
+        verdicts = conditions.dynamics.step_results
         self.nothing_played = len(verdicts)
         mdp_rewards = [*(verdict.reward for verdict in verdicts), 0.0]
         self.worths = [

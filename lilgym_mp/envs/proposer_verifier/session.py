@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
@@ -25,7 +26,7 @@ from lilgym_mp.envs.proposer_verifier.states import (
 from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import Window
-from lilgym_mp.render import UInt8Array, frame, text
+from lilgym_mp.render import frame, text
 from lilgym_mp.rules import State
 
 RENDER_FPS = 4

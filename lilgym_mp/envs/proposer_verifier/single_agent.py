@@ -8,12 +8,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, Seat, ask
 from lilgym_mp.envs.proposer_verifier.session import RENDER_FPS, RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
 from lilgym_mp.envs.proposer_verifier.states import GameStep, Role
-from lilgym_mp.render import UInt8Array
 
 MOST_DRAWS = 1_000  # games in a row that may end before the agent has had a turn
 

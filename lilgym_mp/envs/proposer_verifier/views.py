@@ -14,13 +14,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
-from lilgym_mp.envs.block import Int64Array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, GameState, Intent, Role
 from lilgym_mp.observation import image_space, item_array, item_capacity
-from lilgym_mp.render import Canvas, UInt8Array
+from lilgym_mp.render import Canvas
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary, words
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout
@@ -18,7 +19,6 @@ from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, MOST_STEPS, 
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 Rng = np.random.Generator
-Int64Array = NDArray[np.int64]
 
 
 class Batch(NamedTuple):

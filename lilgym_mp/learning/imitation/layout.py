@@ -10,15 +10,14 @@ from functools import cache
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.appearances.scatter import LOOKS
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.learning.imitation.boxes import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 
-Int64Array = NDArray[np.int64]
 COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # the first changes nothing; colour c becomes order[c]
 COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
 STOP_HEAD = 0

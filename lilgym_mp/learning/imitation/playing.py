@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from lilgym_mp.arrays import Float32Array, Int64Array
 from lilgym_mp.learning.imitation.batches import Numbering, box_inputs, distinct_boxes, padded
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import STOP_HEAD, ActionLayout
@@ -20,8 +20,6 @@ from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-Int64Array = NDArray[np.int64]
-Float32Array = NDArray[np.float32]
 MOST_GROUPS = 64  # statements that the network reads at once
 
 

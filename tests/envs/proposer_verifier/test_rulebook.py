@@ -35,11 +35,11 @@ def test_worths__are_what_the_rewards_give(rewards: str):
     this = game(rewards=rewards, false_accept_cost=3.0)
     book = this.rulebook
     stop = book.numbers[True][Proposal.STOP][ACCEPT][False]
-    for verdict in this.conditions.dynamics.verdicts:
+    for verdict in this.conditions.dynamics.step_results:
         for holds in (False, True):
             for intent in Intent:
                 expected = this.rewards(verdict.reward, Judged(1.0, final=True, holds=holds), intent)
-                assert book.worths[stop][verdict.number][holds][intent] == expected
+                assert book.worths[stop][verdict.code][holds][intent] == expected
 
 
 def test_worths__where_the_mdp_does_nothing_are_of_the_judgement_alone():

@@ -1,0 +1,14 @@
+"""Names for the types of arrays that the package passes around."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+BoolArray = NDArray[np.bool_]
+UInt8Array = NDArray[np.uint8]
+Int8Array = NDArray[np.int8]
+Int16Array = NDArray[np.int16]
+Int64Array = NDArray[np.int64]
+Float32Array = NDArray[np.float32]
+Float64Array = NDArray[np.float64]

@@ -1,0 +1,53 @@
+"""Cores: many episodes of one MDP, stepped together over the arrays of a `Block`.
+
+`ScalarCore` asks `rules` about one scene after another and serves every appearance. `TowerCore` and `ScatterCore` do
+the same in compiled code, for batches; they are imported, and with them numba, when a batch first needs one.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import import_module
+
+from lilgym_mp.appearances import Appearance, Scatter, Tower
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.block import Block
+from lilgym_mp.envs.cores.base import Core
+from lilgym_mp.envs.cores.scalar import ScalarCore
+from lilgym_mp.rules import Dynamics
+
+__all__ = ["FEWEST_COMPILED", "Core", "ScalarCore", "make_core"]
+
+FEWEST_COMPILED = 8  # environments; calling compiled code costs more than it saves for fewer
+_COMPILED: Mapping[type[Appearance], tuple[str, str]] = {
+    Tower: ("lilgym_mp.envs.cores.tower", "TowerCore"),
+    Scatter: ("lilgym_mp.envs.cores.scatter", "ScatterCore"),
+}  # by appearance: module and class
+
+
+def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> Core:
+    """The fastest core for the appearance and the number of environments."""
+    appearance = type(dynamics.appearance)
+    compiled = _compiled(appearance) if len(block.action) >= FEWEST_COMPILED else None
+    return (compiled or ScalarCore)(dynamics, tasks, block, image_size)
+
+
+@cache
+def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Block, str], Core] | None:
+    """The compiled core of an appearance. None where there is none and, with a warning, where numba cannot be used."""
+    if appearance not in _COMPILED:
+        return None
+    module, name = _COMPILED[appearance]
+    try:
+        return getattr(import_module(module), name)
+    except ImportError as fault:
+        _warn_of_slowness(str(fault))
+        return None
+
+
+@cache
+def _warn_of_slowness(fault: str) -> None:
+    message = f"batches run several times slower than they could, because numba cannot be imported: {fault}"
+    warnings.warn(message, RuntimeWarning, stacklevel=2)

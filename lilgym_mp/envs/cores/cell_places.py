@@ -1,0 +1,123 @@
+"""Which places in the cells of a Scatter grid remain free beside items, as look-up tables for masks.
+
+Each place that a new item of some kind may take in a cell is one bit of the cell's words, set in an empty box. An item
+clears some of them, depending on its kind and its offset from the cell: the words of the empty box, ANDed with what
+each item of the box leaves, show which kinds can be added. One more bit is cleared by items that cover part of the
+cell, and shows whether something can be removed. Source: SPEC section 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances.legality import allowed_corners
+from lilgym_mp.appearances.numbering import LOOK_KINDS
+from lilgym_mp.appearances.placement import LARGEST_SIDE, cell_areas, clear_templates
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.scene import BOX_SIDE, KIND_COUNT
+
+WORD_BITS = 64
+HIGHEST_PART = 25  # rows: higher cells, which would have too many places, are divided into parts
+LOW_PART = 10  # rows: divides the heights of all higher cells
+REMOVABLE = 1 << KIND_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each kind of ADD
+
+Words = NDArray[np.uint64]
+
+
+class CellPlaces(NamedTuple):
+    """The tables for one size of cells. A part is some rows of a cell, mostly all."""
+
+    part_height: int  # rows
+    empty: Words  # (parts, cells of a box, words) the parts' words in an empty box
+    left: Words  # (lines, words) what an item leaves; all in line 0
+    lines: NDArray[np.unsignedinteger]  # (9, columns, rows) by an item's kind and `offset`: the line of `left`
+    offset: tuple[int, int]  # index of equal top-left corners in `lines`; grows with a part's offset from the item
+    edits: Int64Array  # (words,) a kind's bit, set if the word is not 0; for the last word REMOVABLE, set if it is 0
+    adds: BoolArray  # (2 * REMOVABLE, 27) by a cell's legal edits: whether the ADD of each look is one
+
+
+class _Word(NamedTuple):
+    """A word of every cell, whose bits belong to one kind of edit."""
+
+    edit: int  # a bit
+    left: Words  # (9, x, y) by kind of an item and offset of a part from it
+    empty: Words  # (parts, cells)
+
+
+@cache
+def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPlaces:
+    """The tables for cells of that size in pixels; `searches`: whether an item may go elsewhere in its cell."""
+    height = cell_height if cell_height <= HIGHEST_PART else LOW_PART
+    allowed = _allowed_places(cell_width, cell_height, height, searches=searches)
+    words = [*_adding(allowed), _removing(cell_width, height, allowed.shape[3:])]
+    width = len(words)
+    empty = np.zeros((*allowed.shape[3:], width), np.uint64)
+    window = words[0].left.shape
+    left = np.zeros((*window, width), np.uint64)
+    for index, word in enumerate(words):
+        empty[..., index], left[..., index] = word.empty, word.left
+    everything = np.bitwise_or.reduce(empty.reshape(-1, width))
+    distinct, numbers = _distinct(np.concatenate([everything[None], left.reshape(-1, width)]))
+    columns, rows = window[1:]
+    return CellPlaces(
+        part_height=height,
+        empty=empty,
+        left=distinct,
+        lines=numbers[1:].reshape(window).astype(np.min_scalar_type(numbers.max())),
+        offset=(columns - LARGEST_SIDE - 1, rows - LARGEST_SIDE - 1),
+        edits=np.array([word.edit for word in words]),
+        adds=(np.arange(2 * REMOVABLE)[:, None] >> np.array(LOOK_KINDS) & 1).astype(np.bool_),
+    )
+
+
+def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool) -> BoolArray:
+    """(9, width, height, parts, cells) whether an item of a kind may go to that pixel of a part."""
+    allowed = allowed_corners(width, cell_height, searches=searches)
+    shape = KIND_COUNT, BOX_SIDE // width, width, BOX_SIDE // cell_height, cell_height // height, height
+    by_pixel = allowed.reshape(shape).transpose(0, 2, 5, 4, 1, 3)
+    return by_pixel.reshape(*by_pixel.shape[:4], -1)
+
+
+def _adding(allowed: BoolArray) -> Iterator[_Word]:
+    """The words of all kinds, from `_allowed_places`.
+
+    A part's offset from an item goes, in x and y, from -LARGEST_SIDE less the part's last pixel to LARGEST_SIDE.
+    """
+    _, width, height, *_ = allowed.shape
+    margins = [(0, 0), (0, 0), (width - 1, width - 1), (height - 1, height - 1)]
+    clear = np.pad(clear_templates(), margins, constant_values=True)
+    for kind, places in enumerate(allowed):
+        pixels = np.argwhere(places.any(axis=(2, 3))).tolist()
+        columns, rows = clear.shape[2] - width + 1, clear.shape[3] - height + 1
+        for first in range(0, len(pixels), WORD_BITS):
+            some = pixels[first : first + WORD_BITS]
+            left = _packed([clear[:, kind, x : x + columns, y : y + rows] for x, y in some])
+            yield _Word(1 << kind, left, _packed([places[x, y] for x, y in some]))
+
+
+def _removing(width: int, height: int, cells: tuple[int, ...]) -> _Word:
+    """The word of REMOVABLE, of (parts, cells) `cells`, over the same window as those of `_adding`."""
+    uncovered = np.array(cell_areas(width, height)) == 0
+    beyond = LARGEST_SIDE, 1  # offsets that `cell_areas` leaves out on either side, where nothing is covered
+    left = np.pad(uncovered, [(0, 0), beyond, beyond], constant_values=True)
+    return _Word(REMOVABLE, _packed([left]), np.ones(cells, np.uint64))
+
+
+def _packed(flags: Sequence[BoolArray]) -> Words:
+    """Words whose bits are the flags, the first the lowest."""
+    words = np.zeros(flags[0].shape, np.uint64)
+    for bit, flag in enumerate(flags):
+        words |= flag.astype(np.uint64) << np.uint64(bit)
+    return words
+
+
+def _distinct(lines: Words) -> tuple[Words, Int64Array]:
+    """Each different line once, in the order in which they are met first, and the index of each of `lines`."""
+    numbers: dict[bytes, int] = {}
+    found = np.array([numbers.setdefault(line.tobytes(), len(numbers)) for line in lines])
+    return np.frombuffer(b"".join(numbers), lines.dtype).reshape(-1, lines.shape[1]), found

@@ -1,0 +1,122 @@
+"""What the compiled cores of Tower and Scatter share: scenes as arrays of item numbers, and their images."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, LOOKS, look_of
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.block import Block
+from lilgym_mp.envs.cores import kernels
+from lilgym_mp.envs.cores.base import Core
+from lilgym_mp.envs.cores.kernels import NO_ITEM, Painting, Scenes, Starts, compiling
+from lilgym_mp.observation import EMPTY
+from lilgym_mp.render import LARGEST_PATCH, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
+
+NEVER_SEEN = -2  # a version from which no box comes by one added item
+_LOOK_FIELDS = np.array(LOOKS, np.int16)
+
+
+class CompiledCore(Core):
+    """A core whose scenes are `kernels.Scenes`; subclasses make the edits of their appearance."""
+
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
+        super().__init__(dynamics, tasks, block)
+        rows, capacity = BOX_COUNT * len(block.action), block.items.shape[2]
+        side = BOX_SIDE // shrink_of(image_size)
+        self._image_size = image_size
+        self._painting = _painting(image_size)
+        self._current = Scenes(
+            items=np.full((rows, capacity), NO_ITEM),
+            counts=np.zeros(rows, np.int64),
+            versions=np.zeros(rows, np.int64),
+            weighted=np.zeros((rows, side, side), np.uint8),
+            images=block.image.reshape(len(block.image), -1),
+        )
+        self._starts = Starts(
+            items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
+            counts=np.zeros(BOX_COUNT * len(tasks), np.int64),
+        )
+        self._has_start = [False] * len(tasks)  # whether `_starts` holds the task's start scene
+        self._written_items = np.full(rows, NEVER_SEEN)  # versions that `block.items` shows
+        with compiling(kernels.begin):
+            kernels.begin(self._painting, self._current, self._starts, self._every[:0], self._every[:0])
+
+    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+        for task in tasks.tolist():
+            if not self._has_start[task]:
+                self._add_start(task)
+        kernels.begin(self._painting, self._current, self._starts, env_ids, tasks)
+
+    def _add_start(self, task: int) -> None:
+        for row, box in enumerate(self._start_scene(task).boxes, BOX_COUNT * task):
+            self._starts.counts[row] = len(box.items)
+            self._starts.items[row, : len(box.items)] = [number_of(item) for item in box.items]
+        self._has_start[task] = True
+
+    def _start_scene(self, task: int) -> Scene:
+        """The start scene that the arrays can hold of a task."""
+        return self._tasks[task].start
+
+    def write_items(self) -> None:
+        written = self._block.items.reshape(len(self._written_items), *self._block.items.shape[2:])
+        with compiling(kernels.write_items):
+            kernels.write_items(self._current, _LOOK_FIELDS, EMPTY, self._written_items, written)
+
+    @abstractmethod
+    def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]: ...
+
+
+def number_of(item: Item) -> int:
+    """`kernels.item_number` of an item."""
+    x, y, shape, colour, size = item
+    return kernels.item_number.py_func(x, y, look_of(shape, colour, size))
+
+
+def item_of(number: int) -> Item:
+    """The item with that `kernels.item_number`."""
+    x, y, look = kernels.item_fields.py_func(number)
+    return Item(x, y, *LOOKS[look])
+
+
+@cache
+def _painting(image_size: str) -> Painting:
+    shrink = shrink_of(image_size)
+    side = LARGEST_PATCH // shrink
+    runs, run_counts = np.zeros((LOOK_COUNT, 2, 2, side, 2), np.int64), np.zeros((LOOK_COUNT, 2, 2), np.int64)
+    edges, edge_counts = np.zeros((LOOK_COUNT, 2, 2, side**2, 3), np.int64), np.zeros((LOOK_COUNT, 2, 2), np.int64)
+    lines = np.empty((LOOK_COUNT + 1, side, 3), np.uint8)
+    weights, colours = palette(shrink)
+    lines[LOOK_COUNT] = colours[0]
+    for look, (_, colour, _) in enumerate(LOOKS):
+        whole = shrink**2 * weights[colour]
+        lines[look] = colours[whole]
+        for odd_x, odd_y in product((0, 1), repeat=2):
+            at = look, odd_x, odd_y
+            counts = stamp(LOOK_KINDS[look], colour, odd_x, odd_y, shrink).counts
+            run_counts[at] = len(counts)
+            for row, covered in enumerate(counts == whole):
+                if covered.any():
+                    runs[*at, row] = covered.argmax(), len(covered) - covered[::-1].argmax()
+            ys, xs = ((counts > 0) & (counts < whole)).nonzero()
+            edge_counts[at] = len(ys)
+            edges[*at, : len(ys)] = np.stack([ys, xs, counts[ys, xs]], axis=1)
+    return Painting(
+        runs=runs,
+        run_counts=run_counts,
+        edges=edges[:, :, :, : int(edge_counts.max())].copy(),
+        edge_counts=edge_counts,
+        lines=lines.reshape(LOOK_COUNT + 1, -1),
+        colours=colours,
+        background=draw(Scene.empty(), image_size).ravel(),
+        width=image_shape(image_size)[1],
+        shrink=shrink,
+    )

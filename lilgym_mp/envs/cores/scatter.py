@@ -1,0 +1,172 @@
+"""The compiled core of Scatter.
+
+The release's rules let items overlap or lie outside their box. A scene with such items is *outside* the arrays: the
+scalar rules edit it, and it is kept as a `Scene` and drawn by a `Canvas`.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.appearances.numbering import LOOK_KINDS, cell_and_look
+from lilgym_mp.appearances.placement import fits_box
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block
+from lilgym_mp.envs.cores import kernels
+from lilgym_mp.envs.cores.cell_places import cell_places
+from lilgym_mp.envs.cores.compiled import NEVER_SEEN, CompiledCore, item_of
+from lilgym_mp.envs.cores.kernels import OUTSIDE, TIE, compiling
+from lilgym_mp.envs.cores.tables import grid_tables, tied_move
+from lilgym_mp.observation import item_array
+from lilgym_mp.render import Canvas, stamp
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
+
+KEPT_ITEMS = 16_384
+
+
+class ScatterCore(CompiledCore):
+    """A `Scene` is made only when a program or the caller asks for one, of the boxes that changed since the last."""
+
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
+        super().__init__(dynamics, tasks, block, image_size)
+        count = len(block.action)
+        self._appearance = cast(Scatter, dynamics.appearance)
+        self._tables = grid_tables(self._appearance, dynamics.rules.placement)
+        self._scenes = [Scene.empty()] * count  # as of the versions in `_scene_versions`
+        self._scene_versions = np.full((count, BOX_COUNT), NEVER_SEEN)
+        self._versions_by_env = self._current.versions.reshape(count, BOX_COUNT)
+        self._outside = np.zeros(count, np.bool_)  # environments whose scenes are kept in `_scenes` alone
+        self._starts_outside = np.zeros(len(tasks), np.bool_)  # tasks that start so, as far as they have been played
+        self._canvases: dict[int, Canvas] = {}  # of `_outside`
+        self._written_masks: Int64Array | None = None  # versions that `block.mask` shows
+        with compiling(kernels.edit_scatters):
+            self._edit(self._every[:0], self._every[:0], np.zeros(0, np.bool_))
+
+    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+        super()._begin(env_ids, tasks)
+        self._scene_versions[env_ids] = self._versions_by_env.take(env_ids, 0)
+        outside = self._outside[env_ids] = self._starts_outside[tasks]
+        for env_id, task in zip(env_ids.tolist(), tasks.tolist(), strict=True):
+            self._scenes[env_id] = self._tasks[task].start
+        for env_id in self._canvases.keys() & set(env_ids.tolist()):
+            del self._canvases[env_id]
+        for env_id in env_ids[outside].tolist():
+            self._leave_arrays(env_id)
+
+    def _start_scene(self, task: int) -> Scene:
+        start = super()._start_scene(task)
+        self._starts_outside[task] = not fits_arrays(start)
+        return Scene.empty() if self._starts_outside[task] else start
+
+    def _leave_arrays(self, env_id: int) -> None:
+        """Has `_scenes` alone represent an environment from now on."""
+        self._outside[env_id] = True
+        if env_id not in self._canvases:
+            self._canvases[env_id] = Canvas(self._image_size, self._block.image[env_id])
+        self._canvases[env_id].show(self._scenes[env_id])
+
+    def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
+        tables, painting, current = self._tables, self._painting, self._current
+        reasons, ties = np.empty(len(env_ids), np.int64), np.empty((len(env_ids), 3), np.int64)
+        unresolved = kernels.edit_scatters(
+            tables, painting, current, self._outside, env_ids, actions, applies, reasons, ties
+        )
+        if unresolved:
+            for k in (reasons == TIE).nonzero()[0].tolist():
+                cell, look = cell_and_look(int(actions[k]), tables.cell_count)
+                box = int(tables.boxes[cell])
+                row = BOX_COUNT * int(env_ids[k]) + box
+                x, y, slot = ties[k].tolist()
+                other = _item_of(int(current.items[row, slot]))
+                move = tied_move(LOOK_KINDS[look], x, y, other, box, self.dynamics.rules.placement)
+                reasons[k] = kernels.place(tables, painting, current, row, look, x, y, move, applies[k])
+            for k in (reasons == OUTSIDE).nonzero()[0].tolist():
+                reasons[k] = self._edit_scene(int(env_ids[k]), int(actions[k]), applies=bool(applies[k]))
+        return reasons
+
+    def _edit_scene(self, env_id: int, action: int, *, applies: bool) -> int:
+        """An edit by the scalar rules, after which the scene is outside the arrays. Gives the reason."""
+        (scene,) = self._scenes_of(np.array([env_id]))
+        edit = self._appearance.apply(scene, self._appearance.decode(action), self.dynamics.rules.placement)
+        if edit.invalid is not None:
+            return REASON_NUMBERS[edit.invalid]
+        if applies:
+            self._scenes[env_id] = edit.scene
+            self._leave_arrays(env_id)
+        return NO_REASON
+
+    def _scenes_of(self, env_ids: Int64Array) -> list[Scene]:
+        versions = self._versions_by_env.take(env_ids, 0)
+        changed, boxes = (versions != self._scene_versions.take(env_ids, 0)).nonzero()
+        if len(changed):
+            self._scene_versions[env_ids] = versions
+            self._renew_boxes(env_ids[changed], boxes)
+        return [self._scenes[env_id] for env_id in env_ids.tolist()]
+
+    def _renew_boxes(self, env_ids: Int64Array, boxes: Int64Array) -> None:
+        """Makes boxes (k,) of `_scenes` of environments (k,) current; the others are shared with the scene before."""
+        rows = env_ids * BOX_COUNT + boxes
+        counts, scenes = self._current.counts.take(rows), self._scenes
+        numbers = self._current.items.take(rows, 0)[:, : int(counts.max())].tolist()
+        for env_id, box, count, there in zip(env_ids.tolist(), boxes.tolist(), counts.tolist(), numbers, strict=True):
+            scenes[env_id] = scenes[env_id].with_box(box, Box(tuple(map(_item_of, there[:count]))))
+
+    def write_masks(self) -> None:
+        appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._block.mask
+        if self._written_masks is None:
+            self._written_masks = np.full(len(self._current.versions), NEVER_SEEN)
+            mask[:] = False
+            mask[:, 0] = True
+        places = cell_places(*appearance.cell, searches=appearance.searches(placement))
+        with compiling(kernels.write_masks):
+            kernels.write_masks(self._tables, places, self._current, self._written_masks, mask)
+        for env_id in self._outside.nonzero()[0].tolist():
+            mask[env_id] = appearance.legal_mask(self._scenes[env_id], placement)
+            self._written_masks[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NEVER_SEEN
+
+    def write_items(self) -> None:
+        super().write_items()
+        items = self._block.items
+        for env_id in self._outside.nonzero()[0].tolist():
+            items[env_id] = item_array(self._scenes[env_id], items.shape[2])
+            self._written_items[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NEVER_SEEN
+
+
+def fits_arrays(scene: Scene) -> bool:
+    """Whether all items lie inside their boxes and draw no pixel in common."""
+    return all(
+        fits_box(item.kind, item.x, item.y) and not any(_share_pixels(item, other) for other in box.items[:index])
+        for box in scene.boxes
+        for index, item in enumerate(box.items)
+    )
+
+
+def _share_pixels(item: Item, other: Item) -> bool:
+    """Whether two items, inside their box, draw a pixel in common."""
+    left, right = max(item.x, other.x), min(item.x + item.side, other.x + other.side)
+    top, bottom = max(item.y, other.y), min(item.y + item.side, other.y + other.side)
+    if left >= right or top >= bottom:
+        return False
+    drawn = (
+        stamp(each.kind, each.colour, 0, 0, 1).counts[top - each.y : bottom - each.y, left - each.x : right - each.x]
+        for each in (item, other)
+    )
+    return bool(np.logical_and(*drawn).any())
+
+
+class _Items(dict[int, Item]):
+    """Items by number, made once; on a grid the same ones come again."""
+
+    def __missing__(self, number: int) -> Item:
+        if len(self) >= KEPT_ITEMS:
+            self.clear()
+        item = self[number] = item_of(number)
+        return item
+
+
+_item_of = _Items().__getitem__

@@ -1,0 +1,120 @@
+"""The rules of Scatter edits as arrays for compiled code, made of the tables that the scalar rules read."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.appearances.placement import (
+    LARGEST_MOVE,
+    LAST_CORNER,
+    OFFSET_COUNT,
+    cell_areas,
+    clear_templates,
+    placement_tables,
+    search_offsets,
+)
+from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, Item
+
+MOST_ROWS = 50  # of a cell that fit into one number as bits; higher cells are divided into parts
+MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
+TIED = 0  # sentinel instead of a move: several pairs of points are nearest, to be resolved by `tied_move`
+
+
+class GridTables(NamedTuple):
+    """The rules for one grid and one rule set. Places in a cell are bits, by column and row from its top-left pixel.
+
+    A column's bits are its rows, the first the lowest, in parts of `part_height` rows.
+    """
+
+    clearance: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.clearance`
+    moves: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.moves`, or TIED
+    overlaps: Int64Array  # (9, 9, 61) by item's kind, new kind, x of new less item + 30: bits of y likewise
+    areas: NDArray[np.uint16]  # by kind and offset as `cell_areas`: ranks of the areas, 0 for none
+    last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
+    cell_count: int  # of the grid
+    cell_width: int
+    cell_height: int
+    part_height: int
+    first_cells: Int64Array  # (3,) the first of a box's cells
+    boxes: Int64Array  # (cells,) box of each cell; any for a separator's
+    xs: Int64Array  # (cells,) of the cell's top-left pixel in the box
+    ys: Int64Array  # (cells,)
+    add_reasons: Int64Array  # (9, cells) by kind: why an ADD is invalid whatever the box holds, or NO_REASON
+    remove_reasons: Int64Array  # (cells,) likewise
+    searched: Int64Array  # (9, cell width, parts) by kind: places that a search may take
+    snaps: bool
+    keeps_unfit_snaps: bool
+    overlap: int  # InvalidReason.OVERLAP and NOTHING_TO_REMOVE by index
+    nothing_to_remove: int
+
+
+def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
+    columns, rows = appearance.grid
+    width, height = appearance.cell
+    boxes, xs = (values.repeat(rows) for values in np.divmod(np.arange(columns) * width, BOX_PITCH))
+    ys = np.tile(np.arange(rows) * height, columns)
+    on_separator = xs >= BOX_SIDE
+    last = np.array(LAST_CORNER)
+    fits = np.maximum(xs, ys) <= last[:, None]
+    separator, out_of_box = REASON_NUMBERS[InvalidReason.SEPARATOR], REASON_NUMBERS[InvalidReason.OUT_OF_BOX]
+    part_height = height if height <= MOST_ROWS else MOST_ROWS
+    searched = np.zeros((KIND_COUNT, width, height), np.bool_)
+    if appearance.searches(rules):
+        searched |= search_offsets(width, height)
+    clearance, moves = _placement_codes()
+    return GridTables(
+        clearance=clearance,
+        moves=moves,
+        overlaps=_as_bits(~clear_templates()),
+        areas=_area_ranks(width, height),
+        last_corners=last,
+        cell_count=appearance.cell_count,
+        cell_width=width,
+        cell_height=height,
+        part_height=part_height,
+        first_cells=np.array([cells.start for cells in appearance.box_cells]),
+        boxes=boxes,
+        xs=xs,
+        ys=ys,
+        add_reasons=np.where(on_separator, separator, np.where(fits, NO_REASON, out_of_box)),
+        remove_reasons=np.where(on_separator, separator, NO_REASON),
+        searched=_as_bits(searched.reshape(KIND_COUNT, width, -1, part_height)),
+        snaps=not appearance.is_native,
+        keeps_unfit_snaps=rules.keeps_unfit_snaps,
+        overlap=REASON_NUMBERS[InvalidReason.OVERLAP],
+        nothing_to_remove=REASON_NUMBERS[InvalidReason.NOTHING_TO_REMOVE],
+    )
+
+
+def _placement_codes() -> tuple[UInt8Array, UInt8Array]:
+    """`GridTables.clearance` and `moves`."""
+    tables = placement_tables()
+    shape = KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT
+    both = (b"".join(map(b"".join, by_kinds)) for by_kinds in (tables.clearance, tables.moves))
+    clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
+    moves[list(tables.ties)] = TIED
+    return clearance.reshape(shape), moves.reshape(shape)
+
+
+def _as_bits(flags: BoolArray) -> Int64Array:
+    """The flags of the last axis as one number each, the first the lowest bit."""
+    return (flags << np.arange(flags.shape[-1])).sum(axis=-1)
+
+
+def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
+    areas = np.array(cell_areas(cell_width, cell_height))
+    _, ranks = np.unique(areas, return_inverse=True)
+    return ranks.reshape(areas.shape).astype(np.uint16)
+
+
+def tied_move(kind: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
+    """The snap move, as in `GridTables.moves`, of a new item whose nearest points to `other` are tied."""
+    frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
+    move_x, move_y = placement_tables().move(kind, x, y, other, frame_x)
+    return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE
