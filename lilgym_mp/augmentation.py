@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID, Appearance, Grid, Scatter
 from lilgym_mp.appearances.placement import check_apart
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.corpus.spelling import NUMBERS, normalised_words
 from lilgym_mp.perception import image_size_of, read_scene, recoloured
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.syntax import Call, Member, Node, Slice, Subscript, WordName, children
-from lilgym_mp.render import UInt8Array, draw
+from lilgym_mp.render import draw
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import (
     BOX_COUNT,
