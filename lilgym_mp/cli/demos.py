@@ -16,6 +16,7 @@ from lilgym_mp.cli.solve import add_solving, dynamics_of, solve_split
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_file, write_whole
+from lilgym_mp.solver.action_sets import action_sets, explored, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
 
 
@@ -33,6 +34,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the draws (default: 0)")
     parser.add_argument("--images", action="store_true", help="put the images into the npz file as well (large)")
+    parser.add_argument("--sets", action="store_true", help="write states with all their good first actions instead")
+    parser.add_argument(
+        "--exploration", type=float, default=0.25, metavar="P", help="with --sets: how often an edit is random"
+    )
+    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="with --sets: episodes from each start")
     add_solving(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -42,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
     _check(args)
     settings = Settings(**said_settings(args))
     dynamics = dynamics_of(settings)
+    if args.sets:
+        return _run_sets(settings, args)
     reports = solve_split(settings, args.split, args)
     episodes = demonstrations(reports, dynamics, args.episodes, args.seed)
     unsolved = sum(not report.solution.solved for report in reports)
@@ -59,8 +67,31 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
+    dynamics = dynamics_of(settings)
+    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, args.split)
+    chosen = {"exploration": args.exploration, "repeats": args.repeats, "seed": args.seed}
+    states = explored(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **chosen)
+    sets = action_sets(states, dynamics, {**_about(settings, args), **chosen})
+    try:
+        write_whole(args.out, partial(write_action_sets, sets=sets))
+    except OSError as fault:
+        raise CommandError(f"cannot write {args.out}: {fault.strerror or fault}") from None
+    print(f"{len(sets):,} states of {len(sets.task):,} tasks, {int(sets.complete.sum()):,} of their sets complete")
+    print(f"npz: {args.out}")
+    return 0
+
+
 def _check(args: argparse.Namespace) -> None:
     """Raises CommandError or OutputError for what would fail after all the work."""
+    if args.sets and (args.out is None or args.minari is not None or args.images or args.episodes is not None):
+        raise CommandError("--sets needs --out and takes no --minari, --images or --episodes")
+    if not 0 <= args.exploration <= 1:
+        raise CommandError(f"--exploration must be a probability from 0 to 1, not {args.exploration}")
+    if args.repeats < 1:
+        raise CommandError(f"--repeats must be at least 1, not {args.repeats}")
+    if args.jobs < 1:
+        raise CommandError(f"--jobs must be at least 1, not {args.jobs}")
     if args.out is None and args.minari is None:
         raise CommandError("say where to write: --out FILE, --minari NAME, or both")
     if args.episodes is not None and args.episodes < 1:

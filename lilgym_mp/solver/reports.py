@@ -9,12 +9,15 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from statistics import mean, median
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver.solution import Solution, Status
 from lilgym_mp.solver.solving import Solver
 from lilgym_mp.task import Task
+
+Question = TypeVar("Question")
+Answer = TypeVar("Answer")
 
 CHUNK = 32  # tasks handed to a process at a time; those of one statement lie together and share work
 
@@ -58,13 +61,30 @@ def _solved_here(tasks: Sequence[Task], solver: Solver) -> Iterator[TaskReport]:
 
 
 def _solved_by_processes(tasks: Sequence[Task], solver: Solver, jobs: int) -> Iterator[TaskReport]:
-    chunks = [tasks[begin : begin + CHUNK] for begin in range(0, len(tasks), CHUNK)]
     solve = partial(_solutions, solver.dynamics, solver.budget)
+    for task, (solution, seconds) in zip(tasks, in_processes(solve, tasks, jobs, CHUNK), strict=True):
+        yield TaskReport(task, solution, seconds)
+
+
+def in_processes(
+    answer: Callable[[Sequence[Question]], Sequence[Answer]], questions: Sequence[Question], jobs: int, chunk: int
+) -> Iterator[Answer]:
+    """The answer to each question, in their order; `answer` takes `chunk` of them at a time, in its own process.
+
+    With one job it works in this process. When it is interrupted, no process is left behind. Raises ValueError for
+    fewer than one job.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, not {jobs}")
+    chunks = [questions[begin : begin + chunk] for begin in range(0, len(questions), chunk)]
+    if jobs == 1:
+        for some in chunks:
+            yield from answer(some)
+        return
     executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_leave_interrupts_to_the_parent)
     try:
-        for chunk, answers in zip(chunks, executor.map(solve, chunks), strict=True):
-            for task, (solution, seconds) in zip(chunk, answers, strict=True):
-                yield TaskReport(task, solution, seconds)
+        for answers in executor.map(answer, chunks):
+            yield from answers
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.solver.aspects import aspects, joined
+from lilgym_mp.solver.box_edits import box_edits, frame_of
 from lilgym_mp.solver.first_edits import ReachableSketches
 from lilgym_mp.solver.joint import judged_by_program, programs_of, truths_wanted
 from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
@@ -20,12 +21,12 @@ from lilgym_mp.solver.placements import BoxEdit, Placements
 from lilgym_mp.solver.reach import seen_by, triples_after
 from lilgym_mp.solver.room import Refuted, room_for
 from lilgym_mp.solver.search import Budget, BudgetSpentError, goals_after
-from lilgym_mp.solver.sketches import SketchEdit, Sketcher, SketchLayers
+from lilgym_mp.solver.sketches import ItemClasses, SketchEdit, Sketcher, SketchLayers
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
 KEPT_SKETCHERS = 256  # programs
 MOST_GOALS = 40  # sketches of goals, at one number of edits, for which room is sought
-TRIAL_BUDGET = 60_000  # scenes looked at to find first edits one by one
+TRIAL_BUDGET = 100_000  # scenes looked at to find first edits one by one
 MOST_DETOURS = 2  # edits beyond the fewest a sketch needs, before the search without sketches takes over
 
 
@@ -118,20 +119,38 @@ class ScatterSearch:
         rooms: Rooms = {}
         budget = Budget(min(budget.scenes_left, TRIAL_BUDGET))
         try:
-            for edit, after in self._edits(state.scene):
+            for numbers, after in self._edits(state.scene, sketcher_of(programs_of(state.task)).classes):
                 answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget, rooms)
                 if answer:
-                    found.add(self._scatter.encode(edit))
+                    found.update(numbers)
                 certain = certain and answer is not None
         except BudgetSpentError:
             certain = False
         return ActionSet(tuple(sorted(found)), complete=certain, steps=solution.steps)
 
-    def _edits(self, scene: Scene) -> Iterator[tuple[Action, Scene]]:
-        """Every valid edit that is tried, and the scene after it; each colour and each cell counts."""
-        for index, placements in enumerate(self._placements):
-            for edit, box in placements.every(scene.boxes[index]):
-                yield edit, scene.with_box(index, box)
+    def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Scene]]:
+        """The actions that are tried, those together that the program cannot tell apart, and the scene after them."""
+        for index, box in enumerate(scene.boxes):
+            for numbers, after in self._box_edits(index, box, classes):
+                yield numbers, scene.with_box(index, after)
+
+    def _box_edits(self, index: int, box: Box, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Box]]:
+        if not self._complete:
+            for edit, after in self._placements[index].every(box):
+                yield [self._scatter.encode(edit)], after
+            return
+        edits = box_edits(self._scatter, self._placement, frame_of(self._placement, index), box.items)
+        adds, removals = self._scatter.box_numbers[index]
+        alike: dict[Hashable, list[int]] = {}
+        for number in (edits.samples >= 0).nonzero()[0].tolist():
+            item = edits.item(number)
+            alike.setdefault((item.x, item.y, item.kind, classes.of(item)), []).append(number)
+        for numbers in alike.values():
+            yield [adds.start + number for number in numbers], box.with_item(edits.item(numbers[0]))
+        for position in range(len(box.items)):
+            cells: list[int] = (edits.removed == position).nonzero()[0].tolist()
+            if cells:
+                yield [removals.start + cell for cell in cells], box.without(position)
 
     def _starts_shortest(self, state: State, edits: int, budget: Budget, rooms: Rooms) -> bool | None:
         """Whether `edits` edits lead on from `state` to a goal; None when that is not known."""

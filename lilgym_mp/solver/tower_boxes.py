@@ -1,0 +1,39 @@
+"""The 121 boxes of Tower as pictures: a Tower picture is three of them, side by side."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from lilgym_mp.appearances.tower import tower_tables
+from lilgym_mp.render import UInt8Array, draw, shrink_of
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Box, Scene, SceneError
+
+
+def tower_box_index(box: Box) -> int:
+    """Where the box is in `tower_box_images` and `tower_tables().boxes`. Raises SceneError for no box of Tower."""
+    index = tower_tables().numbers.get(box.items)
+    if index is None:
+        raise SceneError(f"{box!r} is no box of Tower")
+    return index
+
+
+@cache
+def tower_box_images(image_size: str = "half") -> UInt8Array:
+    """(121, height, width, 3) each box as it is drawn at any of the three places, not to be written.
+
+    50 pixels high and wide at half size, 100 at native size. Raises ValueError for an unknown image size.
+    """
+    shrink = shrink_of(image_size)
+    side = BOX_SIDE // shrink
+    scenes = [Scene((box, Box(), Box())) for box in tower_tables().boxes]
+    images = np.stack([draw(scene, image_size)[:, :side] for scene in scenes])
+    images.flags.writeable = False
+    return images
+
+
+def box_columns(index: int, image_size: str = "half") -> slice:
+    """The columns of a picture that box `index` takes. Raises ValueError for an unknown image size."""
+    shrink = shrink_of(image_size)
+    return slice(index * BOX_PITCH // shrink, (index * BOX_PITCH + BOX_SIDE) // shrink)
