@@ -10,16 +10,19 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.terminal import printable
 
 # Modules of this package, in the order of --help.
 COMMANDS = ("demo", "play", "train", "evaluate", "solve", "demos", "data", "program", "bench")
 
 PROGRAM = "lilgym-mp"
+FAILED = 1  # exit code of what the machine refused
 USAGE_ERROR = 2  # exit code of a mistake in what was asked for
 INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
 TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm")
@@ -34,29 +37,58 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command line (by default this process's); gives the exit code."""
+    _open_missing_streams()
+    name = PROGRAM
     try:
         args = _parser().parse_args(argv)
-    except CommandError as fault:
-        return _refused(str(fault))
-    try:
-        return int(args.run(args))
+        name = f"{PROGRAM} {args.command}"
+        return _with_output(name, int(args.run(args)))
     except (CommandError, ValueError) as fault:
-        return _refused(f"{PROGRAM} {args.command}: {fault}")
+        return _refused(str(fault) if name == PROGRAM else f"{name}: {fault}")
     except ModuleNotFoundError as fault:
         if fault.name not in TRAINING_PACKAGES:
             raise
-        return _refused(f'{PROGRAM} {args.command}: needs {fault.name}: pip install "lilgym-mp[sb3]"')
+        return _refused(f'{name}: needs {fault.name}: pip install "lilgym-mp[sb3]"')
     except BrokenPipeError:  # whoever read our output has gone, as in `lilgym-mp ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        _forget_output()
+        return FAILED
+    except OSError as fault:
+        _with_output(name, FAILED)
+        place = "cannot write results" if fault.filename is None else fault.filename
+        return _refused(f"{name}: {place}: {fault.strerror or fault}", FAILED)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _refused("interrupted")
         return INTERRUPTED
 
 
-def _refused(reason: str) -> int:
-    print(reason, file=sys.stderr)
-    return USAGE_ERROR
+def _open_missing_streams() -> None:
+    """Puts what takes and gives nothing where standard streams are closed, as after `>&-`."""
+    for stream, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+
+
+def _with_output(name: str, code: int) -> int:
+    """`code`, once all output is written; FAILED, and a word about it, where it cannot be."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as fault:
+        _forget_output()
+        return _refused(f"{name}: cannot write results: {fault.strerror or fault}", FAILED)
+    return code
+
+
+def _forget_output() -> None:
+    """Lets what is left to write go nowhere, where it would fail once more at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _refused(reason: str, code: int = USAGE_ERROR) -> int:
+    with suppress(OSError):  # nobody is there to be told
+        print(printable(reason), file=sys.stderr)
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:

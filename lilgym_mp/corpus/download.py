@@ -18,7 +18,7 @@ from urllib.parse import quote
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.fetching import Patience, checked_url, fetch, fetch_text
 from lilgym_mp.corpus.installing import Installation, install, staging_area
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json
+from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes
 
 REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch
@@ -166,5 +166,5 @@ def _is_right(path: Path, remote: RemoteFile) -> bool:
 
 
 def _git_sha1(path: Path) -> str:
-    content = path.read_bytes()
+    content = read_bytes(path)
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from lilgym_mp.terminal import printable
+
 
 class CorpusError(ValueError):
-    """A corpus that cannot be used: names the file, the line or entry, and the fault."""
+    """A corpus that cannot be used: names the file, the line or entry, and the fault. The text is safe to print."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class NoTasksError(CorpusError):
@@ -24,7 +29,7 @@ class Fault(NamedTuple):
     what: str
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.what}"
+        return printable(f"{self.where}: {self.what}")
 
 
 class FaultLog:

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, InterruptionError
 from lilgym_mp.corpus.official import RELEASE, OfficialFile, Proof, check_official_file
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json
+from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
 
 try:
     import fcntl
@@ -91,12 +91,14 @@ def read_installation(directory: Path) -> Installation | None:
     if not path.is_file():
         return None
     try:
-        record: Any = as_object(parse_json(path.read_text(encoding="utf-8"))) or {}
+        record: Any = as_object(parse_json(read_text(path).text)) or {}
         if (record["format"], record["version"]) != (FORMAT, VERSION):
             raise JSONFault(f"format {record['format']!r} {record['version']!r} is not {FORMAT!r} {VERSION}")
         files = [OfficialFile(**file)._replace(proof=Proof(file["proof"])) for file in record["files"]]
         return Installation(directory, str(record["source"]), record["revision"], tuple(files))
-    except (OSError, ValueError, KeyError, TypeError) as fault:
+    except CorpusError:
+        raise
+    except (ValueError, KeyError, TypeError) as fault:
         raise CorpusError(f"{path}: cannot be read: {fault}") from None
 
 
@@ -117,7 +119,7 @@ def installation_faults(directory: Path) -> list[Fault]:
         path = directory / file.name
         if not path.is_file():
             faults.append(Fault(str(path), "is gone; it was there at installation"))
-        elif hashlib.sha256(path.read_bytes()).hexdigest() != file.sha256:
+        elif hashlib.sha256(read_bytes(path)).hexdigest() != file.sha256:
             faults.append(Fault(str(path), "has changed since installation (its SHA-256 is another)"))
     return faults
 
@@ -138,7 +140,7 @@ def import_official(directory: Path, names: Sequence[str], target: Path) -> Inst
     source = str(directory.resolve())
     with staging_area(target, source) as staged:
         for name, path in found.items():
-            (staged / name).write_bytes(_read(path))
+            (staged / name).write_bytes(read_bytes(path))
         return install(staged, target, source, None, names)
 
 
@@ -148,17 +150,10 @@ def _paths_by_name(directory: Path, names: Sequence[str]) -> dict[str, Path]:
     for parent, _, present in sorted(os.walk(directory)):
         for name in set(names).intersection(present):
             path = Path(parent) / name
-            if name in found and _read(path) != _read(found[name]):
+            if name in found and read_bytes(path) != read_bytes(found[name]):
                 raise CorpusError(f"{directory}: has several different files {name}: {found[name]}, {path}")
             found.setdefault(name, path)
     return found
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as fault:
-        raise CorpusError(f"{path}: cannot be read: {fault.strerror or fault}") from None
 
 
 @contextmanager

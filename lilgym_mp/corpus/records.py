@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import io
 import json
+import os
+import stat
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,6 +19,7 @@ SCRATCH, FLIPIT = "scratch", "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
 SPLITS = {split: split for split in ("train", "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
+MAX_BYTES = 256 * 1024 * 1024  # of one file, packed or unpacked; the largest of the release have some ten million
 
 
 class Record(NamedTuple):
@@ -39,12 +43,9 @@ class FileText(NamedTuple):
 def read_text(path: Path) -> FileText:
     """The UTF-8 text of a plain or gzip file.
 
-    Raises CorpusError naming the file: missing, unreadable, broken gzip, not UTF-8, empty.
+    Raises CorpusError naming the file: missing, unreadable, too large, broken gzip, not UTF-8, empty.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as fault:
-        raise CorpusError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
     if path.suffix == ".gz" or data.startswith(GZIP_MAGIC):
         data = _unzipped(path, data)
@@ -57,11 +58,34 @@ def read_text(path: Path) -> FileText:
     return FileText(text, sha256)
 
 
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a regular file of at most MAX_BYTES.
+
+    Raises CorpusError for any other, so that no device and no pipe is waited for and no memory is filled.
+    """
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise CorpusError(f"{path}: cannot be read: not a regular file")
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as fault:
+        if isinstance(fault, CorpusError):
+            raise
+        raise CorpusError(f"{path}: cannot be read: {getattr(fault, 'strerror', None) or fault}") from None
+    if len(data) > MAX_BYTES:
+        raise CorpusError(f"{path}: has more than {MAX_BYTES} bytes; no corpus file may")
+    return data
+
+
 def _unzipped(path: Path, data: bytes) -> bytes:
     try:
-        return gzip.decompress(data)
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            unzipped = file.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as fault:
         raise CorpusError(f"{path}: broken gzip file: {fault}") from None
+    if len(unzipped) > MAX_BYTES:
+        raise CorpusError(f"{path}: has more than {MAX_BYTES} bytes when unpacked; no corpus file may")
+    return unzipped
 
 
 class JSONFault(ValueError):

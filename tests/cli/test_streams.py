@@ -1,0 +1,104 @@
+"""The command where standard streams are closed or full, Ctrl-C, and what the disk refuses: no traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.cli import FAILED, INTERRUPTED, main
+
+RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exit(main())'"
+
+
+def shell(line: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(line, shell=True, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("redirection", [">/dev/full", ">&-", "<&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("words", ["program check 'exist(all_items)'", "play TowerScratch --seed 1", "trian"])
+def test_streams__closed_or_full_give_no_traceback(redirection: str, words: str) -> None:
+    done = shell(f"echo quit | {RUN} {words} {redirection}")
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    assert done.returncode in (0, 1, 2), done
+    if redirection == ">/dev/full" and words.startswith("program"):
+        assert done.returncode == FAILED
+        assert done.stderr == "lilgym-mp program: cannot write results: No space left on device\n"
+
+
+def test_interrupt__while_the_command_line_is_read_is_told_in_a_word(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lilgym_mp.cli._parser", interrupted)
+    assert main(["bench"]) == INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.3])
+def test_interrupt__of_a_command_that_has_begun_ends_it_in_a_word(seconds: float) -> None:
+    program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
+    command = [sys.executable, "-c", program, "bench", "--quick"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    if "unrecognized" not in said:
+        assert (process.returncode, said.strip().splitlines()[-1]) == (INTERRUPTED, "interrupted")
+    assert "Traceback" not in said
+
+
+def test_disk__what_it_refuses_is_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device", str(tmp_path / "file"))
+
+    monkeypatch.setattr("lilgym_mp.cli.program.run", full, raising=False)
+    monkeypatch.setattr("lilgym_mp.cli._parser", lambda: _Parser(full))
+    assert main([]) == FAILED
+    assert capsys.readouterr().err == f"lilgym-mp test: {tmp_path / 'file'}: No space left on device\n"
+
+
+class _Parser:
+    """Gives the arguments of a command that does `run`."""
+
+    command = "test"
+
+    def __init__(self, run: object) -> None:
+        self.run = run
+
+    def parse_args(self, argv: object) -> _Parser:
+        return self
+
+
+@pytest.mark.parametrize("corpus", ["a" * 5_000, "no\x1b[31mwhere"])
+@pytest.mark.parametrize("words", [["data", "check"], ["play", "TowerScratch", "--corpus"]])
+def test_odd_names__are_told_in_one_printable_line(
+    corpus: str, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, corpus]) in (1, 2)
+    said = capsys.readouterr()
+    assert "\x1b[31m" not in said.out + said.err
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read every directory")
+def test_forbidden_directory__is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path.chmod(0)
+    try:
+        assert main(["data", "check", str(tmp_path)]) in (1, 2)
+    finally:
+        tmp_path.chmod(0o700)
+    assert "Traceback" not in capsys.readouterr().err
