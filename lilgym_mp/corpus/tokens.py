@@ -86,7 +86,7 @@ class Vocabulary:
         """The vocabulary that `save` wrote. Raises VocabularyError naming the file and the fault."""
         try:
             content: object = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as fault:
+        except (OSError, ValueError, RecursionError) as fault:
             raise VocabularyError(f"{os.fspath(path)}: cannot be read: {fault}") from None
         record = cast("dict[str, object]", content) if isinstance(content, dict) else {}
         if record.get("format") != FORMAT or record.get("version") != VERSION:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from lilgym_mp.learning.recipe import Recipe, option
 
 FORMAT = "lilgym_mp-run"
 VERSION = 1
+LONGEST_STATEMENT = 10_000  # words
 
 
 class RunError(ValueError):
@@ -71,9 +73,33 @@ class Identity:
         return cls(
             Settings.from_json(data["environment"]),
             Recipe.from_json(data["recipe"]),
-            int(data["statement_length"]),
+            _checked_length(data["statement_length"]),
             str(data["tasks_sha256"]),
         )
+
+
+def _checked_length(length: object) -> int:
+    """Raises ValueError for what no statement's length can be, which would be a request for that much memory."""
+    if isinstance(length, bool) or not isinstance(length, int) or not 1 <= length <= LONGEST_STATEMENT:
+        raise ValueError(f"statement_length must be a whole number of 1 to {LONGEST_STATEMENT} words, not {length!r}")
+    return length
+
+
+def _checked_checkpoint(checkpoint: Checkpoint) -> Checkpoint:
+    """Raises ValueError for parts that learning cannot go on from."""
+    for name in ("network", "optimiser"):
+        if not isinstance(getattr(checkpoint, name), dict):
+            raise ValueError(f"{name} must be a dictionary, not {getattr(checkpoint, name)!r:.40}")
+    for name, tensor in checkpoint.network.items():
+        if not isinstance(tensor, torch.Tensor) or not torch.isfinite(tensor).all():
+            raise ValueError(f"{name} of the network must be numbers, all of them finite")
+    if not {"state", "param_groups"} <= checkpoint.optimiser.keys():
+        raise ValueError("the optimiser must have a state and param_groups")
+    for name in ("steps", "updates", "episodes", "seconds"):
+        value = getattr(checkpoint, name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+            raise ValueError(f"{name} must be a number that is not negative, not {value!r:.40}")
+    return checkpoint
 
 
 class RunDirectory:
@@ -104,7 +130,7 @@ class RunDirectory:
             return Identity.from_json(json.loads(self.identity_file.read_text(encoding="utf-8")))
         except FileNotFoundError:
             raise RunError(f"no training run in {self.path}: it has no {self.identity_file.name}") from None
-        except (OSError, ValueError, TypeError, KeyError) as fault:
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as fault:
             raise RunError(f"{self.identity_file}: cannot be used: {fault}") from None
 
     def vocabulary(self) -> Vocabulary:
@@ -121,10 +147,10 @@ class RunDirectory:
     def load(self) -> Checkpoint:
         """The latest checkpoint; nothing in the file is executed. Raises RunError."""
         try:
-            return Checkpoint(**torch.load(self.checkpoint_file, weights_only=True))
+            return _checked_checkpoint(Checkpoint(**torch.load(self.checkpoint_file, weights_only=True)))
         except FileNotFoundError:
             raise RunError(f"no checkpoint in {self.path}: the run ended before its first one") from None
-        except (OSError, RuntimeError, TypeError, ValueError, EOFError, pickle.UnpicklingError) as fault:
+        except (OSError, RuntimeError, TypeError, ValueError, KeyError, EOFError, pickle.UnpicklingError) as fault:
             summary = str(fault).strip().splitlines()[0] if str(fault).strip() else type(fault).__name__
             raise RunError(f"{self.checkpoint_file}: damaged, or no checkpoint of ours: {summary}") from None
 

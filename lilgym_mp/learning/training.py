@@ -186,7 +186,10 @@ def _learner(run: Run, envs: Any) -> MaskablePPO:
     learner.set_logger(configure(str(run.directory.tensorboard), ["tensorboard"]))
     if run.checkpoint is not None:
         _restore(_policy(learner).network, run.checkpoint, run.directory)
-        learner.policy.optimizer.load_state_dict(run.checkpoint.optimiser)
+        try:
+            learner.policy.optimizer.load_state_dict(run.checkpoint.optimiser)
+        except (ValueError, KeyError, TypeError, AttributeError, RuntimeError) as fault:
+            raise RunError(f"{run.directory.checkpoint_file}: its optimiser cannot be used: {fault}") from None
         learner.num_timesteps = run.checkpoint.steps
         learner._n_updates = run.checkpoint.updates
     return learner
@@ -210,7 +213,7 @@ def _seed_at(seed: int, steps: int) -> int:
 def _restore(network: ActorCritic, checkpoint: Checkpoint, directory: RunDirectory) -> None:
     try:
         network.load_state_dict(checkpoint.network)
-    except RuntimeError:
+    except (RuntimeError, TypeError, AttributeError):
         place = f"{directory.checkpoint_file}: not of the network that {directory.identity_file} describes"
         raise RunError(place) from None
 
