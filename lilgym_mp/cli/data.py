@@ -236,13 +236,15 @@ def _show(args: argparse.Namespace) -> int:
 
     from lilgym_mp import render
     from lilgym_mp.cli.data_report import task_lines, task_text
+    from lilgym_mp.evaluation.files import write_whole
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)
     print(task_text(task, tasks, coloured=not args.plain and sys.stdout.isatty()))
     if args.image:
         try:
-            Image.fromarray(render.frame(task.start, task_lines(task, tasks)[1:4])).save(args.image, format="PNG")
+            picture = Image.fromarray(render.frame(task.start, task_lines(task, tasks)[1:4]))
+            write_whole(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
         except OSError as fault:
             raise _cannot_write(fault) from None
         print(f"wrote {args.image}")
@@ -321,4 +323,4 @@ def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, o
 
 
 def _cannot_write(fault: OSError) -> CommandError:
-    return CommandError(f"{fault.filename}: cannot be written: {fault.strerror or fault}")
+    return CommandError(f"{fault.filename or 'the output'}: cannot be written: {fault.strerror or fault}")

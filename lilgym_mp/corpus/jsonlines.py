@@ -18,6 +18,7 @@ from lilgym_mp.corpus.records import (
     JSONFault,
     Record,
     as_object,
+    check_text,
     listed,
     parse_json,
     read_text,
@@ -165,8 +166,7 @@ def _proven_entry(line: str) -> Entry:
 def _entry(where: str, value: object) -> Entry:
     record = _checked_keys("an entry", value, ENTRY_KEYS, may_have=TAGS)
     for key in ENTRY_TEXTS:
-        if not _is_text(record[key]):
-            raise JSONFault(f"{key} must be a text that is not blank, not {shown(record[key])}")
+        check_text(key, record[key])
     for key, choices in (("appearance", APPEARANCES), ("split", SPLITS)):
         if record[key] not in choices:
             raise JSONFault(f"unknown {key} {record[key]!r}; choose from {listed(choices)}")
@@ -188,9 +188,7 @@ def _tags(value: object) -> tuple[str, ...]:
 
 def _start(value: object) -> Start:
     record = _checked_keys("a start", value, START_KEYS)
-    name, label = record["id"], record["label"]
-    if not isinstance(name, str) or not name.strip():
-        raise JSONFault(f"a start's id must be a text that is not blank, not {shown(name)}")
+    name, label = check_text("a start's id", record["id"]), record["label"]
     if not isinstance(label, bool):
         raise JSONFault(f"start {name!r}: label must be true or false, not {shown(label)}")
     return Start(name, label, record["scene"])

@@ -118,6 +118,15 @@ def as_object(value: object) -> dict[str, object] | None:
     return cast("dict[str, object]", value) if isinstance(value, dict) else None
 
 
+def check_text(what: str, value: object) -> str:
+    """`value`, a text to show people. Raises JSONFault for others, blank ones and those that a terminal might obey."""
+    if not isinstance(value, str) or not value.strip():
+        raise JSONFault(f"{what} must be a text that is not blank, not {shown(value)}")
+    if not value.isprintable():
+        raise JSONFault(f"{what} has characters that cannot be printed: {shown(value)}")
+    return value
+
+
 def listed(names: Iterable[object]) -> str:
     """Names sorted and joined, for errors."""
     return ", ".join(sorted(str(name) for name in names))

@@ -17,6 +17,7 @@ from lilgym_mp.corpus.records import (
     JSONFault,
     Record,
     as_object,
+    check_text,
     listed,
     parse_json,
     read_text,
@@ -80,6 +81,7 @@ def _record(where: str, name: str, value: object, start: str) -> Record:
     entry = as_object(value)
     if entry is None:
         raise JSONFault(f"an entry must be a JSON object, not {shown(value)}")
+    check_text("an id", name)
     statement, program = _text(entry, "sentence"), _text(entry, "lf")
     if start != FLIPIT:
         return Record(where, name, statement, program)
@@ -90,7 +92,4 @@ def _record(where: str, name: str, value: object, start: str) -> Record:
 
 
 def _text(entry: dict[str, object], key: str) -> str:
-    value = entry.get(key)
-    if not isinstance(value, str) or not value.strip():
-        raise JSONFault(f"{key} must be a text that is not blank, not {shown(value)}")
-    return value
+    return check_text(key, entry.get(key))

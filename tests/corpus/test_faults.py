@@ -93,6 +93,10 @@ ENTRY_FAULTS: dict[str, tuple[Callable[[Entries], Entries], str]] = {
     ),
     "unknown split": (lambda e: _first(e, split="eval"), "unknown split 'eval'; choose from dev, test, train"),
     "blank statement": (lambda e: _first(e, statement=" "), "statement must be a text that is not blank"),
+    "coloured statement": (
+        lambda e: _first(e, statement="a \x1b[31m"),
+        r"statement has characters that cannot be printed: 'a .x1b\[31m'",
+    ),
     "number as program": (lambda e: _first(e, program=3), "program must be a text that is not blank, not 3"),
     "starts no list": (lambda e: _first(e, starts={}), "starts must be a list"),
     "key too many": (lambda e: _first(e, lf="x"), "an entry has keys .*it must have"),

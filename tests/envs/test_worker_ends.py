@@ -29,7 +29,7 @@ from lilgym_mp.envs.workers import WorkerVectorEnv
 
 made = []
 def make():
-    env = WorkerVectorEnv({SCATTER!r}, 18, 2, start_method="fork", timeout_seconds=20)
+    env = WorkerVectorEnv({SCATTER!r}, 18, 2, start_method="fork", timeout_seconds=120)
     env.reset(seed=0)
     made.append(env)
 
@@ -132,7 +132,7 @@ def test_a_bad_seed__is_refused_and_closes_nothing(seed: object) -> None:
 def test_threads__may_each_start_workers_at_the_same_time() -> None:
     for _ in range(2):
         command = [sys.executable, "-W", "ignore", "-c", THREADS]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600)
         assert (done.stdout.strip(), done.returncode) == ("4", 0), done.stderr
 
 
