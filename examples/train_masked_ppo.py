@@ -1,6 +1,6 @@
 """Train sb3-contrib's MaskablePPO on the environments by hand, and evaluate it beside random play.
 
-`lilgym-mp train` does the same with checkpoints, resuming and logs; this is what lies beneath, to change at will.
+`lilgym-mp train ppo` does the same with checkpoints, resuming and logs; this is what lies beneath, to change at will.
 Needs the extra "sb3": pip install "lilgym-mp[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
 """
 
@@ -14,7 +14,8 @@ from sb3_contrib import MaskablePPO
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.comparison import BASELINES, Contestant, Trial, training_statements
+from lilgym_mp.evaluation.comparison import Trial, play_all, training_statements
+from lilgym_mp.evaluation.contestants import BASELINES, Contestant
 from lilgym_mp.evaluation.report import table
 from lilgym_mp.learning.network import ActorCritic
 from lilgym_mp.learning.policy import Agent, MaskedActorCritic
@@ -58,10 +59,11 @@ def main() -> None:
     learner.learn(args.steps, progress_bar=False)
 
     assert isinstance(learner.policy, MaskedActorCritic)
-    agent = Contestant("trained agent", Agent(learner.policy.network.eval(), vocabulary, length))
+    policy = Agent(learner.policy.network.eval(), vocabulary, length)
+    agent = Contestant("trained agent, masked", lambda settings: policy, "rewards alone")
     trial = Trial(settings, "dev", args.seed)
     print(trial)
-    print(table(list(trial.results([agent, *BASELINES], statements))))
+    print(table(list(play_all([agent, *BASELINES], trial, statements))))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,12 @@
 """Natural-language visual reasoning with reinforcement learning: one fast core, many environments."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.agents import Agent
 
 __version__ = "0.1.0"
 
@@ -11,3 +17,13 @@ if not Path(__file__).with_name("wrappers").is_dir():
 from lilgym_mp.envs.registration import register_all
 
 register_all()
+
+
+def load_agent(name: str, device: str = "auto") -> Agent:
+    """A trained agent that comes with the package, such as "parse-and-plan"; needs the extra `sb3`.
+
+    `agent.policy(Settings("TowerFlipIt"))` plays; `device`: auto, cpu or cuda. Raises ValueError naming the choices.
+    """
+    from lilgym_mp.learning import agents
+
+    return agents.load_agent(name, device)

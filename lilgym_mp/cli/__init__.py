@@ -19,13 +19,13 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.terminal import printable
 
 # Modules of this package, in the order of --help.
-COMMANDS = ("demo", "play", "train", "evaluate", "solve", "demos", "data", "program", "bench")
+COMMANDS = ("demo", "play", "train", "evaluate", "explain", "solve", "demos", "data", "program", "bench")
 
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code of what the machine refused
 USAGE_ERROR = 2  # exit code of a mistake in what was asked for
 INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
-TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm")
+TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors", "tensorboard", "tqdm")
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,45 +1,56 @@
-"""`lilgym-mp demo`: train a small agent, evaluate it before and after, and show what it does."""
+"""`lilgym-mp demo`: trains two agents side by side, and shows what they do beside simpler play and the expert."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import NamedTuple
 
-from lilgym_mp.cli.display import TrainingDisplay
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.evaluation.comparison import BASELINES, Contestant, Trial
+from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
+from lilgym_mp.evaluation.contestants import Contestant, built_in
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
-from lilgym_mp.evaluation.report import LEGEND, results_json, table
+from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.learning.recipe import Recipe
-
-if TYPE_CHECKING:
-    from lilgym_mp.learning.training import Run
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-DEFAULT_STEPS = 100_000
-BACKEND = "batched"
-SAVE_EVERY = 20_000  # steps
-PASSES = 10  # visits to each task, as all draw their actions
-FILMED = 9  # episodes
+PARSER_STEPS = 1_600
+IMITATION_MINUTES = 1.25  # of processor time
+FILMED = 9  # episodes of each agent
 PLACE = Path("runs") / "demo"
+POLL_SECONDS = 0.2
+TOLD_EVERY = 15.0  # seconds
+PARSE_AND_PLAN, IMITATION = "parse and plan", "imitation"
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = subparsers.add_parser(
         "demo",
-        help="train a small agent in about two minutes, and see what it does",
-        description=f"Trains an agent on {CONFIGURATION} of the builtin corpus, evaluates it on {SPLIT} before and "
-        "after beside random play, and films it.",
+        help="train two agents in about two minutes, and see what they do",
+        description=f"Trains an agent that parses and plans, and a network by imitation of the expert, on the builtin "
+        f"corpus; evaluates both on {SPLIT} of {CONFIGURATION} beside an untrained network, random play and the "
+        "expert; and films them.",
     )
     parser.add_argument(
-        "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="actions to train for (default: %(default)s)"
+        "--parser-steps", type=int, default=PARSER_STEPS, metavar="N", help="of the parser (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=IMITATION_MINUTES,
+        metavar="N",
+        help="of processor time for the network (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything (default: 0)")
     parser.add_argument(
@@ -48,49 +59,154 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.training import begin_run, train
+class Learner(NamedTuple):
+    """A training that runs in a process of its own."""
 
-    if args.steps < 1:
-        raise CommandError("--steps must be at least 1")
+    name: str
+    place: Path
+    command: Sequence[str]
+    told: Callable[[dict[str, float]], str]  # its last line of progress, for people
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.parser_steps < 1 or args.minutes <= 0 or args.seed < 0:
+        raise CommandError("--parser-steps must be at least 1, --minutes above 0, --seed at least 0")
     place = writable_directory(_empty(args.out) if args.out else next_free(PLACE))
     settings = Settings(CONFIGURATION)
-    begun = begin_run(place / "agent", settings, Recipe(seed=args.seed, stop_forcing=True))
-    before = _contestant("untrained agent", begun)
-    print(f"training on {CONFIGURATION}, builtin corpus: {len(begun.tasks)} tasks, {args.steps:,} steps")
-    with TrainingDisplay(0, args.steps) as display:
-        trained = train(begun, args.steps, backend=BACKEND, save_every=SAVE_EVERY, on_update=display)
-    if trained.steps < args.steps:
-        raise KeyboardInterrupt
-    after = _contestant("trained agent", trained)
-    _report(place, settings, args.seed, (before, after), {task.statement for task in trained.tasks})
+    print(
+        f"training two agents side by side on the builtin corpus ({len(settings.make('train').tasks):,} statements of"
+        f" {CONFIGURATION} among them); {SPLIT}'s statements are none of those that they learn from"
+    )
+    learners = _learners(args, place)
+    with _started(learners) as processes:
+        _wait(learners, processes)
+    trial = Trial(settings, SPLIT, args.seed)
+    results = list(play_all(_contestants(args, place), trial, training_statements(settings)))
+    _report(place, trial, results)
     return 0
 
 
-def _contestant(name: str, run: Run) -> Contestant:
-    details = {"actions": "sampled", "steps": run.steps, "trained_with": run.identity.to_json()}
-    return Contestant(name, run.agent(greedy=False), details)
+def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
+    seed = str(args.seed)
+    parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--generated", "0.3", "--generated-pairs", "6000"]
+    parsing += ["--seed", seed]
+    imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
+    return [
+        Learner(
+            PARSE_AND_PLAN,
+            place / "parse-and-plan",
+            parsing,
+            lambda line: f"{line['step']:.0f} of {line['steps']:.0f} steps, loss {line['loss']:.2f}",
+        ),
+        Learner(
+            IMITATION,
+            place / "imitation",
+            imitating,
+            lambda line: f"{line['cpu_seconds']:.0f} of {60 * args.minutes:.0f} CPU seconds",
+        ),
+    ]
 
 
-def _report(place: Path, settings: Settings, seed: int, agents: Sequence[Contestant], seen: set[str]) -> None:
-    """Evaluates the agents, the last being the trained one, beside random play; writes and shows what came of it."""
-    trial = Trial(settings, SPLIT, seed, passes=PASSES)
-    results = list(trial.results((*agents, *BASELINES), seen))
-    summary = "\n\n".join([str(trial), table(results), LEGEND])
-    write_json(place / "results.json", results_json({"demo": (trial, results)}))
+@contextmanager
+def _started(learners: Sequence[Learner]) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """A process for each learner; none is left running."""
+    processes: list[subprocess.Popen[bytes]] = []
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    try:
+        for learner in learners:
+            command = [sys.executable, "-m", "lilgym_mp", "train", *learner.command, "--out", str(learner.place)]
+            with learner.place.with_suffix(".log").open("wb") as log:
+                processes.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment))
+        yield processes
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait()
+
+
+def _wait(learners: Sequence[Learner], processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """Until all have ended, telling now and then how they stand. Raises CommandError when one fails."""
+    told_at = began = time.monotonic()
+    while any(process.poll() is None for process in processes):
+        time.sleep(POLL_SECONDS)
+        if time.monotonic() - told_at >= TOLD_EVERY:
+            told_at = time.monotonic()
+            standing = "; ".join(f"{learner.name}: {_standing(learner)}" for learner in learners)
+            print(f"{told_at - began:4.0f} s  {standing}", file=sys.stderr, flush=True)
+        for learner, process in zip(learners, processes, strict=True):
+            if process.poll():
+                log = learner.place.with_suffix(".log")
+                lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                raise CommandError(f"training {learner.name} failed: {lines[-1] if lines else ''} (see {log})")
+
+
+def _standing(learner: Learner) -> str:
+    try:
+        lines = (learner.place / "progress.jsonl").read_text(encoding="utf-8").splitlines()
+        return learner.told(json.loads(lines[-1]))
+    except (OSError, ValueError, IndexError):
+        return "getting ready"
+
+
+def _contestants(args: argparse.Namespace, place: Path) -> list[Contestant]:
+    import torch
+
+    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.imitation.agent import ImitationAgent
+
+    torch.set_num_threads(1)
+    trained: list[Contestant] = []
+    for name in (IMITATION, PARSE_AND_PLAN):
+        agent = open_agent(place / name.replace(" ", "-"), "cpu")
+        details = {"run": name.replace(" ", "-"), "recipe": dict(agent.description.recipe)}
+        trained.append(Contestant(name, agent.policy, agent.description.supervision, details=details))
+        if isinstance(agent, ImitationAgent):
+            torch.manual_seed(args.seed)
+            fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rule, agent.description)
+            trained.insert(0, Contestant("untrained network", fresh.policy))
+    return [built_in("random-type"), built_in("random-legal"), *trained, built_in("expert")]
+
+
+def _report(place: Path, trial: Trial, results: Sequence[Result]) -> None:
+    """Writes and shows what came of it."""
+    explanation = _explanation(place, trial.settings)
+    summary = "\n\n".join([str(trial), table(results), supervision_table(results), LEGEND])
+    write_json(place / "results.json", results_json(results, with_episodes=True))
     write_text(place / "results.md", f"{summary}\n")
-    film_grid(place / "rollouts.gif", settings, SPLIT, _to_film(results[len(agents) - 1].episodes))
+    write_text(place / "explanation.txt", f"{explanation}\n")
+    films = [place / f"{name.replace(' ', '-')}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
+    for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
+        (result,) = (result for result in results if result.name == name)
+        film_grid(film, trial.settings, trial.split, _to_film(result.episodes))
     print(
-        f"\n{summary}\n\nresults:  {place / 'results.md'}, {place / 'results.json'}\n"
-        f"rollouts: {place / 'rollouts.gif'}\n"
-        f"agent:    {place / 'agent'}, to be evaluated with: lilgym-mp evaluate {place / 'agent'} --split test"
+        f"\n{summary}\n\n{explanation}\n\n"
+        f"results: {place / 'results.md'}, {place / 'results.json'}\n"
+        f"films:   {', '.join(map(str, films))}\n"
+        f"agents:  {place / 'parse-and-plan'}, {place / 'imitation'}; evaluate them elsewhere with, for example:\n"
+        f"         lilgym-mp evaluate {place / 'parse-and-plan'} --configuration ScatterFlipIt --split test"
     )
 
 
+def _explanation(place: Path, settings: Settings) -> str:
+    """What the agent that parses and plans makes of one of the split's longer statements."""
+    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+    from lilgym_mp.learning.parsing.explaining import explained
+
+    agent = open_agent(place / "parse-and-plan", "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    planner = agent.planner(settings)
+    tasks = sorted(settings.make(SPLIT).tasks, key=lambda task: (len(task.statement), task.id))
+    task = tasks[len(tasks) * 3 // 4]
+    plan = planner.plan(task.start, task.statement, task.target)
+    lines = explained(plan, planner, task.statement, task.target)
+    return "\n".join([f"lilgym-mp explain --task {task.id} --agent {place / 'parse-and-plan'}", "", *lines])
+
+
 def _to_film(episodes: Sequence[Episode]) -> list[Episode]:
-    """Episodes of the first pass, from all over the split, whether they succeed or not."""
-    tasks = len(episodes) // PASSES
-    return list(episodes[: tasks : max(1, tasks // FILMED)][:FILMED])
+    """Episodes from all over the split, whether they succeed or not."""
+    return list(episodes[:: max(1, len(episodes) // FILMED)][:FILMED])
 
 
 def _empty(path: Path) -> Path:

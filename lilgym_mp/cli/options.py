@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.rules import RULE_SETS
+
+RUNS = Path("runs")  # where training runs go unless told otherwise
+INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +30,33 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         metavar="COLUMNSxROWS",
         help=f'Scatter\'s cells (default: {columns}x{rows}), or "{NATIVE}" for pixels',
     )
+
+
+def add_recipe(parser: argparse.ArgumentParser, recipe: Any, leave_out: Collection[str] = ()) -> None:
+    """An option for each field of a recipe's dataclass, whose metadata describe it."""
+    group = parser.add_argument_group("recipe")
+    for setting in fields(recipe):
+        if setting.name in leave_out:
+            continue
+        flag, kind, described = f"--{option(setting.name)}", type(setting.default), setting.metadata["description"]
+        if kind is bool:
+            state = "on" if setting.default else "off"
+            group.add_argument(
+                flag, action=argparse.BooleanOptionalAction, default=None, help=f"{described} (default: {state})"
+            )
+        else:
+            group.add_argument(flag, type=kind, metavar="N", help=f"{described} (default: {setting.default:g})")
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Where networks run; `learning.devices` refuses what is not there."""
+    parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="of the processor (default: %(default)s)")
+
+
+def option(name: str) -> str:
+    """A setting's name on the command line, without the dashes before it."""
+    return name.replace("_", "-")
 
 
 def add_configuration(parser: argparse.ArgumentParser, flag: str = "configuration", **settings: Any) -> None:

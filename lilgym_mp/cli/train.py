@@ -1,115 +1,18 @@
-"""`lilgym-mp train`: train an agent, or go on training one."""
+"""`lilgym-mp train LEARNER`: one module a learner, each with `add_parser(learners)`."""
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import fields
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from lilgym_mp.cli.display import TrainingDisplay
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, said, said_settings
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.recipe import DESCRIPTIONS, Recipe, option
-
-if TYPE_CHECKING:
-    from lilgym_mp.learning.training import Run
-
-DEFAULT_STEPS = 200_000
-DEFAULT_BACKEND = "batched"
-RUNS = Path("runs")
-INTERRUPTED = 130
+from lilgym_mp.cli import train_imitation, train_parse_and_plan, train_ppo
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "train",
         help="train an agent, or go on training one",
-        description="Train an agent with masked proximal policy optimisation. Ctrl-C saves and ends.",
+        description="Train an agent. Ctrl-C saves and ends; --resume goes on.",
     )
-    add_configuration(parser, nargs="?", help=f"one of {', '.join(CONFIGURATIONS)}")
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"the run's directory (default: {RUNS}/CONFIGURATION)")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in that directory")
-    parser.add_argument(
-        "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="actions in all (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--save-every", type=int, default=20_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--backend",
-        default=DEFAULT_BACKEND,
-        metavar="NAME",
-        help="how environments run: batched, workers, or Stable-Baselines3's subproc and dummy (default: %(default)s)",
-    )
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="for the network (default: %(default)s)")
-    add_settings(parser)
-    _add_recipe(parser)
-    parser.set_defaults(run=run)
-
-
-def _add_recipe(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("recipe")
-    for setting in fields(Recipe):
-        flag, kind = f"--{option(setting.name)}", type(setting.default)
-        described = DESCRIPTIONS[setting.name]
-        if kind is bool:
-            state = "on" if setting.default else "off"
-            group.add_argument(
-                flag, action=argparse.BooleanOptionalAction, default=None, help=f"{described} (default: {state})"
-            )
-        else:
-            group.add_argument(flag, type=kind, metavar="N", help=f"{described} (default: {setting.default:g})")
-
-
-def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.environments import check_backend
-    from lilgym_mp.learning.training import train
-
-    check_backend(args.backend)
-    for name in ("steps", "save_every", "threads"):
-        if getattr(args, name) < 1:
-            raise CommandError(f"--{option(name)} must be at least 1, not {getattr(args, name)}")
-    ready = _resumed(args) if args.resume else _begun(args)
-    print(_described(ready, args.steps))
-    with TrainingDisplay(ready.steps, args.steps) as display:
-        done = train(
-            ready, args.steps, backend=args.backend, save_every=args.save_every, threads=args.threads, on_update=display
-        )
-    place = done.directory.path
-    print(f"saved {done.directory.checkpoint_file} after {done.steps:,} steps")
-    if done.steps < args.steps:
-        print(f"interrupted; go on with: lilgym-mp train --resume --out {place} --steps {args.steps}")
-        return INTERRUPTED
-    print(f"evaluate it with: lilgym-mp evaluate {place}")
-    return 0
-
-
-def _begun(args: argparse.Namespace) -> Run:
-    from lilgym_mp.learning.training import begin_run
-
-    if args.configuration is None:
-        raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
-    recipe = Recipe(**said(args, list(DESCRIPTIONS)))
-    return begin_run(args.out or RUNS / args.configuration, Settings(**said_settings(args)), recipe)
-
-
-def _resumed(args: argparse.Namespace) -> Run:
-    from lilgym_mp.learning.training import open_run
-
-    if args.out is None and args.configuration is None:
-        raise CommandError("name what to resume: --out DIR, or a configuration")
-    place = args.out or RUNS / args.configuration
-    return open_run(place, {**said_settings(args), **said(args, list(DESCRIPTIONS))}, untrained=True)
-
-
-def _described(ready: Run, steps: int) -> str:
-    settings, recipe = ready.identity.settings, ready.identity.recipe
-    weights = sum(weight.numel() for weight in ready.make_network().parameters())
-    origin = f", after {ready.steps:,} before" if ready.steps else ""
-    return (
-        f"{settings.configuration}, corpus {settings.corpus}, {len(ready.tasks):,} training tasks;"
-        f" {steps:,} steps{origin}; {weights:,} weights, seed {recipe.seed}\n"
-        f"run directory: {ready.directory.path}   curves: tensorboard --logdir {ready.directory.tensorboard}"
-    )
+    learners = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
+    for module in (train_parse_and_plan, train_imitation, train_ppo):
+        module.add_parser(learners)

@@ -44,6 +44,12 @@ def normalised_words(statement: str, known: Collection[str], *, unknown: str | N
     return words
 
 
+def plain_words(statement: str) -> list[str]:
+    """The words of the statement as `normalised_words` gives them, but that nothing is repaired."""
+    words = (word.lstrip("0") or "0" if word.isdigit() else word for word in _plain_words(statement))
+    return [NUMBERS.get(word, word) for word in words]
+
+
 def _plain_words(statement: str) -> list[str]:
     text = statement.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     for short, long in CONTRACTIONS:

@@ -1,14 +1,16 @@
-"""Several policies on the same tasks."""
+"""Several contestants on the same tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from lilgym_mp.corpus import load_tasks
-from lilgym_mp.evaluation.metrics import Summary, summarise
-from lilgym_mp.evaluation.policies import Policy, random_legal, random_unmasked
+from lilgym_mp.corpus import contexts, load_tasks
+from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.evaluation.contestants import Contestant
+from lilgym_mp.evaluation.metrics import Share, Summary, summarise
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate
 from lilgym_mp.evaluation.settings import Settings
 
@@ -16,49 +18,14 @@ TRAINING_SPLIT = "train"
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """A policy with its name in tables and files."""
-
-    name: str
-    policy: Policy
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to get it again
-
-
-@dataclass(frozen=True)
-class Result:
-    """What one policy did."""
-
-    name: str
-    summary: Summary
-    episodes: Sequence[Episode]
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to get it again
-
-
-BASELINES = (Contestant("random legal", random_legal), Contestant("random unmasked", random_unmasked))
-
-
-@dataclass(frozen=True)
 class Trial:
-    """What every contestant goes through."""
+    """What every contestant goes through in one configuration."""
 
     settings: Settings
     split: str
     seed: int = 0
     passes: int = 1
     batch_size: int = BATCH_SIZE
-
-    def results(self, contestants: Collection[Contestant], training_statements: Collection[str]) -> Iterator[Result]:
-        """What came of each contestant; all draw from generators of the same seed."""
-        for contestant in contestants:
-            episodes = evaluate(
-                contestant.policy,
-                self.settings,
-                self.split,
-                seed=self.seed,
-                passes=self.passes,
-                batch_size=self.batch_size,
-            )
-            yield Result(contestant.name, summarise(episodes, training_statements), episodes, contestant.details)
 
     def __str__(self) -> str:
         settings = self.settings
@@ -78,7 +45,95 @@ class Trial:
         }
 
 
+@dataclass(frozen=True)
+class Result:
+    """What one contestant did in one trial."""
+
+    contestant: Contestant
+    trial: Trial
+    summary: Summary
+    seen_forms: Share  # episodes whose statement has a form that training statements have
+    unseen_forms: Share
+    episodes: Sequence[Episode]
+    cpu_seconds: float  # of playing
+
+    @property
+    def name(self) -> str:
+        return self.contestant.name
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as one row of a file; accuracies from 0 to 1, None of no episodes."""
+        summary, trial, settings = self.summary, self.trial, self.trial.settings
+        return {
+            "agent": self.name,
+            "configuration": settings.configuration,
+            "corpus": settings.corpus,
+            "split": trial.split,
+            "rules": settings.rules,
+            "horizon": settings.horizon,
+            "supervision": self.contestant.supervision,
+            "start_scenes": len(self.episodes) // trial.passes,
+            "contexts": len({(episode.statement, episode.target) for episode in self.episodes}),
+            "passes": trial.passes,
+            "seed": trial.seed,
+            "accuracy": summary.accuracy,
+            "accuracy_seen": summary.seen.accuracy,
+            "accuracy_unseen": summary.unseen.accuracy,
+            "accuracy_seen_forms": self.seen_forms.accuracy,
+            "accuracy_unseen_forms": self.unseen_forms.accuracy,
+            "episodes_seen": summary.seen.episodes,
+            "episodes_unseen": summary.unseen.episodes,
+            "mean_reward": summary.mean_reward,
+            "mean_length": summary.mean_length,
+            "outcomes": summary.outcomes,
+            "cpu_seconds": round(self.cpu_seconds, 3),
+            **dict(self.contestant.details),
+        }
+
+    def episodes_json(self) -> list[dict[str, Any]]:
+        return [{**episode._asdict(), "actions": list(episode.actions)} for episode in self.episodes]
+
+
+def play(contestant: Contestant, trial: Trial, training_statements: Collection[str]) -> Result:
+    """Every task of the trial, played by the contestant.
+
+    `training_statements`: what counts as seen. Raises ValueError for a configuration that it does not play.
+    """
+    policy = contestant.policy(trial.settings)
+    began = time.process_time()
+    episodes = evaluate(
+        policy, trial.settings, trial.split, seed=trial.seed, passes=trial.passes, batch_size=trial.batch_size
+    )
+    seconds = time.process_time() - began
+    forms = set(map(statement_form, training_statements))
+    seen_forms = [statement_form(episode.statement) in forms for episode in episodes]
+    return Result(
+        contestant,
+        trial,
+        summarise(episodes, training_statements),
+        Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
+        Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
+        episodes,
+        seconds,
+    )
+
+
+def play_all(
+    contestants: Collection[Contestant], trial: Trial, training_statements: Collection[str]
+) -> Iterator[Result]:
+    """What came of each contestant that plays the trial's configuration; all draw from generators of the same seed."""
+    for contestant in contestants:
+        if trial.settings.configuration in contestant.configurations:
+            yield play(contestant, trial, training_statements)
+
+
 def training_statements(settings: Settings) -> set[str]:
     """The statements of the settings' training split."""
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
     return {task.statement for task in tasks}
+
+
+def task_counts(trial: Trial) -> dict[str, Any]:
+    """The tasks of a trial: where they are from, start scenes and contexts."""
+    tasks = trial.settings.make(trial.split).tasks
+    return {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)}

@@ -59,7 +59,11 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:
     """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
     env = settings.make(split)
-    films = [list(replay(env, episode)) for episode in episodes]
+    film_moments(path, [list(replay(env, episode)) for episode in episodes], columns)
+
+
+def film_moments(path: Path, films: Sequence[Sequence[Moment]], columns: int = 1) -> None:
+    """Writes a GIF of films side by side; each stays on its last frame until all have ended."""
     length = max(map(len, films))
     save_gif(path, (_grid([film[min(at, len(film) - 1)] for film in films], columns) for at in range(length)))
 

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from lilgym_mp.actions import STOP, Action, ActionType
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.solver import Solver
+
+if TYPE_CHECKING:
+    from lilgym_mp.evaluation.settings import Settings
+
 
 
 class Observations(NamedTuple):
@@ -23,7 +34,8 @@ class Policy(Protocol):
     """Chooses an action for each of B agents. All chance comes from `rng`.
 
     A policy that never looks at the masks may have an attribute `needs_masks = False`: none are made for it then, and
-    `legal` is an array of shape (B, 0).
+    `legal` is an array of shape (B, 0). One with `needs_states = True`, which no learnt policy has, is called with a
+    list of the MDPs' states as a fourth argument.
     """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -40,3 +52,57 @@ def random_legal(observations: Observations, legal: BoolArray, rng: np.random.Ge
 def random_unmasked(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
     """Any action, all equally likely."""
     return rng.integers(legal.shape[1], size=len(legal))
+
+
+@dataclass(frozen=True)
+class RandomType:
+    """STOP, ADD or REMOVE, equally likely, then any arguments, legal or not: random play of the released baselines."""
+
+    appearance: Appearance
+    needs_masks = False
+
+    @classmethod
+    def of(cls, settings: Settings) -> RandomType:
+        return cls(settings.dynamics().appearance)
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        types = rng.integers(len(ActionType), size=len(observations.statements))
+        indices = self._by_type()
+        return np.array([indices[kind][rng.integers(len(indices[kind]))] for kind in types.tolist()], np.int64)
+
+    def _by_type(self) -> list[list[int]]:
+        return _action_types(self.appearance)
+
+
+@cache
+def _action_types(appearance: Appearance) -> list[list[int]]:
+    """The action indices of each type."""
+    types = [appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)]
+    return [[index for index, found in enumerate(types) if found == kind] for kind in ActionType]
+
+
+class ExpertPolicy:
+    """Shortest solutions, over the rules and the programs; where it knows none it stops."""
+
+    needs_masks = False
+    needs_states = True
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._dynamics = dynamics
+        self._solver = Solver(dynamics)
+        self._plans: dict[int, tuple[Action, ...]] = {}  # by episode
+
+    @classmethod
+    def of(cls, settings: Settings) -> ExpertPolicy:
+        return cls(settings.dynamics())
+
+    def __call__(
+        self, observations: Observations, legal: BoolArray, rng: np.random.Generator, states: Sequence[State] = ()
+    ) -> Int64Array:
+        chosen: list[int] = []
+        for episode, state in zip(observations.episodes.tolist(), states, strict=True):
+            plan = self._plans.pop(episode, ()) if state.steps else ()
+            action, *rest = plan or self._solver.solve_from(state).actions or (STOP,)
+            self._plans[episode] = tuple(rest)
+            chosen.append(self._dynamics.appearance.encode(action))
+        return np.array(chosen, np.int64)

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from lilgym_mp.evaluation.comparison import Result, Trial
+from lilgym_mp.evaluation.comparison import Result, task_counts
 from lilgym_mp.evaluation.metrics import ENDS, Share
 
 FORMAT = "lilgym_mp-evaluation"
-VERSION = 1
+VERSION = 2
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 LEGEND = (
     "accuracy: tasks completed. seen, unseen: accuracy on statements that stand, or do not stand, word for word among"
-    " the training tasks, of how many episodes."
+    " the training tasks, of how many episodes. No mask and no stop forcing unless a policy's name says so."
 )
 
 
 def table(results: Sequence[Result]) -> str:
-    """A row a policy, in Markdown, aligned."""
-    heads = ("policy", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length", *_failures())
-    return aligned([heads, *(_row(result) for result in results)])
+    """A row a policy and configuration, in Markdown, aligned."""
+    heads = ("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length")
+    return aligned([(*heads, *_failures()), *(_row(result) for result in results)])
+
+
+def supervision_table(results: Sequence[Result]) -> str:
+    """What each policy learnt from."""
+    learnt = dict.fromkeys((result.name, result.contestant.supervision) for result in results)
+    return aligned([("policy", "supervision"), *learnt])
 
 
 def _failures() -> list[str]:
@@ -37,6 +42,7 @@ def _row(result: Result) -> tuple[str, ...]:
     shares = (_percent(share) for end, share in summary.outcomes.items() if end != "success")
     return (
         result.name,
+        result.trial.settings.configuration,
         str(summary.all.episodes),
         _percent(summary.accuracy),
         _of(summary.seen),
@@ -72,31 +78,22 @@ def _justified(cell: str, width: int, *, first: bool) -> str:
     return cell.ljust(width) if first else cell.rjust(width)
 
 
-def results_json(trials: Mapping[str, tuple[Trial, Sequence[Result]]]) -> dict[str, Any]:
-    """Everything about evaluations: what was asked for, with what, and each episode with its actions."""
+def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:
+    """Everything about evaluations: what was asked for, with what, and what came of it, a row each."""
     return {
         "format": FORMAT,
         "version": VERSION,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
         "software": software(),
-        "trials": {name: _trial_json(trial, results) for name, (trial, results) in trials.items()},
-    }
-
-
-def _trial_json(trial: Trial, results: Sequence[Result]) -> dict[str, Any]:
-    return {
-        **trial.to_json(),
-        "tasks": asdict(trial.settings.make(trial.split).tasks.provenance),
-        "policies": {result.name: _result_json(result) for result in results},
-    }
-
-
-def _result_json(result: Result) -> dict[str, Any]:
-    return {
-        **result.details,
-        "summary": {"accuracy": result.summary.accuracy, **asdict(result.summary)},
-        "episodes": [{**episode._asdict(), "actions": list(episode.actions)} for episode in result.episodes],
+        "trials": [
+            {**trial.to_json(), "tasks": task_counts(trial)}
+            for trial in dict.fromkeys(result.trial for result in results)
+        ],
+        "results": [
+            {**result.to_json(), "episodes": result.episodes_json()} if with_episodes else result.to_json()
+            for result in results
+        ],
     }
 
 

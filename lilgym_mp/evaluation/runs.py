@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation.policies import Observations, Policy
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.rules import State
 
 BATCH_SIZE = 64  # episodes side by side
 IDLE = -1  # in place of an episode's index, where an environment has nothing left to play
@@ -72,7 +73,8 @@ def _played(
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
-        chosen[active] = policy(*_seen(policy, envs, observations, active, playing), rng)
+        seen, legal = _seen(policy, envs, observations, active, playing)
+        chosen[active] = policy(seen, legal, rng, *_states(policy, envs, active))
         observations, reward, terminated, truncated, infos = envs.step(chosen)
         rewards += reward
         for place in active.tolist():
@@ -104,6 +106,14 @@ def _seen(
     )
     needs_masks = getattr(policy, "needs_masks", True)
     return seen, envs.action_masks()[active] if needs_masks else np.zeros((len(active), 0), np.bool_)
+
+
+def _states(policy: Policy, envs: BatchedEnv, active: np.ndarray) -> tuple[list[State], ...]:
+    """The states that play, as a further argument, for a policy that asks for them."""
+    if not getattr(policy, "needs_states", False):
+        return ()
+    states = envs.states()
+    return ([states[place] for place in active.tolist()],)
 
 
 def _episode(envs: BatchedEnv, place: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:

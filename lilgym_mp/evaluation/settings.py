@@ -9,11 +9,12 @@ from typing import Any, cast
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import RELEASED_GRID
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.registration import APPEARANCE_NAMES, START_NAMES, START_TITLES, environment_id
 from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.rules import Dynamics, make_dynamics
 
 CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and start
     f"{appearance.capitalize()}{START_TITLES[start]}": (appearance, start)
@@ -48,6 +49,10 @@ class Settings:
     def id(self) -> str:
         """Such as "lilgym_mp/TowerScratch-v0"."""
         return environment_id(self.appearance, self.start)
+
+    def dynamics(self) -> Dynamics:
+        """The MDP's rules, without its tasks. Raises ValueError naming the value and the choices."""
+        return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
 
     def arguments(self, split: str) -> dict[str, Any]:
         """The keyword arguments of `gymnasium.make` beside the id."""

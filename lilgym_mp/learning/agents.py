@@ -6,8 +6,10 @@ from the file which learner it is of.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Protocol
 
@@ -20,7 +22,11 @@ AGENT_FILE = "agent.safetensors"
 KINDS: Mapping[str, str] = {
     "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
     "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
+    "ppo": "lilgym_mp.learning.ppo_agent:load_agent",
 }
+
+
+SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data with agents that come with the package
 
 
 class Agent(Protocol):
@@ -61,6 +67,19 @@ def open_agent(place: Path, device: str = "auto") -> Agent:
     module, name = choose("kind", description.kind, KINDS).split(":")
     load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
     return load(path, device)
+
+
+def shipped_agents() -> tuple[str, ...]:
+    """The names of the agents that come with the package, all trained on the builtin corpus alone."""
+    names = (SHIPPED.fullmatch(file.name) for file in files("lilgym_mp.data").iterdir())
+    return tuple(sorted(found[1] for found in names if found is not None))
+
+
+def load_agent(name: str, device: str = "auto") -> Agent:
+    """An agent that comes with the package. Raises ValueError naming the choices."""
+    choose("agent", name, {agent: agent for agent in shipped_agents()})
+    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
+        return open_agent(path, device)
 
 
 def check_configuration(description: ModelDescription, settings: Settings) -> None:

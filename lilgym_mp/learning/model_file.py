@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from lilgym_mp.evaluation.files import write_whole
@@ -59,7 +59,8 @@ def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, 
     """Writes the file whole: an interrupt leaves the old one, or none. Equal contents give equal bytes."""
     contents = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     metadata = {METADATA_KEY: json.dumps(description.to_json(), sort_keys=True)}
-    write_whole(path, lambda unfinished: save_file(contents, unfinished, metadata))
+    data = save(contents, metadata)
+    write_whole(path, lambda unfinished: unfinished.write_bytes(data))
 
 
 def read_description(path: Path) -> ModelDescription:

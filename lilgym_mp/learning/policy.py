@@ -107,10 +107,10 @@ class Agent:
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         words = np.stack([self.vocabulary.encode(text, self.length) for text in observations.statements])
         with torch.inference_mode():
-            prediction = self.network(
-                torch.from_numpy(observations.images), torch.from_numpy(words), torch.from_numpy(observations.targets)
-            )
-        logits = prediction.logits.numpy()
+            device = next(self.network.parameters()).device
+            seen = (observations.images, words, observations.targets)
+            prediction = self.network(*(torch.from_numpy(array).to(device) for array in seen))
+        logits = prediction.logits.cpu().numpy()
         if not self.greedy:
             logits = logits + rng.gumbel(size=logits.shape)
         return np.where(legal, logits, -np.inf).argmax(1)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from threading import current_thread, main_thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,13 +25,12 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_directory, write_whole
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_envs
+from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.network import ActorCritic
 from lilgym_mp.learning.policy import Agent, MaskedActorCritic
 from lilgym_mp.learning.recipe import Recipe
 from lilgym_mp.learning.run_directory import Checkpoint, Identity, RunDirectory, RunError, refuse_other
 from lilgym_mp.wrappers.tokens import default_length
-
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Progress(NamedTuple):
@@ -226,32 +223,6 @@ def _torch_threads(count: int) -> Generator[None, None, None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-@dataclass
-class StopRequest:
-    """Whether somebody asked for an early end."""
-
-    requested: bool = False
-
-
-@contextmanager
-def stop_on_signals() -> Generator[StopRequest, None, None]:
-    """Within the block the first Ctrl-C or SIGTERM is a request; the second interrupts."""
-    stop = StopRequest()
-
-    def request(number: int, frame: object) -> None:
-        if stop.requested:
-            raise KeyboardInterrupt
-        stop.requested = True
-
-    heard = STOP_SIGNALS if current_thread() is main_thread() else ()
-    before = {number: signal.signal(number, request) for number in heard}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @dataclass

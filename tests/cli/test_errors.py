@@ -13,35 +13,58 @@ from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main
 MISTAKES = {
     "no command": ([], "lilgym-mp: the following arguments are required: COMMAND"),
     "unknown command": (["trian"], "invalid choice: 'trian'"),
-    "unknown option": (["train", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
+    "unknown option": (["train", "ppo", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
     "unknown configuration to train": (
-        ["train", "TowerScrach"],
+        ["train", "ppo", "TowerScrach"],
         "lilgym-mp train: unknown configuration 'TowerScrach'; choose from ScatterFlipIt, ScatterScratch, TowerFlipIt,"
         " TowerScratch",
     ),
     "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
-    "unknown configuration to evaluate": (["evaluate", "--configuration", "T"], "unknown configuration 'T'"),
-    "no configuration": (["train"], "name a configuration to train on; choose from TowerScratch"),
+    "unknown learner": (["train", "TowerScratch"], "invalid choice: 'TowerScratch' (choose from"),
+    "unknown configuration to imitate in": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
+    "no time to imitate in": (["train", "imitation", "TowerScratch", "--minutes", "0"], "--minutes above 0"),
+    "unknown device": (
+        ["train", "parse-and-plan", "--device", "tpu"],
+        "unknown device 'tpu'; choose from auto, cpu, cuda",
+    ),
+    "a recipe of nonsense for the parser": (
+        ["train", "parse-and-plan", "--generated", "2"],
+        "generated must be from 0 to 1",
+    ),
+    "unknown configuration to evaluate": (
+        ["evaluate", "--policy", "expert", "--configuration", "T"],
+        "unknown configuration 'T'",
+    ),
+    "unknown policy": (["evaluate", "--policy", "clever"], "unknown policy 'clever'; choose from expert, random-legal"),
+    "nothing to explain": (["explain"], "name a statement, or a task with --task"),
+    "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in TowerScratch, TowerFlipIt"),
+    "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
     "unknown split": (["evaluate", "--split", "valid"], "invalid choice: 'valid'"),
     "unknown rules": (["play", "TowerScratch", "--rules", "mine"], "invalid choice: 'mine'"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
     "unknown backend": (
-        ["train", "TowerScratch", "--backend", "mpi"],
+        ["train", "ppo", "TowerScratch", "--backend", "mpi"],
         "unknown backend 'mpi'; choose from batched, dummy",
     ),
-    "a grid across separators": (["train", "ScatterScratch", "--grid", "20x5"], "straddle a separator; choose from"),
-    "no grid": (["train", "ScatterScratch", "--grid", "many"], "'many' must be 'native' or such as 38x10"),
-    "too many actions": (["train", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
+    "a grid across separators": (
+        ["train", "ppo", "ScatterScratch", "--grid", "20x5"],
+        "straddle a separator; choose from",
+    ),
+    "no grid": (["train", "ppo", "ScatterScratch", "--grid", "many"], "'many' must be 'native' or such as 38x10"),
+    "too many actions": (["train", "ppo", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
     "a horizon of nothing": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
-    "a recipe of nonsense": (["train", "TowerScratch", "--gamma", "2"], "gamma must be at least 0 and at most 1"),
-    "no steps": (["train", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
-    "no steps to show": (["demo", "--steps", "0"], "--steps must be at least 1"),
-    "no passes": (["evaluate", "--configuration", "TowerScratch", "--passes", "0"], "--passes at least 1"),
-    "nobody to evaluate": (["evaluate"], "name the directory of a trained agent, or --configuration"),
-    "no agent": (["evaluate", "nowhere"], "no training run in nowhere"),
-    "nothing to resume": (["train", "--resume"], "name what to resume: --out DIR, or a configuration"),
-    "no run to resume": (["train", "--resume", "--out", "nowhere"], "no training run in nowhere"),
+    "a recipe of nonsense": (
+        ["train", "ppo", "TowerScratch", "--gamma", "2"],
+        "gamma must be at least 0 and at most 1",
+    ),
+    "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
+    "no steps to show": (["demo", "--parser-steps", "0"], "--parser-steps must be at least 1"),
+    "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes and --threads at least 1"),
+    "nobody to evaluate": (["evaluate"], "name the directories of trained agents, or policies with --policy"),
+    "no agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
+    "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
+    "no run to resume": (["train", "ppo", "--resume", "--out", "nowhere"], "no training run in nowhere"),
 }
 
 
@@ -62,9 +85,10 @@ def test_mistake__is_told_in_one_line(
 @pytest.mark.parametrize(
     "words",
     [
-        ["train", "TowerScratch", "--out"],
+        ["train", "ppo", "TowerScratch", "--out"],
+        ["train", "parse-and-plan", "--out"],
         ["demo", "--out"],
-        ["evaluate", "--configuration", "TowerScratch", "--out"],
+        ["evaluate", "--policy", "expert", "--json"],
         ["play", "--gif"],
     ],
 )
@@ -112,7 +136,7 @@ def test_missing_package__is_named_with_what_to_install(
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.learning")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "sb3_contrib", None)
-    assert main(["train", "TowerScratch", "--out", str(tmp_path)]) == USAGE_ERROR
+    assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path)]) == USAGE_ERROR
     assert 'needs sb3_contrib: pip install "lilgym-mp[sb3]"' in capsys.readouterr().err
 
 

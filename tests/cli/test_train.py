@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.demo import PASSES, next_free
+from lilgym_mp.cli.demo import next_free
 from lilgym_mp.evaluation import Settings
 from tests.own_corpus import write_own_corpus
 
@@ -50,7 +50,7 @@ def lilgym(capsys: pytest.CaptureFixture[str]) -> LilGym:
 
 
 def trained(lilgym: LilGym, place: Path, *options: str) -> str:
-    return lilgym("train", "TowerScratch", "--out", place, "--steps", 64, *SMALL, *options)
+    return lilgym("train", "ppo", "TowerScratch", "--out", place, "--steps", 64, *SMALL, *options)
 
 
 def test_train__says_where_everything_is(lilgym: LilGym, tmp_path: Path, own: Path):
@@ -72,7 +72,7 @@ def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path:
 
 def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, tmp_path: Path):
     trained(lilgym, tmp_path)
-    said = lilgym("train", "--resume", "--out", tmp_path, "--steps", 128)
+    said = lilgym("train", "ppo", "--resume", "--out", tmp_path, "--steps", 128)
     assert "128 steps, after 64 before" in said
     assert "after 128 steps" in said
 
@@ -82,7 +82,7 @@ def test_train__resuming_another_configuration_is_refused_naming_both(
 ):
     trained(lilgym, tmp_path)
     before = (tmp_path / "checkpoint.pt").read_bytes()
-    assert main(["train", "TowerFlipIt", "--resume", "--out", str(tmp_path)]) == USAGE_ERROR
+    assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(tmp_path)]) == USAGE_ERROR
     assert "has configuration TowerScratch, but TowerFlipIt was asked for" in capsys.readouterr().err
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
@@ -90,7 +90,7 @@ def test_train__resuming_another_configuration_is_refused_naming_both(
 def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert main(["train", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL]) == 0
+    assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
     assert lines[-1].startswith("640 of 640 steps, ")
@@ -102,7 +102,17 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
     place = tmp_path / "run"
     program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
     (tmp_path / "main.py").write_text(program)
-    command = [sys.executable, tmp_path / "main.py", "train", "TowerScratch", "--out", place, "--steps", "100000000"]
+    command = [
+        sys.executable,
+        tmp_path / "main.py",
+        "train",
+        "ppo",
+        "TowerScratch",
+        "--out",
+        place,
+        "--steps",
+        "100000000",
+    ]
     with subprocess.Popen(
         [*command, *SMALL, "--backend", backend],
         stdout=subprocess.PIPE,
@@ -117,7 +127,7 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
     assert "Traceback" not in faults
     assert process.returncode == 130, faults
     assert f"saved {place / 'checkpoint.pt'}" in said
-    assert f"go on with: lilgym-mp train --resume --out {place}" in said
+    assert f"go on with: lilgym-mp train ppo --resume --out {place}" in said
     assert ends(process.pid)
 
 
@@ -133,30 +143,47 @@ def ends(group: int, seconds: float = 30.0) -> bool:
     return False
 
 
+def rows(said: str) -> list[list[str]]:
+    """The cells of the table of results."""
+    lines = [line.strip("|").split("|") for line in said.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in cells] for cells in lines if len(cells) > 8][2:]
+
+
 def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_path: Path, own: Path):
-    trained(lilgym, tmp_path, "--recolour", "--corpus", str(own))
-    said = lilgym("evaluate", tmp_path)
-    rows = [line.split("|") for line in said.splitlines() if line.startswith("|")]
-    assert [row[1].strip() for row in rows[2:]] == ["trained agent", "random legal", "random unmasked"]
-    assert [row[2].strip() for row in rows[2:]] == ["3", "3", "3"]
-    assert "of 2" in rows[2][4]  # something yellow, and what recolouring made of something black: something blue
-    assert "of 1" in rows[2][5]
-    written = json.loads((tmp_path / "evaluation-dev.json").read_text())
-    agent = written["trials"]["evaluation"]["policies"]["trained agent"]
-    assert agent["steps"] == 64
-    assert agent["trained_with"]["recipe"]["recolour"] is True
-    assert len(agent["checkpoint_sha256"]) == 64
-    assert [episode["task_id"] for episode in agent["episodes"]] == [
-        *("tower-dev-has-yellow", "tower-dev-has-blue", "tower-dev-count"),
-    ]
+    trained(lilgym, tmp_path / "run", "--recolour", "--corpus", str(own))
+    said = lilgym("evaluate", tmp_path / "run", "--corpus", own, "--json", tmp_path / "results.json")
+    table = rows(said)
+    assert [row[0] for row in table] == [f"ppo ({tmp_path / 'run'})", "random legal", "random unmasked"]
+    assert {tuple(row[1:3]) for row in table} == {("TowerScratch", "3")}
+    assert "rewards alone" in said
+    written = json.loads((tmp_path / "results.json").read_text())
+    agent = written["results"][0]
+    assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
+    assert agent["supervision"].startswith("rewards alone")
+    assert agent["recipe"]["steps"] == 64
+    assert agent["recipe"]["recolour"] is True
+    assert 0 <= agent["accuracy"] <= 1
+    assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
 def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path):
     trained(lilgym, tmp_path / "run")
     for name in ("one.json", "two.json"):
-        lilgym("evaluate", tmp_path / "run", "--sampled", "--seed", 3, "--split", "test", "--out", tmp_path / name)
-    one, two = (json.loads((tmp_path / name).read_text())["trials"] for name in ("one.json", "two.json"))
+        lilgym("evaluate", tmp_path / "run", "--sampled", "--seed", 3, "--split", "test", "--json", tmp_path / name)
+    one, two = (json.loads((tmp_path / name).read_text())["results"] for name in ("one.json", "two.json"))
+    for row in (*one, *two):
+        del row["cpu_seconds"]
     assert one == two
+
+
+def test_evaluate__overwrites_nothing_unless_told_to(
+    lilgym: LilGym, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--json", str(tmp_path / "r.json")]
+    lilgym(*command)
+    assert main(command) == USAGE_ERROR
+    assert "exists; --force overwrites it" in capsys.readouterr().err
+    lilgym(*command, "--force")
 
 
 def test_evaluate__under_another_configuration_is_refused_naming_both(
@@ -164,7 +191,7 @@ def test_evaluate__under_another_configuration_is_refused_naming_both(
 ):
     trained(lilgym, tmp_path)
     assert main(["evaluate", str(tmp_path), "--configuration", "ScatterScratch"]) == USAGE_ERROR
-    assert "has configuration TowerScratch, but ScatterScratch was asked for" in capsys.readouterr().err
+    assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
 
 
 def test_evaluate__other_rules_are_allowed_and_told(lilgym: LilGym, tmp_path: Path):
@@ -172,22 +199,68 @@ def test_evaluate__other_rules_are_allowed_and_told(lilgym: LilGym, tmp_path: Pa
     assert "rules release" in lilgym("evaluate", tmp_path, "--rules", "release")
 
 
-def test_demo__leaves_results_films_and_the_agent(lilgym: LilGym, tmp_path: Path):
+def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym):
+    table = rows(lilgym("evaluate", "--policy", "random-type", "random-unmasked"))
+    assert len(table) == 8
+    assert {row[1] for row in table} == {"TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"}
+
+
+def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, tmp_path: Path):
+    from lilgym_mp.learning.agents import AGENT_FILE
+    from lilgym_mp.learning.model_file import load_model, save_model
+
+    trained(lilgym, tmp_path)
+    description, tensors = load_model(tmp_path / AGENT_FILE)
+    tensors["policy.logits.bias"][0] = 1000.0
+    save_model(tmp_path / AGENT_FILE, description, tensors)
+    assert "stops at once in every episode of TowerScratch" in lilgym("evaluate", tmp_path)
+
+
+def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path):
+    run = tmp_path / "run"
+    small = ["--steps", 40, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
+    said = lilgym("train", "parse-and-plan", "--corpus", "builtin", "--seed", 0, "--out", run, *small)
+    assert f"lilgym-mp evaluate {run} --corpus builtin" in said
+    table = rows(lilgym("evaluate", run, "--configuration", "TowerScratch", "TowerFlipIt"))
+    assert next(row[0] for row in table if row[1] == "TowerFlipIt") == f"parse-and-plan ({run})"
+    said = lilgym("explain", "There is a blue block.", "--agent", run, "--film", tmp_path / "film.gif")
+    assert "read as: there is a blue block" in said
+    assert "stated probability of success:" in said
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.size[0] > 380
+
+
+def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent(lilgym: LilGym):
+    task = Settings("ScatterFlipIt").make("dev").tasks[0]
+    said = lilgym("explain", "--task", task.id)
+    assert task.statement in said
+    assert "what comes of it: " in said
+
+
+def test_demo__leaves_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     place = tmp_path / "demo"
-    said = lilgym("demo", "--out", place, "--steps", 2048)
-    for name in ("results.json", "results.md", "rollouts.gif", "agent"):
+    said = lilgym("demo", "--out", place, "--parser-steps", 60, "--minutes", 0.1)
+    for name in ("results.json", "results.md", "imitation.gif", "parse-and-plan.gif"):
         assert str(place / name) in said
         assert (place / name).exists()
-    rows = [line for line in (place / "results.md").read_text().splitlines() if line.startswith("|")]
-    assert [row.split("|")[1].strip() for row in rows[2:]] == [
-        *("untrained agent", "trained agent", "random legal", "random unmasked"),
+    assert "candidate programs" in (place / "explanation.txt").read_text()
+    assert [row[0] for row in rows((place / "results.md").read_text())] == [
+        *("random type", "random legal", "untrained network", "imitation", "parse and plan", "expert"),
     ]
-    policies = json.loads((place / "results.json").read_text())["trials"]["demo"]["policies"]
+    found = json.loads((place / "results.json").read_text())["results"]
     tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
-    for policy in policies.values():
-        assert [episode["task_id"] for episode in policy["episodes"]] == [*tasks] * PASSES
-    with Image.open(place / "rollouts.gif") as film:
+    for row in found:
+        assert [episode["task_id"] for episode in row["episodes"]] == [*tasks]
+        assert row["episodes_seen"] == 0
+    with Image.open(place / "imitation.gif") as film:
         assert getattr(film, "n_frames", 1) > 1
+
+
+def test_demo__a_learner_that_fails_is_told_and_nothing_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(
+        ["demo", "--out", str(tmp_path / "demo"), "--minutes", "0.05", "--parser-steps", "1", "--seed", "-1"]
+    ) == (USAGE_ERROR)
+    assert "--seed at least 0" in capsys.readouterr().err
 
 
 def test_demo__a_second_one_takes_another_directory(tmp_path: Path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lilgym_mp.corpus.spelling import normalised_words
+from lilgym_mp.corpus.spelling import normalised_words, plain_words
 
 WORDS = (
     "there is are a an the box boxes tower with at least one exactly yellow black blue block triangle triangles "
@@ -56,3 +56,16 @@ def test_normalised_words__short_words_bear_one_slip_and_long_ones_two() -> None
 def test_normalised_words__absurd_lengths_are_passed_through() -> None:
     assert normalised_words("x" * 10_000, KNOWN) == ["x" * 10_000]
     assert len(normalised_words("qzfw yelow " * 5_000, KNOWN)) == 10_000
+
+
+def test_plain_words__repairs_nothing():
+    assert plain_words("There are Three blck blocks, isn't it?") == [
+        "there",
+        "are",
+        "3",
+        "blck",
+        "blocks",
+        "is",
+        "not",
+        "it",
+    ]

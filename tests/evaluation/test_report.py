@@ -6,9 +6,11 @@ import json
 
 import pytest
 
-from lilgym_mp.evaluation import Episode, Settings, summarise
-from lilgym_mp.evaluation.comparison import BASELINES, Result, Trial, training_statements
-from lilgym_mp.evaluation.report import aligned, results_json, table
+from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal, summarise
+from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
+from lilgym_mp.evaluation.contestants import BASELINES, Contestant, built_in
+from lilgym_mp.evaluation.metrics import Share
+from lilgym_mp.evaluation.report import aligned, results_json, supervision_table, table
 
 EPISODES = [
     Episode("a", "Known.", True, "success", 0.8, (1, 2, 0)),
@@ -36,14 +38,32 @@ def test_summarise__nothing_is_refused():
         summarise([], set())
 
 
+def result() -> Result:
+    contestant = Contestant("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
+    trial, summary = Trial(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
+    return Result(contestant, trial, summary, Share(3, 1), Share(1, 0), EPISODES, 0.5)
+
+
 def test_table__has_a_row_a_policy():
-    head, rule, row = table([Result("mine", summarise(EPISODES, {"Known."}), EPISODES)]).splitlines()
+    head, rule, row = table([result()]).splitlines()
     assert [cell.strip() for cell in head.strip("|").split("|")] == [
-        *("policy", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length"),
+        *("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length"),
         *("wrong stop", "invalid action", "horizon"),
     ]
     assert [cell.strip() for cell in row.strip("|").split("|")] == [
-        *("mine", "4", "25.0 %", "50.0 % of 2", "0.0 % of 2", "-0.85", "4.2", "25.0 %", "25.0 %", "25.0 %"),
+        *(
+            "mine",
+            "TowerScratch",
+            "4",
+            "25.0 %",
+            "50.0 % of 2",
+            "0.0 % of 2",
+            "-0.85",
+            "4.2",
+            "25.0 %",
+            "25.0 %",
+            "25.0 %",
+        ),
     ]
     assert len(head) == len(rule) == len(row)
 
@@ -52,11 +72,31 @@ def test_aligned__first_column_to_the_left_others_to_the_right():
     assert aligned([("a", "bcd"), ("ef", "g")]) == "| a  | bcd |\n|----|----:|\n| ef |   g |"
 
 
+def test_supervision_table__has_a_row_a_policy():
+    assert supervision_table([result(), result()]).splitlines()[2:] == ["| mine   |     rewards |"]
+
+
+def test_result__is_a_row_with_accuracies_from_0_to_1():
+    row = json.loads(json.dumps(result().to_json()))
+    assert {name: row[name] for name in ("agent", "configuration", "split", "supervision", "run")} == {
+        "agent": "mine",
+        "configuration": "TowerScratch",
+        "split": "dev",
+        "supervision": "rewards",
+        "run": "here",
+    }
+    assert (row["start_scenes"], row["contexts"]) == (4, 3)
+    assert (row["accuracy"], row["accuracy_seen"], row["accuracy_unseen"]) == (0.25, 0.5, 0.0)
+    assert row["accuracy_seen_forms"] == pytest.approx(1 / 3)
+    assert row["mean_reward"] == pytest.approx(-0.85)
+
+
 def test_results__hold_all_that_is_needed_to_get_them_again():
     trial = Trial(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
-    results = list(trial.results(BASELINES, training_statements(trial.settings)))
-    data = json.loads(json.dumps(results_json({"evaluation": (trial, results)})))
-    written = data["trials"]["evaluation"]
+    seen = training_statements(trial.settings)
+    results = list(play_all(BASELINES, trial, seen))
+    data = json.loads(json.dumps(results_json(results, with_episodes=True)))
+    (written,) = data["trials"]
     again = Trial(
         Settings.from_json(written["settings"]),
         written["split"],
@@ -65,14 +105,39 @@ def test_results__hold_all_that_is_needed_to_get_them_again():
         written["batch_size"],
     )
     assert again == trial
-    (legal, unmasked), found = BASELINES, written["policies"]
-    (result,) = again.results([unmasked], training_statements(trial.settings))
-    assert found[unmasked.name]["episodes"] == [
-        {**episode._asdict(), "actions": list(episode.actions)} for episode in result.episodes
-    ]
-    assert found[legal.name]["summary"]["accuracy"] == results[0].summary.accuracy
+    assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
+    (repeated,) = play_all([BASELINES[1]], again, seen)
+    assert data["results"][1]["episodes"] == repeated.episodes_json()
+    assert data["results"][0]["accuracy"] == results[0].summary.accuracy
     assert written["tasks"]["sha256"] == trial.settings.make("dev").tasks.provenance.sha256
+    assert written["tasks"]["start_scenes"] == len(results[0].episodes)
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
+
+
+def test_play_all__leaves_out_who_does_not_play_the_configuration():
+    tower_only = Contestant("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
+    assert not list(play_all([tower_only], Trial(Settings("ScatterScratch"), "dev"), set()))
+
+
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+def test_expert__completes_every_task(configuration: str):
+    trial = Trial(Settings(configuration), "dev")
+    (found,) = play_all([built_in("expert")], trial, set())
+    assert found.summary.accuracy == 1.0
+    assert found.contestant.supervision != "none"
+
+
+def test_random_type__draws_each_type_equally_often():
+    trial = Trial(Settings("TowerScratch"), "dev", passes=20)
+    (found,) = play_all([built_in("random-type")], trial, set())
+    first = [episode.actions[0] for episode in found.episodes]
+    assert sum(action == 0 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
+    assert sum(action > 9 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
+
+
+def test_built_in__an_unknown_policy_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match=r"unknown policy 'clever'; choose from expert, random-legal, random-type"):
+        built_in("clever")
 
 
 def test_training_statements__are_those_of_the_train_split():

@@ -119,7 +119,7 @@ def test_restore__other_shapes_and_nan_are_refused(model: Path):
 
 def test_open_agent__an_unknown_kind_is_refused_with_the_choices(model: Path):
     save_model(model, dataclasses.replace(DESCRIPTION, kind="guessing"), TENSORS)
-    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: imitation, parse-and-plan"):
+    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: imitation, parse-and-plan, ppo"):
         open_agent(model.parent)
 
 

@@ -1,0 +1,151 @@
+"""What the parts of parse and plan are worth, how long they take, and what its probabilities are worth.
+
+    python benchmarks/parse_and_plan.py runs/parse-lilgym-0 ... --corpus lilgym [--split dev] [--picture FILE.png]
+
+Prints Markdown tables: accuracy by configuration with seen and unseen statements and forms apart, the vote against the
+best candidate, scenes from state against scenes from pixels, milliseconds a task, and a reliability table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import mean, stdev
+from typing import NamedTuple
+
+import torch
+
+from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.comparison import training_statements
+from lilgym_mp.evaluation.report import aligned
+from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+from lilgym_mp.learning.parsing.calibration import Forecast, reliability
+from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.perception import read_scene
+from lilgym_mp.render import draw
+from lilgym_mp.rules import Outcome
+from lilgym_mp.task import Task
+
+
+class Played(NamedTuple):
+    """One task, planned for and played out."""
+
+    configuration: str
+    seen: bool  # the statement stands in train
+    form_seen: bool
+    forecast: Forecast
+    milliseconds: float
+
+
+def played(planner: Planner, settings: Settings, split: str, *, from_pixels: bool) -> Iterator[Played]:
+    """Every task of the split."""
+    statements = training_statements(settings)
+    forms = set(map(statement_form, statements))
+    appearance = planner.dynamics.appearance
+    for task in settings.make(split).tasks:
+        began = time.process_time()
+        start = task.start
+        if from_pixels:
+            start = appearance.check_scene(read_scene(draw(start, "half"), appearance.name))
+        plan = planner.plan(start, task.statement, task.target)
+        seconds = time.process_time() - began
+        success = planner.outcome(plan, Task(task.id, task.statement, task.program, task.target, task.start))
+        yield Played(
+            settings.configuration,
+            task.statement in statements,
+            statement_form(task.statement) in forms,
+            Forecast(plan.success_probability, success is Outcome.SUCCESS),
+            1000 * seconds,
+        )
+
+
+def accuracy(results: Sequence[Played]) -> float:
+    return 100 * mean(result.forecast.success for result in results) if results else float("nan")
+
+
+def spread(values: Sequence[float]) -> str:
+    return f"{mean(values):.1f}" + (f" +- {stdev(values):.1f}" if len(values) > 1 else "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--corpus", default="builtin")
+    parser.add_argument("--split", default="dev")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="reliability diagram (needs matplotlib)")
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    ways = {"vote, from pixels": (True, True), "vote, from state": (True, False), "best candidate": (False, True)}
+    found: dict[str, list[list[Played]]] = {way: [] for way in ways}  # by way, by run
+    for run in args.runs:
+        agent = open_agent(run, "cpu")
+        assert isinstance(agent, ParseAndPlanAgent)
+        for way, (votes, from_pixels) in ways.items():
+            results: list[Played] = []
+            for name in agent.description.configurations:
+                settings = Settings(name, corpus=args.corpus)
+                planner = agent.planner(settings, votes=votes)
+                results += played(planner, settings, args.split, from_pixels=from_pixels)
+            found[way].append(results)
+    print_accuracy(found)
+    forecasts = [result.forecast for results in found["vote, from pixels"] for result in results]
+    print_reliability(forecasts)
+    if args.picture is not None:
+        draw_reliability(forecasts, args.picture)
+
+
+def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
+    rows = [("", *CONFIGURATIONS, "ms a task")]
+    for way, runs in found.items():
+        groups = {way: lambda result: True}
+        if way == "vote, from pixels":
+            groups |= {
+                "  seen statements": lambda result: result.seen,
+                "  unseen statements": lambda result: not result.seen,
+                "  unseen forms": lambda result: not result.form_seen,
+            }
+        for group, belongs in groups.items():
+            cells = [
+                spread([accuracy([r for r in run if r.configuration == name and belongs(r)]) for run in runs])
+                for name in CONFIGURATIONS
+            ]
+            times = spread([mean(result.milliseconds for result in run) for run in runs]) if group == way else ""
+            rows.append((group, *cells, times))
+    print(aligned(rows), end="\n\n")
+
+
+def print_reliability(forecasts: Sequence[Forecast]) -> None:
+    rows = [("stated", "tasks", "mean stated", "came true")]
+    for found in reliability(forecasts):
+        rows.append(
+            ("", f"{found.forecasts}", f"{100 * found.stated:.0f} %", f"{100 * found.came_true:.0f} %"),
+        )
+    print(aligned(rows))
+
+
+def draw_reliability(forecasts: Sequence[Forecast], path: Path) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    bins = reliability(forecasts)
+    figure, axes = pyplot.subplots(figsize=(4.5, 4.2), dpi=120)
+    axes.plot([0, 1], [0, 1], color="grey", linewidth=1, label="stated = came true")
+    axes.plot([found.stated for found in bins], [found.came_true for found in bins], marker="o", label="parse and plan")
+    for found in bins:
+        axes.annotate(
+            f"{found.forecasts}", (found.stated, found.came_true), textcoords="offset points", xytext=(4, -11)
+        )
+    axes.set(xlabel="stated probability of success", ylabel="share that succeeded", xlim=(0, 1.02), ylim=(0, 1.02))
+    axes.legend(frameon=False, loc="upper left")
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+if __name__ == "__main__":
+    main()

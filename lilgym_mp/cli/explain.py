@@ -1,0 +1,115 @@
+"""`lilgym-mp explain`: what the agent that parses and plans makes of a statement."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.actions import describe
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import add_device, add_settings, said_settings
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, Moment, film_moments
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.render import draw
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+    from lilgym_mp.learning.parsing.planning import Plan, Planner
+
+DEFAULT_AGENT = "parse-and-plan"  # of those that come with the package
+DEFAULT_CONFIGURATION = "TowerScratch"
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "explain",
+        help="what the agent that parses and plans makes of a statement",
+        description="Shows the programs that a statement may mean, with probabilities, what each is true of, and the "
+        "plan for them.",
+    )
+    parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as: 'There is a blue block.'")
+    parser.add_argument(
+        "--task", metavar="ID", help="the start scene, target and statement (unless given) of this task"
+    )
+    parser.add_argument("--split", choices=list(SPLITS), help="of the task (default: wherever it is found)")
+    parser.add_argument("--configuration", metavar="NAME", help=f"without a task (default: {DEFAULT_CONFIGURATION})")
+    parser.add_argument("--false", dest="target", action="store_false", help="without a task: to be made false")
+    parser.add_argument(
+        "--agent", default=DEFAULT_AGENT, metavar="RUN", help=f"a trained agent (default: {DEFAULT_AGENT}, shipped)"
+    )
+    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write the plan's film there")
+    add_device(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    import torch
+
+    from lilgym_mp.learning.parsing.explaining import explained
+
+    if args.statement is None and args.task is None:
+        raise CommandError("name a statement, or a task with --task")
+    torch.set_num_threads(max(1, args.threads))
+    agent = _agent(args)
+    settings, task = _asked(args)
+    planner = agent.planner(settings)
+    statement = args.statement if args.statement is not None else task.statement
+    plan = planner.plan(task.start, statement, task.target)
+    print("\n".join(explained(plan, planner, statement, task.target)))
+    if args.task is not None and args.statement is None:
+        outcome = str(planner.outcome(plan, task)).replace("_", " ")
+        print(f"what comes of it: {outcome} (the task's program: {task.program})")
+    if args.film is not None:
+        film_moments(args.film, [_film(plan, planner, statement, task.target)])
+        print(f"film: {args.film}")
+    return 0
+
+
+def _agent(args: argparse.Namespace) -> ParseAndPlanAgent:
+    from lilgym_mp.learning.agents import load_agent, open_agent, shipped_agents
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+
+    known = args.agent in shipped_agents() and not Path(args.agent).exists()
+    agent = load_agent(args.agent, args.device) if known else open_agent(Path(args.agent), args.device)
+    if not isinstance(agent, ParseAndPlanAgent):
+        raise CommandError(f"{args.agent} is of kind {agent.description.kind}; only {DEFAULT_AGENT} agents explain")
+    return agent
+
+
+def _asked(args: argparse.Namespace) -> tuple[Settings, Task]:
+    """Where to plan, and for what. Without --task the start is empty."""
+    options = {name: value for name, value in said_settings(args).items() if name != "configuration"}
+    if args.task is None:
+        settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **options)
+        start = settings.dynamics().appearance.check_scene(Scene.empty())
+        return settings, Task("asked", args.statement, "True", args.target, start)
+    names = [args.configuration] if args.configuration else list(CONFIGURATIONS)
+    for name in names:
+        for split in [args.split] if args.split else SPLITS:
+            settings = Settings(name, **options)
+            try:
+                tasks = settings.make(split).tasks
+            except CorpusError:
+                continue
+            if args.task in tasks.ids:
+                return settings, tasks.by_id(args.task)
+    corpus = options.get("corpus", "builtin")
+    raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
+
+
+def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[Moment]:
+    from lilgym_mp.learning.parsing.explaining import scenes_of
+
+    task = f'"{statement}" Make it {str(target).lower()}.'
+    scenes = scenes_of(plan, planner)
+    captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
+    moments = [Moment(draw(scene), task, caption, PENDING_RGB) for scene, caption in zip(scenes, captions, strict=True)]
+    likely = plan.success_probability >= 0.5
+    stop = f"{len(plan.actions)}. STOP, a success with a probability of {100 * plan.success_probability:.0f} %"
+    return [*moments, Moment(draw(scenes[-1]), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]

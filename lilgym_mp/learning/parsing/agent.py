@@ -1,0 +1,111 @@
+"""The agent that parses and plans: it reads the scene from pixels, and plans for the set of likely programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lilgym_mp.actions import STOP, Action
+from lilgym_mp.corpus.records import FLIPIT
+from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.evaluation.policies import BoolArray, Int64Array
+from lilgym_mp.learning.agents import check_configuration
+from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore
+from lilgym_mp.learning.parsing.calibration import Calibration
+from lilgym_mp.learning.parsing.parser import Parser, move
+from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.learning.parsing.training import KIND, VERSION
+from lilgym_mp.perception import PerceptionError, read_scene
+from lilgym_mp.render import UInt8Array, draw
+from lilgym_mp.scene import Scene
+
+KEPT_EPISODES = 4096  # whose plans are remembered
+
+
+@dataclass
+class _Course:
+    """What is left of an episode's plan."""
+
+    actions: Sequence[Action]
+    scene: Scene  # that the next picture should show
+
+
+class ParseAndPlanPolicy:
+    """Plans at the start of an episode, and again where a picture is not the one that the plan expects."""
+
+    needs_masks = False
+
+    def __init__(self, planner: Planner) -> None:
+        self.planner = planner
+        self._courses: dict[int, _Course] = {}
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        appearance = self.planner.dynamics.appearance
+        chosen: list[int] = []
+        for row, (episode, step) in enumerate(
+            zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
+        ):
+            image, statement = observations.images[row], observations.statements[row]
+            course = self._courses.pop(episode, None) if step else None
+            if course is None or not np.array_equal(draw(course.scene, "half"), image):
+                course = self._planned(image, statement, bool(observations.targets[row]), step)
+            chosen.append(appearance.encode(course.actions[0]))
+            self._advance(episode, course)
+        return np.array(chosen, np.int64)
+
+    def _planned(self, image: UInt8Array, statement: str, target: bool, step: int) -> _Course:
+        dynamics = self.planner.dynamics
+        try:
+            scene = dynamics.appearance.check_scene(read_scene(image, dynamics.appearance.name))
+        except (PerceptionError, ValueError):  # a picture that cannot be read leaves nothing to plan with
+            return _Course((STOP,), Scene.empty())
+        return _Course(self.planner.plan(scene, statement, target, step).actions, scene)
+
+    def _advance(self, episode: int, course: _Course) -> None:
+        """Remembers what follows the next action of the plan."""
+        action, *rest = course.actions
+        if not rest:
+            return
+        if len(self._courses) >= KEPT_EPISODES:
+            self._courses.clear()
+        dynamics = self.planner.dynamics
+        scene = dynamics.appearance.apply(course.scene, action, dynamics.rules.placement).scene
+        self._courses[episode] = _Course(rest, scene)
+
+
+@dataclass(frozen=True)
+class ParseAndPlanAgent:
+    """One parser for all configurations of the appearances that it was trained on."""
+
+    description: ModelDescription
+    parser: Parser
+
+    def planner(self, settings: Settings, *, votes: bool = True) -> Planner:
+        """Raises AgentError for a configuration that it does not play."""
+        check_configuration(self.description, settings)
+        calibration = Calibration(**self.description.details["calibration"])
+        return Planner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, votes)
+
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+        """Planning draws nothing, so `sampled` changes nothing."""
+        return ParseAndPlanPolicy(self.planner(settings))
+
+
+def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
+    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
+    target = chosen_device(device)
+    description, tensors = load_model(path, target)
+    if (description.kind, description.version) != (KIND, VERSION):
+        found = f"{description.kind!r}, version {description.version}"
+        raise ModelFileError(f"{path}: a model of kind {found}; must be {KIND!r}, version {VERSION}")
+    try:
+        parser = move(Parser.from_details(description.details), target)
+        Calibration(**description.details["calibration"])
+    except (KeyError, TypeError, ValueError) as fault:
+        raise ModelFileError(f"{path}: its description cannot be used: {fault!r}") from None
+    restore(parser.network, tensors, path)
+    return ParseAndPlanAgent(description, parser)

@@ -1,0 +1,166 @@
+"""A small transformer from the words of a statement to the prefix tokens of its program.
+
+Decoding is over trees: with each token the decoder is told which form the token is a part of, and which part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, cast
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from lilgym_mp.learning.parsing.recipe import HEADS
+
+PAD = 0
+ROOT = 0  # in place of a parent, for the first token
+MOST_PARTS = 8  # of a form; further parts count as the last
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the network is."""
+
+    width: int = 96
+    heads: int = HEADS
+    hidden: int = 288
+    layers: int = 2  # of the encoder, and as many of the decoder
+    longest_statement: int = 64  # words
+    longest_program: int = 96  # tokens
+
+
+class Slots(NamedTuple):
+    """Where each token of a program stands in its tree."""
+
+    parents: Tensor  # (B, length) the token that it is a part of; ROOT for the first
+    parts: Tensor  # (B, length) which part
+
+
+class Attention(nn.Module):
+    """Multi-head attention with its queries, keys and values apart, so that keys and values can be kept."""
+
+    def __init__(self, sizes: Sizes) -> None:
+        super().__init__()
+        self.heads = sizes.heads
+        self.query = nn.Linear(sizes.width, sizes.width)
+        self.key_value = nn.Linear(sizes.width, 2 * sizes.width)
+        self.out = nn.Linear(sizes.width, sizes.width)
+
+    def keys_and_values(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, length, width) to keys and values (B, heads, length, width / heads)."""
+        keys, values = self.key_value(seen).chunk(2, dim=-1)
+        return self._split(keys), self._split(values)
+
+    def forward(
+        self, x: Tensor, keys: Tensor, values: Tensor, mask: Tensor | None = None, *, causal: bool = False
+    ) -> Tensor:
+        """(B, length, width); `mask` (B, 1, 1, keys) is true where attention may go."""
+        mixed = functional.scaled_dot_product_attention(
+            self._split(self.query(x)), keys, values, attn_mask=mask, is_causal=causal
+        )
+        return self.out(mixed.transpose(1, 2).flatten(2))
+
+    def _split(self, x: Tensor) -> Tensor:
+        return x.unflatten(2, (self.heads, -1)).transpose(1, 2)
+
+
+class EncoderLayer(nn.Module):
+    def __init__(self, sizes: Sizes, dropout: float) -> None:
+        super().__init__()
+        self.attention = Attention(sizes)
+        self.hidden = _feed_forward(sizes, dropout)
+        self.norms = nn.ModuleList(nn.LayerNorm(sizes.width) for _ in range(2))
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        normed = self.norms[0](x)
+        x = x + self.dropout(self.attention(normed, *self.attention.keys_and_values(normed), mask))
+        return x + self.dropout(self.hidden(self.norms[1](x)))
+
+
+class DecoderLayer(nn.Module):
+    def __init__(self, sizes: Sizes, dropout: float) -> None:
+        super().__init__()
+        self.own = Attention(sizes)
+        self.statement = Attention(sizes)
+        self.hidden = _feed_forward(sizes, dropout)
+        self.norms = nn.ModuleList(nn.LayerNorm(sizes.width) for _ in range(3))
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor, memory: Memory, cache: list[Tensor] | None) -> Tensor:
+        """`cache`: keys and values of the tokens before `x`, extended by those of `x`; None decodes all at once."""
+        normed = self.norms[0](x)
+        keys, values = self.own.keys_and_values(normed)
+        if cache is not None:
+            keys, values = (torch.cat([before, new], dim=2) for before, new in zip(cache, (keys, values), strict=True))
+            cache[:] = [keys, values]
+        x = x + self.dropout(self.own(normed, keys, values, causal=cache is None))
+        seen = self.statement(self.norms[1](x), memory.keys, memory.values, memory.mask)
+        x = x + self.dropout(seen)
+        return x + self.dropout(self.hidden(self.norms[2](x)))
+
+
+class Memory(NamedTuple):
+    """What one decoder layer looks at of the statement."""
+
+    keys: Tensor  # (B, heads, words, width / heads)
+    values: Tensor
+    mask: Tensor  # (B, 1, 1, words) true for words, false for padding
+
+
+def _feed_forward(sizes: Sizes, dropout: float) -> nn.Module:
+    return nn.Sequential(
+        nn.Linear(sizes.width, sizes.hidden), nn.GELU(), nn.Dropout(dropout), nn.Linear(sizes.hidden, sizes.width)
+    )
+
+
+class ParserNetwork(nn.Module):
+    """Word indices to logits of program tokens. Index 0 pads words, and pads tokens."""
+
+    def __init__(self, word_count: int, token_count: int, sizes: Sizes, dropout: float = 0.0) -> None:
+        """`word_count`, `token_count`: with the padding."""
+        super().__init__()
+        self.sizes = sizes
+        width = sizes.width
+        self.words = nn.Embedding(word_count, width, padding_idx=PAD)
+        self.word_places = nn.Parameter(0.02 * torch.randn(sizes.longest_statement, width))
+        self.encoder = nn.ModuleList(EncoderLayer(sizes, dropout) for _ in range(sizes.layers))
+        self.encoder_norm = nn.LayerNorm(width)
+        self.tokens = nn.Embedding(token_count, width)
+        self.parents = nn.Embedding(token_count, width)
+        self.parts = nn.Embedding(MOST_PARTS, width)
+        self.token_places = nn.Parameter(0.02 * torch.randn(sizes.longest_program, width))
+        self.decoder = nn.ModuleList(DecoderLayer(sizes, dropout) for _ in range(sizes.layers))
+        self.decoder_norm = nn.LayerNorm(width)
+        self.logits = nn.Linear(width, token_count)
+        self.dropout = nn.Dropout(dropout)
+        for embedding in (self.words, self.tokens, self.parents, self.parts):
+            nn.init.normal_(embedding.weight, std=0.05)
+
+    def read(self, words: Tensor) -> list[Memory]:
+        """(B, words) indices to what each decoder layer looks at."""
+        mask = (words != PAD)[:, None, None]
+        x = self.dropout(self.words(words) + self.word_places[: words.shape[1]])
+        for layer in self.encoder:
+            x = layer(x, mask)
+        x = self.encoder_norm(x)
+        layers = (cast("DecoderLayer", layer) for layer in self.decoder)
+        return [Memory(*layer.statement.keys_and_values(x), mask) for layer in layers]
+
+    def forward(self, words: Tensor, tokens: Tensor, slots: Slots) -> Tensor:
+        """Logits (B, length, tokens) of each token, given those before it; all (B, length)."""
+        before = functional.pad(tokens, (1, -1), value=ROOT)
+        return self.decoded(self.read(words), before, slots, first=0, caches=None)
+
+    def decoded(
+        self, memories: list[Memory], before: Tensor, slots: Slots, *, first: int, caches: list[list[Tensor]] | None
+    ) -> Tensor:
+        """Logits (B, length, tokens) for slots that follow the tokens `before`; `first` is the place of the first."""
+        places = self.token_places[first : first + before.shape[1]]
+        parts = self.parts(slots.parts.clamp(max=MOST_PARTS - 1))
+        x = self.dropout(self.tokens(before) + self.parents(slots.parents) + parts + places)
+        for index, (layer, memory) in enumerate(zip(self.decoder, memories, strict=True)):
+            x = layer(x, memory, None if caches is None else caches[index])
+        return self.logits(self.decoder_norm(x))

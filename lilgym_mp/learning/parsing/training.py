@@ -1,0 +1,373 @@
+"""How the parser learns: statements with programs, of a corpus and of the generator, in one loop."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import random
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from lilgym_mp.corpus import NoTasksError, load_all_tasks
+from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.corpus.generator.pairs import training_pairs
+from lilgym_mp.corpus.records import FLIPIT
+from lilgym_mp.corpus.spelling import plain_words
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
+from lilgym_mp.learning.model_file import ModelDescription
+from lilgym_mp.learning.parsing.calibration import Forecast, fitted
+from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
+from lilgym_mp.learning.parsing.pairs import (
+    APPEARANCE_WORDS,
+    Pair,
+    Variations,
+    pair_of,
+    reading_of,
+    slots_of,
+)
+from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, tensors_of, truths
+from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, Index
+from lilgym_mp.learning.training_run import TrainingError, TrainingRun, TrainingRunError, begin_run
+from lilgym_mp.rules import Outcome
+
+KIND = "parse-and-plan"
+VERSION = 1
+RAREST_WORD = 2  # times that a word must occur to be in the vocabulary
+POOL = 16  # batches that are drawn together and sorted by length
+REPORT_EVERY = 50  # steps
+TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
+MOST_STARTS = 2  # of a held-out statement and target, that are planned from for calibration
+LEAST_PROBABILITY = 1e-4  # of the right program, where the beam misses it
+
+
+class Progress(NamedTuple):
+    """How training stands."""
+
+    step: int
+    steps: int  # in all
+    loss: float  # mean since the last report
+    cpu_seconds: float  # of this process since training began, preparation included
+
+
+class Example(NamedTuple):
+    """A statement of the corpus with its program."""
+
+    statement: str
+    program: str
+    appearance: str
+
+
+class Lessons(NamedTuple):
+    """What there is to learn from."""
+
+    corpus: Sequence[Pair]
+    generated: Sequence[Pair]
+    held_out: Sequence[Example]
+    vocabulary: Index
+    sha256: str  # of the corpus's statements and programs
+
+
+def train_parser(
+    corpus: str,
+    recipe: ParserRecipe,
+    out: Path,
+    *,
+    device: str = "auto",
+    resume: bool = False,
+    save_every: int = 500,
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+) -> TrainingRun:
+    """Trains a parser for every appearance that the corpus has, and writes its agent to `out`.
+
+    Ctrl-C ends it after the current step with a checkpoint; `resume` goes on from the last one. The same corpus,
+    recipe and number of threads give the same agent; a resumed run draws other random numbers.
+    Raises TrainingRunError for a directory that cannot be used, CorpusError for an unusable corpus, TrainingError
+    when the loss is not finite: the last checkpoint is left as it was.
+    """
+    began = time.process_time()
+    target = chosen_device(device)
+    lessons = lessons_of(corpus, recipe)
+    identity = {"learner": KIND, "corpus": corpus, "corpus_sha256": lessons.sha256, "recipe": asdict(recipe)}
+    run = begin_run(out, identity, resume=resume)
+    torch.manual_seed(recipe.seed)
+    sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
+    network = ParserNetwork(len(lessons.vocabulary), len(TOKENS), sizes, recipe.dropout).to(target)
+    learner = _Learner(network, recipe, lessons, target)
+    if resume and run.has_checkpoint:
+        learner.restore(run)
+    earlier = learner.cpu_seconds
+    losses: list[float] = []
+    with stop_on_signals() as stop:
+        while learner.step < recipe.steps and not stop.requested:
+            losses.append(learner.learn(run))
+            learner.cpu_seconds = earlier + time.process_time() - began
+            if learner.step % REPORT_EVERY == 0:
+                progress = Progress(learner.step, recipe.steps, sum(losses) / len(losses), learner.cpu_seconds)
+                losses.clear()
+                run.record(progress._asdict())
+                on_progress(progress)
+            if learner.step % save_every == 0:
+                run.save_checkpoint(learner.state())
+        run.save_checkpoint(learner.state())
+        if learner.step == recipe.steps:
+            _finish(run, learner, lessons, corpus, stop)
+    return run
+
+
+def _finish(run: TrainingRun, learner: _Learner, lessons: Lessons, corpus: str, stop: StopRequest) -> None:
+    """Calibrates the parser and writes the agent."""
+    parser = Parser(learner.network.eval(), lessons.vocabulary)
+    parser.temperature = calibrated_temperature(parser, lessons.held_out)
+    coverage = share_covered(parser, lessons.held_out)
+    calibration = fitted(forecasts(parser, corpus, lessons.held_out))
+    appearances = {example.words[0] for example in lessons.corpus}
+    configurations = tuple(
+        name for name, (appearance, _) in CONFIGURATIONS.items() if APPEARANCE_WORDS[appearance] in appearances
+    )
+    generated = ", generated statements" if lessons.generated else ""
+    description = ModelDescription(
+        KIND,
+        VERSION,
+        configurations,
+        f"programs of train statements ({corpus}){generated}",
+        {"corpus": corpus, **run.identity["recipe"]},
+        {
+            **parser.to_details(),
+            "coverage": coverage,
+            "calibration": asdict(calibration),
+            "cpu_seconds": round(learner.cpu_seconds, 1),
+        },
+    )
+    run.save_agent(description, tensors_of(parser))
+
+
+def lessons_of(corpus: str, recipe: ParserRecipe) -> Lessons:
+    """The pairs to learn from, those of the corpus that are held out, and the words."""
+    examples = corpus_examples(corpus)
+    digest = hashlib.sha256(repr(examples).encode()).hexdigest()
+    shuffled = random.Random(f"held out {recipe.seed}").sample(examples, len(examples))
+    held_out = shuffled[: min(recipe.held_out, len(examples) // 5)]
+    kept = shuffled[len(held_out) :]
+    rng = random.Random(f"generated {recipe.seed}")
+    generated = list(_generated(recipe, sorted({example.appearance for example in examples}), tested(corpus), rng))
+    counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
+    known = frozenset([*(word for word, count in counts.items() if count >= RAREST_WORD), *COLOURS])
+    vocabulary = Index((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
+    return Lessons(_pairs(kept, known), _pairs(generated, known), held_out, vocabulary, digest)
+
+
+def corpus_examples(corpus: str) -> list[Example]:
+    """Every training statement of the corpus with its program, once."""
+    found: dict[Example, None] = {}
+    for tasks in load_all_tasks(corpus, splits=("train",)):
+        appearance = tasks.provenance.appearance
+        found |= dict.fromkeys(Example(task.statement, task.program, appearance) for task in tasks)
+    return list(found)
+
+
+def tested(corpus: str) -> set[str]:
+    """The statements of the corpus's other splits, normalised: what no generated statement may be, even by chance."""
+    try:
+        sets = list(load_all_tasks(corpus, splits=("dev", "test")))
+    except NoTasksError:
+        return set()
+    return {normalised(task.statement) for tasks in sets for task in tasks}
+
+
+def _generated(
+    recipe: ParserRecipe, appearances: Sequence[str], left_out: set[str], rng: random.Random
+) -> Iterator[Example]:
+    needed = int(recipe.generated * recipe.steps * recipe.batch_size)
+    count = min(recipe.generated_pairs, needed) // len(appearances)
+    for appearance in appearances:
+        for pair in islice(training_pairs(appearance, rng.getrandbits(32)), count):
+            if normalised(pair.statement) not in left_out:
+                yield Example(pair.statement, pair.program, appearance)
+
+
+def _pairs(examples: Sequence[Example], known: frozenset[str]) -> list[Pair]:
+    longest = Sizes.longest_program
+    pairs = (
+        pair_of(reading_of(statement, appearance, known), program, most_tokens=longest)
+        for statement, program, appearance in examples
+    )
+    return [pair for pair in pairs if pair is not None]
+
+
+class Batch(NamedTuple):
+    """Pairs as indices, padded at the end."""
+
+    words: Tensor  # (B, words)
+    tokens: Tensor  # (B, length)
+    slots: Slots
+
+
+class _Learner:
+    """The network, its optimiser, and where training stands."""
+
+    def __init__(self, network: ParserNetwork, recipe: ParserRecipe, lessons: Lessons, device: torch.device) -> None:
+        self.network = network
+        self.recipe = recipe
+        self.step = 0
+        self.cpu_seconds = 0.0
+        self._lessons = lessons
+        self._device = device
+        self._optimiser = torch.optim.AdamW(
+            network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+        )
+        self._rng = random.Random(f"batches {recipe.seed}")
+        self._batches = self._drawn()
+
+    def learn(self, run: TrainingRun) -> float:
+        """One step; gives the loss. Raises TrainingError when it is not finite."""
+        self.network.train()
+        for group in self._optimiser.param_groups:
+            group["lr"] = self.recipe.learning_rate * self._schedule()
+        words, tokens, slots = next(self._batches)
+        logits = self.network(words, tokens, slots)
+        loss = functional.cross_entropy(
+            logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=self.recipe.smoothing
+        )
+        value = loss.item()
+        if not math.isfinite(value):
+            kept = f"the checkpoint before it is kept in {run.path}" if run.has_checkpoint else "nothing was saved yet"
+            raise TrainingError(f"the loss is {value} at step {self.step + 1}; {kept}; try a lower learning rate")
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimiser.step()
+        self.step += 1
+        return value
+
+    def _schedule(self) -> float:
+        """The share of the learning rate: a linear rise, then half a cosine."""
+        left = 0.5 * (1 + math.cos(math.pi * self.step / self.recipe.steps))
+        return left * min(1.0, (self.step + 1) / self.recipe.warm_up)
+
+    def _drawn(self) -> Iterator[Batch]:
+        """Batches of pairs of nearly equal length."""
+        recipe, rng = self.recipe, self._rng
+        variations = Variations(recipe.shapes, recipe.numbers)
+        corpus, generated = self._lessons.corpus, self._lessons.generated
+        size = recipe.batch_size
+        while True:
+            sources = (
+                generated if generated and rng.random() < recipe.generated else corpus for _ in range(POOL * size)
+            )
+            pool = [variations.of(rng.choice(source), rng) for source in sources]
+            pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
+            batches = [pool[first : first + size] for first in range(0, len(pool), size)]
+            rng.shuffle(batches)
+            yield from map(self._batch, batches)
+
+    def _batch(self, pairs: Sequence[Pair]) -> Batch:
+        vocabulary, rng = self._lessons.vocabulary, self._rng
+        unknown = vocabulary.of(UNKNOWN)
+        words = [
+            [
+                unknown if place and rng.random() < self.recipe.unknown else vocabulary.of(word, unknown)
+                for place, word in enumerate(pair.words)
+            ]
+            for pair in pairs
+        ]
+        tokens = [[TOKENS.of(token) for token in pair.tokens] for pair in pairs]
+        slots = [list(slots_of(row)) for row in tokens]
+        parents = [[slot.parent for slot in row] for row in slots]
+        parts = [[slot.part for slot in row] for row in slots]
+        return Batch(self._padded(words), self._padded(tokens), Slots(self._padded(parents), self._padded(parts)))
+
+    def _padded(self, rows: Sequence[Sequence[int]]) -> Tensor:
+        longest = max(map(len, rows))
+        return torch.tensor([[*row, *[0] * (longest - len(row))] for row in rows], device=self._device)
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "network": self.network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "step": self.step,
+            "cpu_seconds": self.cpu_seconds,
+        }
+
+    def restore(self, run: TrainingRun) -> None:
+        """Goes on from the run's checkpoint. Raises TrainingRunError."""
+        state = run.load_checkpoint()
+        try:
+            self.network.load_state_dict(state["network"])
+            self._optimiser.load_state_dict(state["optimiser"])
+            self.step, self.cpu_seconds = int(state["step"]), float(state["cpu_seconds"])
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as fault:
+            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+            raise TrainingRunError(f"the checkpoint in {run.path} is not of this run: {reason}") from None
+        self._rng.seed(f"batches {self.recipe.seed} {self.step}")
+
+
+# Calibration, on statements that were not learnt from
+
+
+def calibrated_temperature(parser: Parser, examples: Sequence[Example]) -> float:
+    """The temperature under which the right programs of the examples are likeliest; 1 without examples."""
+    if not examples:
+        return 1.0
+    shares = [_right_shares(parser, example) for example in examples]
+    scores = {
+        temperature: sum(math.log(max(LEAST_PROBABILITY, _tempered(*share, temperature))) for share in shares)
+        for temperature in TEMPERATURES
+    }
+    return max(scores, key=lambda temperature: scores[temperature])
+
+
+def _right_shares(parser: Parser, example: Example) -> tuple[list[float], int | None]:
+    """The probabilities of the example's candidates, and which one means what its program does."""
+    candidates = parser.parse(example.statement, example.appearance).candidates
+    right = truths(example.program, example.appearance)
+    places = [place for place, found in enumerate(candidates) if truths(found.program, example.appearance) == right]
+    return [candidate.probability for candidate in candidates], places[0] if places else None
+
+
+def _tempered(probabilities: Sequence[float], place: int | None, temperature: float) -> float:
+    """The probability at a place, of which a temperature makes more or less of the differences."""
+    if place is None:
+        return 0.0
+    powers = [probability ** (1 / temperature) for probability in probabilities]
+    return powers[place] / sum(powers)
+
+
+def share_covered(parser: Parser, examples: Sequence[Example]) -> float:
+    """Share of the examples for which a right program is among the candidates; 1 without examples."""
+    if not examples:
+        return 1.0
+    return sum(_right_shares(parser, example)[1] is not None for example in examples) / len(examples)
+
+
+def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
+    """For training tasks of the examples, the planner's probability, uncalibrated, and what came of its plan."""
+    asked = {(example.statement, example.appearance) for example in examples}
+    found: list[Forecast] = []
+    for name, (appearance, _) in CONFIGURATIONS.items():
+        settings = Settings(name, corpus=corpus)
+        try:
+            tasks = settings.make("train").tasks
+        except NoTasksError:
+            continue
+        planner = Planner(parser, settings.dynamics(), settings.start == FLIPIT)
+        met = Counter[tuple[str, bool]]()
+        for task in tasks:
+            met[task.statement, task.target] += (task.statement, appearance) in asked
+            if 0 < met[task.statement, task.target] <= MOST_STARTS and (task.statement, appearance) in asked:
+                plan = planner.plan(task.start, task.statement, task.target)
+                success = planner.outcome(plan, task) is Outcome.SUCCESS
+                found.append(Forecast(plan.success_probability, success))
+    return found

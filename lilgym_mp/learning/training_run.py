@@ -1,0 +1,129 @@
+"""A training run on disk, whatever the learner: what it is, how far it came, and the agent that came of it.
+
+run.json            what makes it that run: written first, never changed
+checkpoint.pt       what training goes on from, replaced whole
+progress.jsonl      a line for each report of progress
+agent.safetensors   the agent, replaced whole
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
+from lilgym_mp.learning.agents import AGENT_FILE
+from lilgym_mp.learning.model_file import ModelDescription, save_model
+
+FORMAT = "lilgym_mp-training-run"
+VERSION = 1
+RUN_FILE = "run.json"
+CHECKPOINT_FILE = "checkpoint.pt"
+PROGRESS_FILE = "progress.jsonl"
+LARGEST_DESCRIPTION = 1 << 20  # bytes
+
+
+class TrainingRunError(ValueError):
+    """A directory that cannot serve as a training run, or not as the one asked for."""
+
+
+class TrainingError(ValueError):
+    """Training that cannot go on."""
+
+
+class TrainingRun:
+    """The files of one run."""
+
+    def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
+        self.path = path
+        self.identity = dict(identity)
+
+    @property
+    def agent_file(self) -> Path:
+        return self.path / AGENT_FILE
+
+    @property
+    def has_checkpoint(self) -> bool:
+        return (self.path / CHECKPOINT_FILE).exists()
+
+    def save_checkpoint(self, state: Mapping[str, Any]) -> None:
+        """Puts the state (tensors, numbers, texts and collections of them) in the place of the last one."""
+        write_whole(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
+
+    def load_checkpoint(self) -> dict[str, Any]:
+        """The latest checkpoint; nothing in the file is executed. Raises TrainingRunError."""
+        path = self.path / CHECKPOINT_FILE
+        try:
+            state = torch.load(path, weights_only=True)
+        except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as fault:
+            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+            raise TrainingRunError(f"{path}: damaged, or no checkpoint of ours: {reason}") from None
+        if not isinstance(state, dict):
+            raise TrainingRunError(f"{path}: damaged, or no checkpoint of ours: it holds no table")
+        return state
+
+    def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
+        save_model(self.agent_file, description, tensors)
+
+    def record(self, progress: Mapping[str, Any]) -> None:
+        """Adds a line to the progress."""
+        with (self.path / PROGRESS_FILE).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(progress) + "\n")
+
+
+def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:
+    """A new run in an empty or new directory, or with `resume` the one that is there.
+
+    `identity`: JSON of everything that makes it that run. Raises TrainingRunError when the directory is used, or
+    holds another run; OutputError when it cannot be written to.
+    """
+    identity = json.loads(json.dumps(identity))
+    file = path / RUN_FILE
+    if resume:
+        saved = _saved_identity(file)
+        for name, value in identity.items():
+            if saved.get(name) != value:
+                raise TrainingRunError(
+                    f"the run in {path} has {name} {shown(saved.get(name))}, but {shown(value)} was asked for;"
+                    " leave the option out, or choose another directory"
+                )
+        return TrainingRun(path, saved)
+    writable_directory(path)
+    if file.exists():
+        raise TrainingRunError(f"{path} holds a run already; go on with it by --resume, or choose another directory")
+    write_json(file, {"format": FORMAT, "version": VERSION, "identity": identity})
+    return TrainingRun(path, identity)
+
+
+def _saved_identity(file: Path) -> dict[str, Any]:
+    try:
+        if file.stat().st_size > LARGEST_DESCRIPTION:
+            raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
+            raise TrainingRunError(f"{file}: must be of format {FORMAT!r}, version {VERSION}")
+    except FileNotFoundError:
+        raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
+    except TrainingRunError:
+        raise
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as fault:
+        raise TrainingRunError(f"{file}: cannot be used: {fault}") from None
+    return content["identity"]
+
+
+def shown(value: Any) -> str:
+    """A setting's value as people write it."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return "nothing" if value is None else str(value)
+
+
+def file_sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

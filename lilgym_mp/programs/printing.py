@@ -1,0 +1,120 @@
+"""Program trees back to source text, and a table of the language's words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import Enum
+from typing import NamedTuple
+
+from lilgym_mp.programs.syntax import (
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+)
+from lilgym_mp.programs.words import WORDS
+
+# How tightly each form binds: an operand that binds less tightly than its place asks for gets brackets.
+LAMBDA, OR, AND, NOT, COMPARISON, SUM, PRODUCT, ATOM = range(8)
+_BINDING = {"or": OR, "and": AND, "+": SUM, "%": PRODUCT}
+
+
+def source_of(node: Node) -> str:
+    """The program text of a tree: `parse(source_of(tree)) == tree`."""
+    return _text(node, LAMBDA)
+
+
+def _text(node: Node, place: int) -> str:
+    text, binding = _form(node)
+    return f"({text})" if binding < place else text
+
+
+def _form(node: Node) -> tuple[str, int]:
+    """The text of a node, and how tightly it binds."""
+    match node:
+        case Constant(value=Enum() as member):
+            return str(member), ATOM
+        case Constant(value=value):
+            return str(value), ATOM
+        case SceneName(name=name) | Variable(name=name):
+            return name, ATOM
+        case WordName(word=word):
+            return word.name, ATOM
+        case Lambda(parameter=parameter, body=body):
+            return f"lambda {parameter}: {_text(body, LAMBDA)}", LAMBDA
+        case Call():
+            return f"{node.word.name}({', '.join(_arguments(node))})", ATOM
+        case Member(of=of, name=name, called=called):
+            return f"{_text(of, ATOM)}.{name}{'()' if called else ''}", ATOM
+        case Logic(operator=operator, operands=operands):
+            binding = _BINDING[operator]
+            return f" {operator} ".join(_text(operand, binding + 1) for operand in operands), binding
+        case Not(operand=operand):
+            return f"not {_text(operand, NOT)}", NOT
+        case Comparison(left=left, operators=operators, rights=rights):
+            steps = [f"{name} {_text(right, SUM)}" for name, right in zip(operators, rights, strict=True)]
+            return " ".join([_text(left, SUM), *steps]), COMPARISON
+        case Arithmetic(operator=operator, left=left, right=right):
+            binding = _BINDING[operator]
+            return f"{_text(left, binding)} {operator} {_text(right, binding + 1)}", binding
+        case Subscript(of=of, index=index):
+            return f"{_text(of, ATOM)}[{_text(index, LAMBDA)}]", ATOM
+        case Slice(of=of, start=start, stop=stop, step=step):
+            parts = ["" if part is None else _text(part, LAMBDA) for part in (start, stop)]
+            stride = "" if step is None else f":{_text(step, LAMBDA)}"
+            return f"{_text(of, ATOM)}[{':'.join(parts)}{stride}]", ATOM
+        case Display(kind=kind, elements=elements):
+            inner = ", ".join(_text(element, LAMBDA) for element in elements)
+            opening, closing = "[]" if kind is list else "{}"
+            return f"{opening}{inner}{closing}", ATOM
+
+
+def _arguments(node: Call) -> Iterable[str]:
+    skipped = False
+    for parameter, argument in zip(node.word.parameters, node.arguments, strict=True):
+        if argument is None:
+            skipped = True
+        elif skipped or parameter.keyword_only:
+            yield f"{parameter.name}={_text(argument, LAMBDA)}"
+        else:
+            yield _text(argument, LAMBDA)
+
+
+class WordEntry(NamedTuple):
+    """What a word of the language takes and gives."""
+
+    name: str
+    group: str
+    least_arguments: int
+    most_arguments: int
+    arguments: tuple[str, ...]  # the kind of each
+    result: str
+    meaning: str
+
+
+def word_table() -> list[WordEntry]:
+    """Every word of the language, by group and name."""
+    entries = [
+        WordEntry(
+            word.name,
+            word.group,
+            sum(not parameter.optional for parameter in word.parameters),
+            len(word.parameters),
+            tuple(parameter.kind.name for parameter in word.parameters),
+            word.result,
+            word.meaning,
+        )
+        for word in WORDS.values()
+    ]
+    return sorted(entries, key=lambda entry: (entry.group, entry.name))

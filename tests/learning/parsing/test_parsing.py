@@ -1,0 +1,464 @@
+"""The parser: what it reads and writes, that it learns, and what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
+from lilgym_mp.evaluation.comparison import Trial
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
+from lilgym_mp.learning.parsing import training
+from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
+from lilgym_mp.learning.parsing.beam import beam_search
+from lilgym_mp.learning.parsing.calibration import Forecast, fitted, reliability
+from lilgym_mp.learning.parsing.explaining import explained
+from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
+from lilgym_mp.learning.parsing.pairs import Pair, Variations, pair_of, program_of, reading_of, slots_of
+from lilgym_mp.learning.parsing.parser import UNKNOWN, Parse, Parser, ProgramCandidate
+from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, Index
+from lilgym_mp.learning.parsing.training import train_parser
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
+from lilgym_mp.programs.canonical import canonical_form
+from lilgym_mp.programs.printing import source_of
+from lilgym_mp.programs.syntax import parse
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver
+from lilgym_mp.task import Task
+from tests.own_corpus import write_own_corpus
+
+KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
+SMALL = ParserRecipe(steps=60, batch_size=16, width=32, generated=0.5, generated_pairs=200, held_out=5, warm_up=5)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose agent has hardly learnt anything."""
+    torch.set_num_threads(1)
+    place = tmp_path_factory.mktemp("parser") / "run"
+    train_parser("builtin", SMALL, place, device="cpu")
+    return place
+
+
+def test_reading__colours_stand_in_one_order_and_come_back_in_programs():
+    reading = reading_of("There is a BLUE block on the blak block", "tower", KNOWN)
+    assert reading.words == ("<tower>", "there", "is", "a", "yellow", "block", "on", "the", "black", "block")
+    source = (
+        "exist(filter_obj(all_items, lambda x: is_blue(x) and exist(filter_obj(get_below(x), lambda y: is_black(y)))))"
+    )
+    pair = pair_of(reading, source, most_tokens=40)
+    assert pair is not None
+    assert "is_yellow(1)" in pair.tokens
+    assert program_of(pair.tokens, reading.exchange) == source
+
+
+def test_reading__every_exchange_of_colours_reads_the_same():
+    statements = [f"there is a {one} block on a {other} block" for one in COLOURS for other in COLOURS if one != other]
+    assert len({reading_of(statement, "tower", KNOWN).words for statement in statements}) == 1
+
+
+def test_pair__a_program_that_is_too_long_or_has_no_tokens_is_left_out():
+    reading = reading_of("there is a block", "tower", KNOWN)
+    assert pair_of(reading, "exist(all_items)", most_tokens=1) is None
+    assert pair_of(reading, "exist(all_items[1:])", most_tokens=40) is None
+
+
+def test_variations__exchange_shapes_and_numbers_on_both_sides_alike():
+    pair = Pair(
+        ("<scatter>", "2", "circles"),
+        ("==", "count(1)", "filter_obj(2)", "all_items", "lambda", "is_circle(1)", "v0", "#2"),
+    )
+    rng = random.Random(0)
+    seen = {Variations(1.0, 1.0).of(pair, rng) for _ in range(300)}
+    assert len(seen) == 18  # three shapes, six numbers
+    for words, tokens in seen:
+        assert tokens[-1] == f"#{words[1]}"
+        assert tokens[5] == f"is_{words[2].removesuffix('s')}(1)"
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        Pair(("<scatter>", "a", "circle"), ("exist(1)", "all_items")),  # the program does not name the circle
+        Pair(("<tower>", "2", "blocks"), (">=", "count(1)", "all_items", "#3")),  # another number
+        Pair(("<tower>", "1", "block"), ("==", "count(1)", "all_items", "#1")),  # "1" is often "some"
+    ],
+)
+def test_variations__leave_alone_what_is_not_named_on_both_sides(pair: Pair):
+    rng = random.Random(0)
+    assert {Variations(1.0, 1.0).of(pair, rng) for _ in range(50)} == {pair}
+
+
+def test_slots__tell_of_each_token_what_it_is_a_part_of():
+    tokens = [TOKENS.of(token) for token in ("==", "count(1)", "all_items", "#2")]
+    equals, count = tokens[:2]
+    assert [tuple(slot) for slot in slots_of(tokens)] == [(0, 0), (equals, 0), (count, 0), (equals, 1)]
+
+
+def small_network(seed: int = 0) -> ParserNetwork:
+    torch.manual_seed(seed)
+    return ParserNetwork(12, len(TOKENS), Sizes(width=16, hidden=32, layers=1, longest_program=10)).eval()
+
+
+def test_network__decoding_step_by_step_gives_what_decoding_at_once_does():
+    network = small_network()
+    words = torch.tensor([[3, 4, 5, 0], [6, 7, 8, 9]])
+    tokens = torch.tensor([[TOKENS.of(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
+    rows = [list(slots_of(tokens[0].tolist()))] * 2
+    slots = Slots(
+        torch.tensor([[s.parent for s in row] for row in rows]), torch.tensor([[s.part for s in row] for row in rows])
+    )
+    at_once = network(words, tokens, slots)
+    memories = network.read(words)
+    caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
+    before = torch.zeros(2, 1, dtype=torch.long)
+    for place in range(tokens.shape[1]):
+        here = Slots(slots.parents[:, place : place + 1], slots.parts[:, place : place + 1])
+        step = network.decoded(memories, before, here, first=place, caches=caches)
+        assert torch.allclose(step[:, 0], at_once[:, place], atol=1e-5)
+        before = tokens[:, place : place + 1]
+
+
+def test_beam__gives_whole_programs_with_their_probability_the_likeliest_first():
+    network = small_network()
+    words = [3, 4, 5]
+    found = beam_search(network, words, 8)
+    assert 0 < len(found) <= 8
+    scores = [candidate.log_probability for candidate in found]
+    assert scores == sorted(scores, reverse=True)
+    for tokens, score in found:
+        slots = list(slots_of(tokens))
+        parents, parts = torch.tensor([[slot.parent for slot in slots]]), torch.tensor([[slot.part for slot in slots]])
+        logits = network(torch.tensor([words]), torch.tensor([tokens]), Slots(parents, parts))
+        logits[..., 0] += 0.0
+        chosen = logits.log_softmax(2)[0].gather(1, torch.tensor(tokens)[:, None]).sum().item()
+        assert score == pytest.approx(chosen, abs=1e-4)
+
+
+def test_beam__a_width_that_holds_everything_finds_the_likeliest_short_program():
+    network = small_network(1)
+    everything = beam_search(network, [3, 4], 2000)
+    narrow = beam_search(network, [3, 4], 20)
+    assert narrow[0].log_probability <= everything[0].log_probability + 1e-6
+
+
+def solves(run: Path, own: Path) -> float:
+    """The share of the corpus's training tasks that the run's agent completes."""
+    settings = Settings("TowerScratch", corpus=str(own))
+    agent = open_agent(run, "cpu")
+    episodes = evaluate(agent.policy(settings), settings, "train")
+    return sum(episode.is_success for episode in episodes) / len(episodes)
+
+
+def test_training__solves_a_small_corpus_and_with_shuffled_labels_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    recipe = dataclasses.replace(SMALL, steps=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
+    train_parser(str(own), recipe, tmp_path / "run", device="cpu")
+    assert solves(tmp_path / "run", own) == 1.0
+    examples = training.corpus_examples(str(own))
+    programs = [example.program for example in examples]
+    wrong = [
+        example._replace(program=program)
+        for example, program in zip(examples, programs[1:] + programs[:1], strict=True)
+    ]
+    monkeypatch.setattr(training, "corpus_examples", lambda corpus: wrong)
+    train_parser(str(own), recipe, tmp_path / "shuffled", device="cpu")
+    assert solves(tmp_path / "shuffled", own) < 0.7
+
+
+def test_training__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    recipe = dataclasses.replace(SMALL, steps=5)
+    files: list[bytes] = []
+    for name, seed in (("one", 3), ("two", 3), ("three", 4)):
+        run = train_parser(str(own), dataclasses.replace(recipe, seed=seed), tmp_path / name, device="cpu")
+        _, tensors = load_model(run.agent_file)
+        files.append(b"".join(tensor.numpy().tobytes() for tensor in tensors.values()))
+    assert files[0] == files[1] != files[2]
+
+
+def test_training__goes_on_from_the_last_checkpoint(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    recipe = dataclasses.replace(SMALL, steps=40)
+
+    def interrupt(progress: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatched = 10
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "REPORT_EVERY", monkeypatched + 5)
+        with pytest.raises(KeyboardInterrupt):
+            train_parser(
+                str(own), recipe, tmp_path / "run", save_every=monkeypatched, on_progress=interrupt, device="cpu"
+            )
+    assert not (tmp_path / "run" / AGENT_FILE).exists()
+    steps: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "REPORT_EVERY", 1)
+        train_parser(
+            str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.step), device="cpu"
+        )
+    assert steps[0] == monkeypatched + 1
+    assert steps[-1] == 40
+    assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
+
+
+def test_training__a_used_directory_or_another_run_is_refused(trained: Path):
+    with pytest.raises(TrainingRunError, match="holds a run already"):
+        train_parser("builtin", SMALL, trained, device="cpu")
+    with pytest.raises(TrainingRunError, match="was asked for"):
+        train_parser("builtin", dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
+
+
+def test_training__a_damaged_checkpoint_is_refused(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", device="cpu")
+    checkpoint = tmp_path / "run" / "checkpoint.pt"
+    for damaged in (b"", checkpoint.read_bytes()[:500]):
+        checkpoint.write_bytes(damaged)
+        with pytest.raises(TrainingRunError, match="damaged, or no checkpoint of ours"):
+            train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", resume=True, device="cpu")
+
+
+def test_training__a_loss_that_is_no_number_stops_it_and_keeps_the_checkpoint(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    seen: list[bytes] = []
+
+    def spoil(progress: object) -> None:
+        seen.append((tmp_path / "run" / "checkpoint.pt").read_bytes())
+        for parameter in spoilt.parameters():
+            parameter.data.fill_(float("nan"))
+
+    spoilt: torch.nn.Module
+    original = training.ParserNetwork
+
+    def remembered(*args: object) -> ParserNetwork:
+        nonlocal spoilt
+        spoilt = original(*args)  # type: ignore[arg-type]
+        return spoilt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "ParserNetwork", remembered)
+        patch.setattr(training, "REPORT_EVERY", 11)
+        with pytest.raises(TrainingError, match=r"the loss is nan at step 12; the checkpoint before it is kept"):
+            train_parser(str(own), SMALL, tmp_path / "run", save_every=10, on_progress=spoil, device="cpu")
+    assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
+
+
+def test_training__no_tested_statement_is_among_the_generated_ones(monkeypatch: pytest.MonkeyPatch):
+    first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
+    monkeypatch.setattr(training, "tested", lambda corpus: {training.normalised(first.statement)})
+    with_it = training.lessons_of("builtin", dataclasses.replace(SMALL, held_out=0))
+    monkeypatch.setattr(training, "tested", lambda corpus: set())
+    without = training.lessons_of("builtin", dataclasses.replace(SMALL, held_out=0))
+    assert len(with_it.generated) < len(without.generated)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"steps": 0}, "steps must be at least 1, not 0"),
+        ({"generated": 1.5}, "generated must be from 0 to 1, not 1.5"),
+        ({"width": 30}, "width must be a multiple of 4, not 30"),
+        ({"seed": -1}, "seed and held-out must be at least 0"),
+    ],
+)
+def test_recipe__refuses_what_cannot_be(changes: dict[str, float], said: str):
+    with pytest.raises(ValueError, match=said):
+        ParserRecipe(**changes)  # type: ignore[arg-type]
+
+
+# The agent
+
+
+class Oracle(Parser):
+    """A parser that knows the candidates."""
+
+    def __init__(self, *candidates: tuple[str, float]) -> None:
+        super().__init__(small_network(), Index((*COLOURS, UNKNOWN)))
+        self.candidates = tuple(ProgramCandidate(program, probability, 1) for program, probability in candidates)
+
+    def parse(self, statement: str, appearance: str, beam_width: int = 0) -> Parse:
+        return Parse(("<tower>", "yellow"), 0, self.candidates)
+
+
+BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
+BLACK = "exist(filter_obj(all_items, lambda x: is_black(x)))"
+EMPTY = "not exist(all_items)"
+
+
+def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch", votes: bool = True) -> Planner:
+    settings = Settings(configuration)
+    return Planner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit", votes=votes)
+
+
+def empty_tower() -> Scene:
+    return Settings("TowerScratch").dynamics().appearance.check_scene(Scene.empty())
+
+
+def test_planner__one_candidate_is_planned_for_as_the_expert_does():
+    chosen = planner((BLUE, 1.0))
+    plan = chosen.plan(empty_tower(), "any", True)
+    expert = Solver(chosen.dynamics).solve(Task("t", "any", BLUE, True, empty_tower()))
+    assert len(plan.actions) == expert.steps
+    assert plan.success_probability == pytest.approx(1.0, abs=0.01)
+
+
+def test_planner__satisfies_several_candidates_at_once_where_it_can():
+    both = planner((BLUE, 0.6), (BLACK, 0.4)).plan(empty_tower(), "any", True)
+    assert (len(both.actions), both.satisfied) == (3, (0, 1))
+    best = planner((BLUE, 0.6), (BLACK, 0.4), votes=False).plan(empty_tower(), "any", True)
+    assert (len(best.actions), best.success_probability) == (2, pytest.approx(0.6))
+
+
+def test_planner__takes_the_larger_probability_where_it_cannot_have_both():
+    plan = planner((BLUE, 0.6), (f"not {BLUE}", 0.4)).plan(empty_tower(), "any", True)
+    assert plan.satisfied == (0,)
+    assert plan.success_probability == pytest.approx(0.6 / (0.6 + 0.04))
+
+
+def test_planner__no_start_of_flipit_is_a_success_already():
+    plan = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True)
+    assert [goal.program for goal in plan.goals] == [BLUE]
+    later = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True, steps=3)
+    assert later.goals[0].program == EMPTY
+
+
+def test_planner__stops_where_nothing_can_be_done():
+    assert planner().plan(empty_tower(), "any", True).actions[0].__class__.__name__ == "Stop"
+    last = planner((BLUE, 1.0)).plan(empty_tower(), "any", True, steps=11)
+    assert len(last.actions) == 1
+
+
+def test_policy__plans_anew_where_the_picture_is_not_the_expected_one():
+    settings = Settings("TowerScratch")
+    env = settings.make("dev")
+    observation, _ = env.reset(seed=0)
+    policy = ParseAndPlanPolicy(planner((BLUE, 1.0)))
+
+    def seen(image: np.ndarray, step: int) -> Observations:
+        return Observations(image[None], ("any",), np.array([1]), np.array([step]), np.array([0]))
+
+    nothing, rng = np.zeros((1, 0), bool), np.random.default_rng(0)
+    (add,) = policy(seen(observation["image"], 0), nothing, rng)
+    assert add != 0
+    (again,) = policy(seen(observation["image"], 1), nothing, rng)  # as if nothing had happened
+    assert again == add
+    after, *_ = env.step(int(add))
+    (stop,) = policy(seen(after["image"], 2), nothing, rng)
+    assert stop == 0
+
+
+def test_policy__a_picture_that_is_no_scene_ends_the_episode_and_nothing_else():
+    policy = ParseAndPlanPolicy(planner((BLUE, 1.0)))
+    noise = np.random.default_rng(0).integers(0, 255, (1, 50, 190, 3), np.uint8)
+    observations = Observations(noise, ("any",), np.array([1]), np.array([0]), np.array([0]))
+    assert policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0)).tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    "statement", ["", "zzz qqq", "a " * 10_000, "x" * 10_000, "\0 \u2603", "there is a blue block"]
+)
+def test_agent__any_statement_is_answered(trained: Path, statement: str):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    chosen = agent.planner(Settings("TowerScratch"))
+    plan = chosen.plan(empty_tower(), statement, True)
+    assert plan.actions
+    known = statement.startswith(("there", "a "))
+    assert plan.parse.is_guess is not known
+    assert any("is a guess" in line for line in explained(plan, chosen, statement, True)) is not known
+
+
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+def test_agent__plays_every_configuration_from_pixels(trained: Path, configuration: str):
+    settings = Settings(configuration)
+    agent = open_agent(trained, "cpu")
+    assert configuration in agent.description.configurations
+    episodes = evaluate(agent.policy(settings), settings, "dev", batch_size=16)
+    assert len(episodes) == len(settings.make("dev").evaluation_tasks())
+    assert not any(episode.outcome == "invalid_action" for episode in episodes)
+
+
+def test_agent__plays_under_the_release_rules_and_on_another_grid(trained: Path):
+    agent = open_agent(trained, "cpu")
+    for settings in (Settings("ScatterScratch", rules="release"), Settings("ScatterScratch", grid=(38, 10))):
+        assert str(Trial(settings, "dev"))
+        assert agent.policy(settings) is not None
+
+
+def test_agent__candidates_compile_and_probabilities_add_up(trained: Path):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    for task in list(Settings("ScatterScratch").make("dev").tasks)[:10]:
+        found = agent.parser.parse(task.statement, "scatter").candidates
+        assert sum(candidate.probability for candidate in found) == pytest.approx(1.0) or not found
+        for candidate in found:
+            assert source_of(canonical_form(parse(candidate.program))) == candidate.program
+
+
+def test_agent__a_corpus_of_towers_makes_an_agent_for_towers_only(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    train_parser(str(own), dataclasses.replace(SMALL, steps=2), tmp_path / "run", device="cpu")
+    agent = open_agent(tmp_path / "run", "cpu")
+    if "ScatterScratch" not in agent.description.configurations:
+        with pytest.raises(AgentError, match="does not play ScatterScratch; it plays Tower"):
+            agent.policy(Settings("ScatterScratch"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: dataclasses.replace(d, version=99), "version 99; must be 'parse-and-plan', version 1"),
+        (lambda d: dataclasses.replace(d, details={**d.details, "tokens": ["x"]}), "not those of this version"),
+        (lambda d: dataclasses.replace(d, details={**d.details, "words": ["blue"]}), "its vocabulary"),
+        (lambda d: dataclasses.replace(d, details={}), "cannot be used: KeyError"),
+        (
+            lambda d: dataclasses.replace(d, details={**d.details, "words": [*d.details["words"], "more"]}),
+            "not of the network",
+        ),
+    ],
+)
+def test_load__another_vocabulary_or_version_is_refused(trained: Path, tmp_path: Path, change: object, said: str):
+    description, tensors = load_model(trained / AGENT_FILE)
+    path = tmp_path / AGENT_FILE
+    save_model(path, change(description), tensors)  # type: ignore[operator]
+    with pytest.raises(ModelFileError, match=said):
+        open_agent(path, "cpu")
+
+
+# Calibration
+
+
+def test_calibration__follows_what_comes_true():
+    rng = random.Random(0)
+    stated = [rng.choice([0.6, 0.8, 0.9]) for _ in range(3000)]
+    found = fitted([Forecast(probability, rng.random() < probability**0.5) for probability in stated])
+    for probability in (0.6, 0.8, 0.9):
+        assert found(probability) == pytest.approx(probability**0.5, abs=0.03)
+    assert found(0.0) == 0.0
+
+
+def test_calibration__without_forecasts_leaves_probabilities_as_they_are():
+    assert fitted([])(0.7) == pytest.approx(0.7)
+
+
+def test_reliability__counts_by_stated_probability():
+    forecasts = [Forecast(0.96, True), Forecast(0.98, True), Forecast(0.6, True), Forecast(0.6, False)]
+    assert reliability(forecasts) == [(2, pytest.approx(0.6), 0.5), (2, pytest.approx(0.97), 1.0)]

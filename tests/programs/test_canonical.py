@@ -1,0 +1,176 @@
+"""Canonical programs, printing, and prefix tokens: the same truth in another form."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus.generator import Stock
+from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.programs.canonical import canonical_form
+from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_of
+from lilgym_mp.programs.printing import source_of, word_table
+from lilgym_mp.programs.syntax import parse
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.scene import Scene
+
+SCENES = 120
+
+
+def canonical(source: str) -> str:
+    return source_of(canonical_form(parse(source)))
+
+
+def scenes(appearance: str) -> list[Scene]:
+    rng = random.Random(3)
+    stock = Stock.made(appearance, rng, 24).scenes
+    return [Scene.empty(), *rng.sample(stock, min(SCENES, len(stock)))]
+
+
+def value(source: str, scene: Scene) -> bool | None:
+    """The program's truth; None where it raises an error."""
+    try:
+        return compile_program(source).evaluate(scene)
+    except ProgramRuntimeError:
+        return None
+
+
+def check(corpus: str) -> int:
+    """Checks every training program of the corpus; gives how many there were."""
+    count = 0
+    for appearance in ("tower", "scatter"):
+        probes = scenes(appearance)
+        sets = load_all_tasks(corpus, [appearance], splits=["train"])
+        for source in sorted({task.program for tasks in sets for task in tasks}):
+            tree = parse(source)
+            assert parse(source_of(tree)) == tree, source
+            form = canonical_form(tree)
+            assert canonical_form(form) == form, source
+            text = source_of(form)
+            assert parse(text) == form, source
+            assert [value(source, scene) for scene in probes] == [value(text, scene) for scene in probes], source
+            try:
+                tokens = prefix_tokens(form)
+            except PrefixError:
+                continue
+            assert canonical_form(tree_of(tokens)) == form, source
+            count += 1
+    return count
+
+
+def test_builtin__canonical_programs_are_equal_in_truth_and_have_tokens():
+    assert check("builtin") > 1500
+
+
+@pytest.mark.usefixtures("official_data")
+def test_official__canonical_programs_are_equal_in_truth_and_have_tokens():
+    assert check("lilgym") > 1800
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("ge(count(all_items), 1)", "exist(all_items)"),
+        ("count(all_items) > 0", "exist(all_items)"),
+        ("0 == count(all_items)", "not exist(all_items)"),
+        ("3 > count(all_items)", "count(all_items) <= 2"),
+        ("NOT(AND(True, count(all_items) == 2))", "not (True and count(all_items) == 2)"),
+        ("NOT(count(all_items) == 2)", "count(all_items) != 2"),
+        ("exist(filter_color(all_items, Color.BLUE))", "exist(filter_obj(all_items, lambda x: is_blue(x)))"),
+        ("exist(filter_obj(all_items, is_blue))", "exist(filter_obj(all_items, lambda x: is_blue(x)))"),
+        (
+            "exist(filter_obj(all_items, lambda q: q.color == Color.BLUE))",
+            "exist(filter_obj(all_items, lambda x: is_blue(x)))",
+        ),
+        (
+            "exist(filter_shape(filter_color(all_items, Color.BLUE), Shape.CIRCLE))",
+            "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))",
+        ),
+        (
+            "exist(filter_obj(all_items, lambda x: is_circle(x) and is_blue(x)))",
+            "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))",
+        ),
+        ("count(filter_obj(all_boxes, lambda b: b.is_tower())) == 3", "All(all_boxes, lambda x: x.is_tower())"),
+        ("Any(all_boxes, lambda b: b.is_tower())", "exist(filter_obj(all_boxes, lambda x: x.is_tower()))"),
+        ("count(all_boxes[0].all_items_in_box()) == 2", "count(all_boxes[0]) == 2"),
+        (
+            "exist(filter_obj(all_items, lambda x: get_above(x)))",
+            "exist(filter_obj(all_items, lambda x: exist(get_above(x))))",
+        ),
+        (
+            "exist(filter_obj(all_items, lambda x: is_touching_wall(x, Side.ANY)))",
+            "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))",
+        ),
+        ("1 <= count(all_items) <= 3", "exist(all_items) and count(all_items) <= 3"),
+        ("all_same(query_color(all_items))", "all_same_color(all_items)"),
+        ("equal_int(count(all_items), 2)", "count(all_items) == 2"),
+    ],
+)
+def test_canonical__says_the_same_in_one_way(source: str, expected: str):
+    assert canonical(source) == expected
+    assert canonical(expected) == expected
+
+
+def test_canonical__words_of_logic_stay_where_skipping_an_operand_would_hide_an_error():
+    source = "OR(True, is_blue(unique(all_items)))"
+    assert value(source, Scene.empty()) is None
+    assert canonical(source).startswith("OR(")
+    assert value(canonical(source), Scene.empty()) is None
+
+
+def test_canonical__a_lambda_inside_another_gets_a_variable_of_its_own():
+    source = "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x.all_items_in_box(), lambda x: is_blue(x)))))"
+    assert canonical(source) == "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x, lambda y: is_blue(y)))))"
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "not (True and False) or not True and not (False or True)",
+        "(1 + 2) % 2 == 1 + 2 % 2",
+        "min(all_boxes, key=lambda b: count(b)).is_tower()",
+        "all_boxes[0:2][1].is_tower() and all_boxes[::2][0].is_tower()",
+        "1 in {1, 2} and 3 not in [1]",
+        "is_touching_corner(all_items[0], side=Side.LEFT)",
+    ],
+)
+def test_printing__reads_back_as_the_same_tree(source: str):
+    assert parse(source_of(parse(source))) == parse(source)
+
+
+def test_word_table__has_every_word_with_its_arguments():
+    table = {entry.name: entry for entry in word_table()}
+    assert table.keys() == WORDS.keys()
+    entry = table["is_touching_wall"]
+    assert (entry.least_arguments, entry.most_arguments, entry.arguments) == (1, 2, ("item", "Side"))
+    assert entry.result == "bool"
+
+
+def test_tokens__end_by_their_arities():
+    tokens = prefix_tokens(canonical_form(parse("exist(filter_obj(all_items, lambda x: is_blue(x)))")))
+    assert tokens == ["exist(1)", "filter_obj(2)", "all_items", "lambda", "is_blue(1)", "v0"]
+    assert [token_arities()[token] for token in tokens] == [1, 2, 0, 1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("tokens", "said"),
+    [
+        ([], "end before"),
+        (["exist(1)"], "end before"),
+        (["all_items", "all_items"], "1 tokens follow"),
+        (["nothing"], "unknown token 'nothing'"),
+        (["is_blue(1)", "v0"], "inside 0 functions"),
+    ],
+)
+def test_tokens__that_are_no_program_are_refused(tokens: list[str], said: str):
+    with pytest.raises(PrefixError, match=said):
+        tree_of(tokens)
+
+
+def test_tokens__forms_without_tokens_are_refused():
+    with pytest.raises(PrefixError, match="Slice has no tokens"):
+        prefix_tokens(parse("exist(all_items[1:])"))
+    with pytest.raises(PrefixError, match="#21"):
+        prefix_tokens(parse("count(all_items) == 21"))
