@@ -88,8 +88,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
     seed = str(args.seed)
-    parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--generated", "0.3", "--generated-pairs", "6000"]
-    parsing += ["--seed", seed]
+    parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
+    parsing += ["--generated", "0.3", "--generated-pairs", "6000", "--held-out", "40"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
     return [
         Learner(

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from lilgym_mp.evaluation.settings import Settings
 
 
-
 class Observations(NamedTuple):
     """What B agents see, each in an episode of its own."""
 

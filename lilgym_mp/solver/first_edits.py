@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import AddItem
 from lilgym_mp.appearances import BoolArray, PlacementRules, Scatter
+from lilgym_mp.appearances.numbering import add_index, remove_index
 from lilgym_mp.appearances.placement import LARGEST_MOVE, SNAP_REACH
 from lilgym_mp.scene import (
     BOX_COUNT,
@@ -194,9 +195,9 @@ class _ReachableBox:
 
     def _actions(self, numbers: IntArray, *, adds: bool) -> list[int]:
         """The actions' numbers, from numbers counted in this box."""
-        of_adds, of_removals = self._scatter.box_numbers[self._index]
-        found: list[int] = (numbers + (of_adds if adds else of_removals).start).tolist()
-        return found
+        first = self._scatter.box_cells[self._index].start
+        start = add_index(first, 0) if adds else remove_index(first, self._scatter.cell_count)
+        return (numbers + start).tolist()
 
     def _first_of_many(self, goals: Sequence[Box], budget: Budget) -> Firsts:
         if self._sketcher.ordered:

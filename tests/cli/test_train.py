@@ -216,13 +216,13 @@ def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, tm
     assert "stops at once in every episode of TowerScratch" in lilgym("evaluate", tmp_path)
 
 
-def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path):
+def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
     run = tmp_path / "run"
     small = ["--steps", 40, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
-    said = lilgym("train", "parse-and-plan", "--corpus", "builtin", "--seed", 0, "--out", run, *small)
-    assert f"lilgym-mp evaluate {run} --corpus builtin" in said
-    table = rows(lilgym("evaluate", run, "--configuration", "TowerScratch", "TowerFlipIt"))
-    assert next(row[0] for row in table if row[1] == "TowerFlipIt") == f"parse-and-plan ({run})"
+    said = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
+    assert f"lilgym-mp evaluate {run} --corpus {own}" in said
+    table = rows(lilgym("evaluate", run, "--corpus", own))
+    assert next(row[0] for row in table if row[1] == "TowerScratch") == f"parse-and-plan ({run})"
     said = lilgym("explain", "There is a blue block.", "--agent", run, "--film", tmp_path / "film.gif")
     assert "read as: there is a blue block" in said
     assert "stated probability of success:" in said
@@ -239,7 +239,7 @@ def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent
 
 def test_demo__leaves_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     place = tmp_path / "demo"
-    said = lilgym("demo", "--out", place, "--parser-steps", 60, "--minutes", 0.1)
+    said = lilgym("demo", "--out", place, "--parser-steps", 200, "--minutes", 0.1)
     for name in ("results.json", "results.md", "imitation.gif", "parse-and-plan.gif"):
         assert str(place / name) in said
         assert (place / name).exists()

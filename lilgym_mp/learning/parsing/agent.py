@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from lilgym_mp.actions import STOP, Action
+from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
-from lilgym_mp.evaluation.policies import BoolArray, Int64Array
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore
@@ -20,7 +20,7 @@ from lilgym_mp.learning.parsing.parser import Parser, move
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.training import KIND, VERSION
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.render import UInt8Array, draw
+from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
 
 KEPT_EPISODES = 4096  # whose plans are remembered

@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from lilgym_mp import load_agent
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import Trial
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -387,13 +388,20 @@ def test_agent__any_statement_is_answered(trained: Path, statement: str):
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
-def test_agent__plays_every_configuration_from_pixels(trained: Path, configuration: str):
+def test_shipped_agent__plays_every_configuration_from_pixels_far_better_than_chance(configuration: str):
     settings = Settings(configuration)
-    agent = open_agent(trained, "cpu")
+    agent = load_agent("parse-and-plan", "cpu")
     assert configuration in agent.description.configurations
+    assert "builtin" in agent.description.supervision
     episodes = evaluate(agent.policy(settings), settings, "dev", batch_size=16)
     assert len(episodes) == len(settings.make("dev").evaluation_tasks())
     assert not any(episode.outcome == "invalid_action" for episode in episodes)
+    assert sum(episode.is_success for episode in episodes) / len(episodes) > 0.85
+
+
+def test_load_agent__an_unknown_one_is_refused_with_the_choices():
+    with pytest.raises(ValueError, match=r"unknown agent 'clever'; choose from .*parse-and-plan"):
+        load_agent("clever")
 
 
 def test_agent__plays_under_the_release_rules_and_on_another_grid(trained: Path):
