@@ -9,9 +9,9 @@ items or by the picture's border, as happens under the released rules, the items
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import combinations, product
-from typing import NamedTuple, NoReturn, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,6 @@ from lilgym_mp.scene import (
     BOX_PITCH,
     BOX_SIDE,
     IMAGE_HEIGHT,
-    IMAGE_WIDTH,
     KIND_COUNT,
     KIND_PIXELS,
     SEPARATOR_WIDTH,
@@ -41,7 +40,7 @@ from lilgym_mp.scene import (
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # pixels by which an item may leave its box; further out it might be the next box's
-KEPT_BOXES = 4096  # boxes whose pixels are remembered, least recently seen first to go
+KEPT_BYTES = 32 << 20  # of pixels of boxes that are remembered, for each image size: 3,195 boxes at half size
 MOST_TRIALS = 3000  # placements tried for one colour of a box before it is given up
 MOST_SEARCH_STEPS = 300  # and items placed in a search for hidden ones
 MOST_HIDDEN_ITEMS = 6  # such a search looks for
@@ -89,7 +88,11 @@ def recoloured(image: UInt8Array, colours: Sequence[Colour]) -> UInt8Array:
     Raises PerceptionError naming a pixel that no scene has there.
     """
     shrink = _sizes()[_checked(image).shape]
-    return _recoloured_pixels(tuple(colours), shrink).take(_hashes(image, shrink), axis=0)
+    table = _recoloured_pixels(tuple(colours), shrink)
+    new = np.empty_like(image)
+    for index, region in enumerate(_regions(shrink)):
+        new[:, region.columns] = table.take(_hashes(image[:, region.columns], index, shrink), axis=0)
+    return new
 
 
 def _reader(appearance: str) -> Callable[[UInt8Array], Scene]:
@@ -172,11 +175,12 @@ class _Counting(NamedTuple):
     """What a pixel says of its block, by 256 values of a hash of its red, green and blue."""
 
     factors: tuple[np.uint8, np.uint8]  # of green and blue in the hash, which is taken modulo 256
-    pixels: UInt8Array  # (256, 3) the pixel that has the hash
+    pixels: UInt8Array  # (512, 3) the pixel of a box that has the hash, then the pixel of a separator that has it
+    counts: UInt8Array  # (3, 256) native pixels of each colour
     is_box: BoolArray  # (256,) whether a box has such pixels
-    is_separator: BoolArray  # (256,) whether a separator has them
     bare: int  # hash of a separator's pixel with nothing on it
-    counts: tuple[bytes, ...]  # by colour: native pixels of it, for each hash
+    yellow_black: bytes  # (256,) yellow pixels, and 16 times the black ones
+    blue: bytes  # (256,)
 
 
 @cache
@@ -197,18 +201,20 @@ def _counting(shrink: int) -> _Counting:
     )
     hashes: NDArray[np.int64] = pixels @ (1, green, blue) % 256
     in_box, on_separator = hashes[: len(counts)], hashes[len(counts) :]
-    table = np.zeros((256, 3), np.uint8)
-    table[:, 0] = np.arange(256) + 1  # a pixel that does not have this hash
-    table[hashes] = pixels
+    table = np.zeros((512, 3), np.uint8)
+    table[:, 0] = np.arange(512) + 1  # a pixel that does not have this hash
+    table[in_box] = pixels[: len(counts)]
+    table[on_separator + 256] = pixels[len(counts) :]
     by_hash = np.zeros((len(Colour), 256), np.uint8)
     by_hash[:, in_box] = by_hash[:, on_separator] = counts.T
     return _Counting(
         (np.uint8(green), np.uint8(blue)),
         table,
+        by_hash,
         is_box=np.isin(np.arange(256), in_box),
-        is_separator=np.isin(np.arange(256), on_separator),
         bare=int(on_separator[0]),
-        counts=tuple(row.tobytes() for row in by_hash),
+        yellow_black=(by_hash[Colour.YELLOW] + 16 * by_hash[Colour.BLACK]).tobytes(),
+        blue=by_hash[Colour.BLUE].tobytes(),
     )
 
 
@@ -216,42 +222,53 @@ def _counting(shrink: int) -> _Counting:
 def _recoloured_pixels(colours: tuple[Colour, ...], shrink: int) -> UInt8Array:
     """(256, 3) what becomes of the pixel that has each hash."""
     counting = _counting(shrink)
-    counts = np.array([list(table) for table in counting.counts])[[colours.index(colour) for colour in Colour]]
+    counts = counting.counts[[colours.index(colour) for colour in Colour]].astype(np.int64)
     bare = shrink**2 - counts.sum(axis=0)
     painted = counts.T @ np.array([COLOUR_RGB[colour] for colour in Colour])
     background = np.where(counting.is_box[:, None], BOX_RGB, SEPARATOR_RGB)
     return ((painted + bare[:, None] * background) // shrink**2).astype(np.uint8)
 
 
-def _hashes(image: UInt8Array, shrink: int) -> UInt8Array:
-    """(height, width) of each pixel. Raises PerceptionError naming one that no scene has there."""
-    counting = _counting(shrink)
-    green, blue = counting.factors
-    hashes = image[:, :, 1] * green
-    hashes += image[:, :, 2] * blue
-    hashes += image[:, :, 0]
-    right = counting.pixels.take(hashes, axis=0) == image
-    if not right.all():
-        _refuse(image, ~right.all(axis=2))
-    separators, boxes = _columns(shrink)
-    misplaced = np.zeros(hashes.shape, np.bool_)
-    misplaced[:, boxes] = ~counting.is_box.take(hashes[:, boxes])
-    misplaced[:, separators] = ~counting.is_separator.take(hashes[:, separators])
-    if misplaced.any():
-        _refuse(image, misplaced)
-    return hashes
+class _Region(NamedTuple):
+    """A box of the picture with the halves of the separators beside it."""
+
+    columns: slice  # of the picture
+    before: int  # columns to the left of the box
+    after: int
+    tables: NDArray[np.uint16]  # (columns,) first entry of `_Counting.pixels` for each: 0, or 256 on separators
 
 
 @cache
-def _columns(shrink: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The image's columns that lie on separators, and those that lie in boxes."""
-    along = np.arange(IMAGE_WIDTH // shrink) * shrink % BOX_PITCH
-    return np.flatnonzero(along >= BOX_SIDE), np.flatnonzero(along < BOX_SIDE)
+def _regions(shrink: int) -> tuple[_Region, ...]:
+    return tuple(_region(index, shrink) for index in range(BOX_COUNT))
 
 
-def _refuse(image: UInt8Array, wrong: BoolArray) -> NoReturn:
-    row, column = np.argwhere(wrong)[0].tolist()
-    raise PerceptionError(f"pixel (row {row}, column {column}) is {image[row, column].tolist()}: no scene has it there")
+def _region(index: int, shrink: int) -> _Region:
+    first, side = index * BOX_PITCH // shrink, BOX_SIDE // shrink
+    before = MARGIN // shrink if index else 0
+    after = MARGIN // shrink if index < BOX_COUNT - 1 else 0
+    tables = np.full(before + side + after, 256, np.uint16)
+    tables[before : before + side] = 0
+    return _Region(slice(first - before, first + side + after), before, after, tables)
+
+
+def _hashes(pixels: UInt8Array, index: int, shrink: int) -> UInt8Array:
+    """(height, columns) of each pixel of a region. Raises PerceptionError naming one that no scene has there."""
+    counting, region = _counting(shrink), _regions(shrink)[index]
+    green, blue = counting.factors
+    channels = pixels.reshape(-1, 3).T.copy()
+    hashes = channels[1] * green
+    hashes += channels[2] * blue
+    hashes += channels[0]
+    hashes = hashes.reshape(len(pixels), -1)
+    entries = hashes.astype(np.uint16)
+    entries += region.tables
+    wrong = np.not_equal(counting.pixels[entries], pixels)
+    if wrong.any():
+        row, column = np.argwhere(wrong.any(axis=2))[0].tolist()
+        place = f"row {row}, column {column + region.columns.start}"
+        raise PerceptionError(f"pixel ({place}) is {pixels[row, column].tolist()}: no scene has it there")
+    return hashes
 
 
 # Scatter: items that hide nothing of each other
@@ -352,11 +369,19 @@ def _item(placed: Placed, shrink: int) -> Item:
     return Item(x, row * shrink + look.odd_y, look.shape, colour, look.size)
 
 
-def _alone(counts: int, colour: Colour, shrink: int) -> tuple[list[Item], list[int]]:
+class _Part(NamedTuple):
+    """Blocks of a colour, connected with each other, that are not one whole item."""
+
+    colour: Colour
+    counts: int
+    place: int  # byte of the box that is the lowest of `counts`
+
+
+def _alone(counts: int, colour: Colour, shrink: int) -> tuple[list[Item], list[_Part]]:
     """The items of a colour that stand apart from others of it, and what else there is, in connected parts."""
     mask, by_first_row = _by_first_row(shrink)
     items: list[Item] = []
-    parts: list[int] = []
+    parts: list[_Part] = []
     place = 0
     while counts:
         skipped = ((counts & -counts).bit_length() - 1) >> 3
@@ -370,7 +395,7 @@ def _alone(counts: int, colour: Colour, shrink: int) -> tuple[list[Item], list[i
         else:
             part = _connected(counts, shrink)
             counts ^= part
-            parts.append(part << 8 * place)
+            parts.append(_Part(colour, part, place))
     return items, parts
 
 
@@ -396,17 +421,19 @@ def _connected(counts: int, shrink: int) -> int:
 class _Assembly:
     """A search for the fewest items of a colour whose counts add up to those of a connected part."""
 
-    def __init__(self, colour: Colour, shrink: int, *, legal: bool) -> None:
-        """`legal`: only items that lie in the box and overlap none of each other."""
-        self._colour, self._shrink, self._legal = colour, shrink, legal
+    def __init__(self, colour: Colour, shrink: int, *, legal: bool, every: bool = False) -> None:
+        """`legal`: only items that lie in the box and overlap none of each other; `every`: all that are as few."""
+        self._colour, self._shrink, self._legal, self._every = colour, shrink, legal, every
         self._trials = 0
-        self.best: list[Item] | None = None
+        self.found: list[list[Item]] = []
 
     def search(self, counts: int, place: int, chosen: list[Item]) -> None:
         if not counts:
-            self.best = chosen.copy()
+            if self.found and len(chosen) < len(self.found[0]):
+                self.found.clear()
+            self.found.append(chosen.copy())
             return
-        if self.best is not None and len(chosen) + 1 >= len(self.best):
+        if self.found and len(chosen) + 1 + (not self._every) > len(self.found[0]):
             return
         skipped = ((counts & -counts).bit_length() - 1) >> 3
         counts >>= 8 * skipped
@@ -430,13 +457,13 @@ def _joins(item: Item, others: Sequence[Item]) -> bool:
     return fits_box(item.kind, item.x, item.y) and is_free(item.kind, item.x, item.y, others)
 
 
-def _assembled(part: int, colour: Colour, shrink: int) -> list[Item] | None:
+def _assembled(part: _Part, shrink: int) -> list[Item] | None:
     """The fewest items that make up a part, those of legal scenes before others; None where there are none."""
     for legal in (True, False):
-        assembly = _Assembly(colour, shrink, legal=legal)
-        assembly.search(part, 0, [])
-        if assembly.best is not None:
-            return assembly.best
+        assembly = _Assembly(part.colour, shrink, legal=legal)
+        assembly.search(part.counts, part.place, [])
+        if assembly.found:
+            return assembly.found[0]
     return None
 
 
@@ -452,17 +479,40 @@ def _are_apart(items: Sequence[Item], shrink: int) -> bool:
     return True
 
 
-@lru_cache(maxsize=KEPT_BOXES)
-def _box(hashes: bytes, index: int, shrink: int) -> Box:
-    """The box that the pixels with these hashes show."""
-    numbers = [int.from_bytes(hashes.translate(table), "little") for table in _counting(shrink).counts]
+@cache
+def _boxes_by_pixels(shrink: int) -> Callable[[bytes, int], Box]:
+    """`_box`, which remembers the boxes it read last."""
+    region_bytes = 3 * REGION_SIDE * BOX_SIDE // shrink**2
+    return lru_cache(maxsize=KEPT_BYTES // region_bytes)(partial(_box, shrink=shrink))
+
+
+def _numbers(pixels: bytes, index: int, shrink: int) -> list[int]:
+    """By colour, the counts of a region, to whose pixels a missing margin is added."""
+    height = IMAGE_HEIGHT // shrink
+    counting, region = _counting(shrink), _regions(shrink)[index]
+    hashes = _hashes(np.frombuffer(pixels, np.uint8).reshape(height, -1, 3), index, shrink)
+    if not (region.before and region.after):
+        padded = np.full((height, REGION_SIDE // shrink), counting.bare, np.uint8)
+        start = MARGIN // shrink - region.before
+        padded[:, start : start + hashes.shape[1]] = hashes
+        hashes = padded
+    by_block = hashes.tobytes()
+    yellow_black = int.from_bytes(by_block.translate(counting.yellow_black), "little")
+    low = _ones(shrink) * 15
+    blue = int.from_bytes(by_block.translate(counting.blue), "little")
+    return [yellow_black & low, (yellow_black >> 4) & low, blue]
+
+
+def _box(pixels: bytes, index: int, shrink: int) -> Box:
+    """The box that the pixels of a region show."""
+    numbers = _numbers(pixels, index, shrink)
     items: list[Item] = []
-    parts: list[tuple[Colour, int]] = []
+    parts: list[_Part] = []
     for colour, number in zip(Colour, numbers, strict=True):
         if number:
             alone, others = _alone(number, colour, shrink)
             items += alone
-            parts += [(colour, part) for part in others]
+            parts += others
     if parts or (shrink > 1 and _mixed(numbers, shrink)):
         items = _entangled(items, parts, index, shrink)
     else:
@@ -481,20 +531,36 @@ def _mixed(numbers: Sequence[int], shrink: int) -> bool:
     return bool(shared & (sevens + _ones(shrink)))
 
 
-def _entangled(items: list[Item], parts: Sequence[tuple[Colour, int]], index: int, shrink: int) -> list[Item]:
+def _entangled(items: list[Item], parts: Sequence[_Part], index: int, shrink: int) -> list[Item]:
     """All items of a box, in their order, from those that stand apart and the parts that show several."""
-    assembled = [_assembled(part, colour, shrink) for colour, part in parts]
+    assembled = [_assembled(part, shrink) for part in parts]
     visible = items + [item for found in assembled for item in found or ()]
     unread = [part for part, found in zip(parts, assembled, strict=True) if found is None]
     if not unread and _are_apart(visible, shrink):
         return sorted(visible)
-    for front, rest in ((visible, unread), (items, parts)):
-        if rest and (found := _HiddenSearch(index, shrink).search(front, rest)) is not None:
-            return found
-    raise PerceptionError(
-        f"box {index}: {', '.join(str(Colour(colour).name.lower()) for colour, _ in parts)} pixels of it are no items"
-        f" that could be found"
-    )
+    found = _behind(visible, unread, index, shrink) if unread else None
+    if found is None and parts:
+        found = _HiddenSearch(index, shrink).search(items, parts)
+    if found is not None:
+        return _in_order(found)
+    names = ", ".join(Colour(colour).name.lower() for colour in sorted({part.colour for part in parts}))
+    raise PerceptionError(f"box {index}: no items could be found that explain its {names or 'coloured'} pixels")
+
+
+def _behind(visible: list[Item], parts: Sequence[_Part], index: int, shrink: int) -> list[Item] | None:
+    """All items from the back to the front: those that show the parts, behind those that are `visible`.
+
+    Each part is searched by itself first, which is quick; those that show nothing whole, together.
+    """
+    drawn: list[Item] = visible
+    left: list[_Part] = []
+    for part in parts:
+        found = _HiddenSearch(index, shrink).search(drawn, [part])
+        if found is None:
+            left.append(part)
+        else:
+            drawn = found
+    return _HiddenSearch(index, shrink).search(drawn, left) if left else drawn
 
 
 # Scatter: items of which something is hidden
@@ -525,13 +591,13 @@ class _HiddenSearch:
             unseen[:, MARGIN + BOX_SIDE :] = True
         self._unseen = unseen
 
-    def search(self, front: Sequence[Item], parts: Sequence[tuple[Colour, int]]) -> list[Item] | None:
-        """All items in the order in which they are drawn: `front`, which hide nothing of each other, and others."""
+    def search(self, front: Sequence[Item], parts: Sequence[_Part]) -> list[Item] | None:
+        """All items from the back to the front: those that show the parts, and `front`."""
         side = REGION_SIDE // self._shrink
         margin = MARGIN // self._shrink
         counts = np.zeros((len(Colour), side, side), np.int16)
-        for colour, part in parts:
-            seen = part.to_bytes(side * (side - 2 * margin), "little")
+        for colour, part, place in parts:
+            seen = (part << 8 * place).to_bytes(side * (side - 2 * margin), "little")
             counts[colour, margin:-margin] += np.frombuffer(seen, np.uint8).reshape(-1, side)
         unseen = self._unseen.copy()
         for item in front:
@@ -540,7 +606,7 @@ class _HiddenSearch:
             for anchored in (True, False):
                 behind = self._placed(counts, unseen, limit, anchored=anchored)
                 if behind is not None:
-                    return _in_order([*reversed(behind), *front])
+                    return [*reversed(behind), *front]
         return None
 
     def _placed(self, counts: IntArray, unseen: BoolArray, limit: int, *, anchored: bool) -> list[Item] | None:
@@ -661,10 +727,8 @@ def _in_order(drawn: Sequence[Item]) -> list[Item]:
 
 def _scatter(image: UInt8Array) -> Scene:
     shrink = _sizes()[image.shape]
-    margin = MARGIN // shrink
-    height, width = IMAGE_HEIGHT // shrink, REGION_SIDE // shrink
-    padded = np.full((height, BOX_COUNT * width), _counting(shrink).bare, np.uint8)
-    padded[:, margin:-margin] = _hashes(image, shrink)
-    regions = padded.reshape(height, BOX_COUNT, width)
-    left, middle, right = (_box(regions[:, index].tobytes(), index, shrink) for index in range(BOX_COUNT))
+    read = _boxes_by_pixels(shrink)
+    left, middle, right = (
+        read(image[:, region.columns].tobytes(), index) for index, region in enumerate(_regions(shrink))
+    )
     return Scene((left, middle, right))
