@@ -83,19 +83,24 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
     """Prints the tables, and writes tables, JSON and chart: into `output`, and into the document."""
     from lilgym_mp.benchmark.chart import scaling_chart
     from lilgym_mp.benchmark.report import report_json, report_text
+    from lilgym_mp.plotting import save
 
     text = report_text(bench)
     print(text)
     write_text(output / "bench.md", text + "\n")
     write_json(output / "bench.json", report_json(bench))
-    chart = scaling_chart(bench)
+    try:
+        chart = scaling_chart(bench)
+    except ImportError as missing:
+        _tell(f"no chart: {missing}")
+        chart = None
     if chart is not None:
-        write_whole(output / CHART, lambda path: chart.save(path, format="PNG"))
+        write_whole(output / CHART, lambda path: save(chart, path, "png"))
     if document is not None:
         write_text(document, _filled(document, text))
         if chart is not None:
             pictures = writable_directory(document.parent / PICTURES)
-            write_whole(pictures / CHART, lambda path: chart.save(path, format="PNG"))
+            write_whole(pictures / CHART, lambda path: save(chart, path, "png"))
     _tell(f"results: {output}" + (f", {document}" if document else ""))
 
 

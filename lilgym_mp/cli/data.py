@@ -216,6 +216,8 @@ def _stats(args: argparse.Namespace) -> int:
         if args.json:
             args.json.write_text(json.dumps(statistics_json(statistics), indent=1) + "\n", encoding="utf-8")
             written.append(args.json)
+    except ImportError as missing:
+        raise CommandError(str(missing)) from None
     except OSError as fault:
         raise _cannot_write(fault) from None
     for path in written:

@@ -1,16 +1,13 @@
-"""What a download shows of itself: a bar on a terminal, a line for each file elsewhere."""
+"""What a download shows: a bar on a terminal, a line for each file elsewhere."""
 
 from __future__ import annotations
 
-import shutil
 import sys
-import time
 from types import TracebackType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-BAR_WIDTH = 24  # characters
-SECONDS_BETWEEN = 0.1
-WIPE_LINE = "\r\x1b[K"
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 class DownloadBar:
@@ -19,23 +16,22 @@ class DownloadBar:
     def __init__(self, stream: TextIO | None = None) -> None:
         """`stream`: standard error by default."""
         self._stream = stream or sys.stderr
-        self._is_terminal = self._stream.isatty()
-        self._due = 0.0  # when to draw again
-        self._drawn = False
+        self._progress: Progress | None = None  # on a terminal, once there is something to show
 
     def show(self, name: str, have: int, total: int | None) -> None:
-        """Draws the bar, at most every tenth of a second. `total` is None where it is not known."""
-        if not self._is_terminal:
+        """Updates the bar. `total` is None where it is not known."""
+        if not self._stream.isatty():
             if have == total:
                 print(f"{name}: {have:,} bytes", file=self._stream, flush=True)
             return
-        now = time.monotonic()
-        if now >= self._due or have == total:
-            self._due = now + SECONDS_BETWEEN
-            self._drawn = True
-            line = f"{_bar(have, total)}  {name}"
-            self._stream.write(WIPE_LINE + line[: shutil.get_terminal_size().columns - 1])
-            self._stream.flush()
+        if self._progress is None:
+            self._progress = _new_progress(self._stream)
+            self._progress.start()
+        elif self._progress.tasks[-1].description != name:
+            self._progress.remove_task(self._progress.task_ids[-1])
+        if not self._progress.tasks:
+            self._progress.add_task(name, total=total)
+        self._progress.update(self._progress.task_ids[-1], completed=have, total=total)
 
     def __enter__(self) -> DownloadBar:
         return self
@@ -43,13 +39,13 @@ class DownloadBar:
     def __exit__(
         self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._drawn:
-            self._stream.write(WIPE_LINE)
-            self._stream.flush()
+        if self._progress is not None:
+            self._progress.stop()
 
 
-def _bar(have: int, total: int | None) -> str:
-    if not total:
-        return f"{have:,} bytes"
-    filled = min(BAR_WIDTH, BAR_WIDTH * have // total)
-    return f"[{'#' * filled}{'.' * (BAR_WIDTH - filled)}] {have:,} of {total:,} bytes"
+def _new_progress(stream: TextIO) -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
+
+    columns = BarColumn(), DownloadColumn(), TransferSpeedColumn(), TextColumn("{task.description}")
+    return Progress(*columns, console=Console(file=stream), transient=True)

@@ -1,9 +1,12 @@
-"""Progress over a known number of things: a bar on a terminal that has tqdm, a line now and then elsewhere."""
+"""Progress over a known number of things: a bar on a terminal, a line now and then elsewhere."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
 
 LINES = 10  # printed from beginning to end, where there is no bar
 
@@ -17,36 +20,37 @@ class Progress:
         self._unit = unit
         self._begin = done
         self._done = done
-        self._bar = _bar(total, unit, done)
+        self._bar = _bar() if sys.stderr.isatty() else None
+        if self._bar is not None:
+            self._bar.start()
+            self._bar.add_task(unit, total=total, completed=done, note="")
 
     def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *fault: object) -> None:
         if self._bar is not None:
-            self._bar.close()
+            self._bar.stop()
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """`count` more are done; `note` tells how it goes."""
+        """`count` more are done; `note` says how it goes."""
         lines_before = self._lines()
         self._done += count
         if self._bar is not None:
-            self._bar.set_postfix_str(note, refresh=False)
-            self._bar.update(min(self._done, self._total) - self._bar.n)
+            self._bar.update(self._bar.task_ids[0], completed=min(self._done, self._total), note=note)
         elif self._lines() > lines_before:
-            told = f"{self._done:,} of {self._total:,} {self._unit}"
-            print(f"{told}, {note}" if note else told, file=sys.stderr, flush=True)
+            count_text = f"{self._done:,} of {self._total:,} {self._unit}"
+            print(f"{count_text}, {note}" if note else count_text, file=sys.stderr, flush=True)
 
     def _lines(self) -> int:
         """How many lines should have been printed by now."""
         return (self._done - self._begin) * LINES // max(1, self._total - self._begin)
 
 
-def _bar(total: int, unit: str, done: int) -> Any:
-    if not sys.stderr.isatty():
-        return None
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return None
-    return tqdm(total=total, initial=done, unit=f" {unit}", dynamic_ncols=True)
+def _bar() -> RichProgress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as RichProgress
+
+    columns = BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn()
+    return RichProgress(*columns, TextColumn("{task.fields[note]}"), console=Console(file=sys.stderr))

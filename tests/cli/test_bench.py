@@ -199,7 +199,10 @@ def test_chart__has_a_panel_for_each_configuration() -> None:
         bench.measure(Course(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
     chart = scaling_chart(bench)
     assert chart is not None
-    assert chart.width == 2 * 760
+    assert [axes.get_title(loc="left") for axes in chart.axes] == [
+        "TowerScratch: steps per second",
+        "ScatterScratch: steps per second",
+    ]
 
 
 def test_document__holds_the_new_tables_where_the_old_were() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.cli.download_bar import DownloadBar
+from lilgym_mp.cli.progress import Progress
 from lilgym_mp.cli.tables import table
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.fetching import Patience
@@ -247,32 +249,31 @@ def test_synthesize__no_starts_are_refused(refused: Run, own: Path, tmp_path: Pa
     assert "--starts must be at least 1, not 0" in refused("synthesize", own, "--output", tmp_path / "x", "--starts", 0)
 
 
-class _Terminal:
+class _Terminal(StringIO):
     """What a progress bar draws on."""
-
-    def __init__(self) -> None:
-        self.drawn: list[str] = []
 
     def isatty(self) -> bool:
         return True
 
-    def write(self, text: str) -> None:
-        self.drawn.append(text)
 
-    def flush(self) -> None:
-        """Nothing waits."""
-
-
-def test_download_bar__fills_and_is_wiped():
+def test_download_bar__shows_how_far_a_file_has_come(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TERM", "xterm")
     terminal = _Terminal()
-    with DownloadBar(terminal) as bar:  # pyright: ignore[reportArgumentType]
-        bar.show("file", 512, 2048)
-        bar.show("file", 513, 2048)  # too soon after the first to be drawn
-        bar.show("file", 2048, 2048)
-    half, full, wiped = terminal.drawn
-    assert half == "\r\x1b[K[######..................] 512 of 2,048 bytes  file"
-    assert full == f"\r\x1b[K[{'#' * 24}] 2,048 of 2,048 bytes  file"
-    assert wiped == "\r\x1b[K"
+    with DownloadBar(terminal) as bar:
+        bar.show("first", 2048, 2048)
+        bar.show("second", 1024, 2048)
+    assert "1.0/2.0 kB" in terminal.getvalue()
+    assert "second" in terminal.getvalue()
+
+
+def test_progress__on_a_terminal_is_a_bar_with_its_note(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TERM", "xterm")
+    terminal = _Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with Progress(10, "tasks", done=2) as progress:
+        progress.advance(5, "8 solved")
+    assert "7/10" in terminal.getvalue()
+    assert "8 solved" in terminal.getvalue()
 
 
 def test_download_bar__without_a_terminal_is_a_line_for_each_file(capsys: pytest.CaptureFixture[str]):

@@ -1,0 +1,30 @@
+"""Figures for charts. matplotlib is imported when the first one is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 100  # pixels an inch
+SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "lilgym_mp"}  # text as text; the same each time
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in pixels. Raises ImportError saying what to install."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as fault:
+        raise ImportError('charts need matplotlib: pip install "lilgym-mp[charts]"', name="matplotlib") from fault
+    return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
+
+
+def save(figure: Figure, path: Path, file_format: str) -> None:
+    """Writes the figure as "svg" or "png", with no date in it."""
+    from matplotlib import rc_context
+
+    metadata = {"Date": None} if file_format == "svg" else {}
+    with rc_context(SVG_SETTINGS):
+        figure.savefig(path, format=file_format, metadata=metadata)
