@@ -9,8 +9,6 @@ from lilgym_mp.wrappers.transformation import Format
 class SceneFormat(Format):
     """Replaces the image, or stands beside it."""
 
-    reads_scene = True
-
     def __init__(self, world: World, *, keep_image: bool) -> None:
         """Raises WrongEnvironment where observations do not show the scene."""
         super().__init__(world)

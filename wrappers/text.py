@@ -48,7 +48,6 @@ class Telling(Transformation):
     """The observation as one text."""
 
     changes_observations = True
-    reads_scene = True
     speaks_of_actions = True
 
     def __init__(self, world: World, *, default: int | str) -> None:

@@ -19,7 +19,6 @@ class Transformation:
 
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
-    reads_scene: ClassVar[bool] = False  # whether `observations` looks at the moment's items or legal actions
     speaks_of_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
     tells: ClassVar[bool] = False  # whether `told` may have something to say
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
@@ -52,14 +52,12 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self._moment = VectorMoment(env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # where the next action is ignored, since it only resets
         self._autoreset: AutoresetMode = self.metadata["autoreset_mode"]
-        self._before: _Before | None = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         self._restarting[(options or {}).get("reset_mask", slice(None))] = False
-        self._remember()
         return self._shown(observations), self._told(infos)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -70,11 +68,10 @@ class VectorEnvWrapper(AnyVectorWrapper):
         ended = np.logical_or(terminated, truncated)
         if entries:
             infos = self._reported(infos, entries, ended)
-        if LAST in infos and self.transformation.changes_observations:
-            infos = {**infos, LAST: self._last_shown(infos)}
+        if LAST in infos:
+            infos = self._with_ends(infos)
         if self._autoreset is AutoresetMode.NEXT_STEP:
             self._restarting = ended
-        self._remember()
         return self._shown(observations), rewards, terminated, truncated, self._told(infos)
 
     def action_masks(self) -> BoolArray:
@@ -97,6 +94,24 @@ class VectorEnvWrapper(AnyVectorWrapper):
         told = self.transformation.told(infos, self._moment)
         return {**infos, **told, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in told}}
 
+    def _with_ends(self, infos: dict[str, Any]) -> dict[str, Any]:
+        """The infos with the last observations and infos of episodes that ended, as this wrapper shows them."""
+        ended = infos[WHERE_LAST]
+        env_ids = ended.nonzero()[0]
+        moment = EndedMoment(self.transformation.world, self.env, env_ids)
+        changed: dict[str, Any] = {}
+        if self.transformation.changes_observations:
+            last = changed[LAST] = infos[LAST].copy()
+            for env_id, shown in zip(env_ids.tolist(), self._each_shown(last[env_ids].tolist(), moment), strict=True):
+                last[env_id] = shown
+        if self.transformation.tells:
+            changed[LAST_INFO] = dict(infos[LAST_INFO])
+            for name, values in self.transformation.told(infos[LAST_INFO], moment).items():
+                spread = np.zeros((self.num_envs, *np.shape(values)[1:]), np.asarray(values).dtype)
+                spread[env_ids] = values
+                changed[LAST_INFO] |= {name: spread, f"_{name}": ended.copy()}
+        return {**infos, **changed}
+
     def _reported(self, infos: dict[str, Any], entries: Mapping[str, BoolArray], ended: BoolArray) -> dict[str, Any]:
         """The infos with what became of the actions; of an episode that ended, where Gymnasium has its last info."""
         acted = ~self._restarting
@@ -106,24 +121,6 @@ class VectorEnvWrapper(AnyVectorWrapper):
         if ended.any():
             infos[LAST_INFO] = infos[LAST_INFO] | _where(entries, ended)
         return infos
-
-    def _remember(self) -> None:
-        """What the last observations of episodes that end in the next step must be made from."""
-        if self._autoreset is AutoresetMode.SAME_STEP and self.transformation.changes_observations:
-            moment = self._moment
-            items = moment.items if self.transformation.reads_scene else None
-            self._before = _Before(moment.task_numbers, moment.steps, items)
-
-    def _last_shown(self, infos: Mapping[str, Any]) -> np.ndarray[Any, Any]:
-        """(N,) objects: the last observations as this wrapper shows them, None where no episode ended."""
-        numbers = infos[WHERE_LAST].nonzero()[0]
-        assert self._before is not None
-        actions = self.unwrapped.actions  # pyright: ignore[reportAttributeAccessIssue]
-        moment = EndedMoment(self.transformation.world, self._before, numbers, actions)
-        last = infos[LAST].copy()
-        for number, shown in zip(numbers.tolist(), self._each_shown(last[numbers].tolist(), moment), strict=True):
-            last[number] = shown
-        return last
 
     def _each_shown(self, observations: Sequence[Any], moment: Moment) -> list[Any]:
         """Observations (k) of single environments as this wrapper shows them."""
@@ -167,44 +164,52 @@ class VectorMoment:
         return self._goal_reached()
 
 
-class _Before(NamedTuple):
-    """N environments before a step."""
-
-    task_numbers: Int64Array  # (N,)
-    steps: Int64Array  # (N,)
-    items: Int16Array | None  # (N, 3, capacity, 5), where the transformation reads the scene
-
-
 class EndedMoment(StatesMoment):
-    """The `Moment` in which episodes ended, after the action: the environments are in the next ones already."""
+    """The `Moment` at the end of episodes in autoreset mode SAME_STEP, when the environments are in the next ones."""
 
-    def __init__(self, world: World, before: _Before, numbers: Int64Array, actions: Int64Array) -> None:
-        """`numbers` (k,) of the environments; `actions` (N,) taken."""
+    def __init__(
+        self, world: World, env: Any, env_ids: Int64Array, beneath: Sequence[Transformation] | None = None
+    ) -> None:
+        """`env_ids` (k,); `beneath`: transformations of the wrappers up to `env`, the innermost first, if known."""
         super().__init__(world)
-        self._before = before
-        self._numbers = numbers
-        self._actions = actions
+        self._env = env
+        self._env_ids = env_ids
+        self._beneath = _transformations(env) if beneath is None else beneath
 
     @property
     def task_numbers(self) -> Int64Array:
-        return self._before.task_numbers[self._numbers]
+        return self._env.unwrapped.last_task_numbers[self._env_ids]
 
     @property
     def steps(self) -> Int64Array:
-        return self._before.steps[self._numbers] + 1
+        return self._env.unwrapped.last_steps[self._env_ids]
+
+    @property
+    def items(self) -> Int16Array:
+        return self._env.unwrapped.last_scene_array()[self._env_ids]
 
     def states(self) -> Sequence[State]:
-        """(k) the last states, reached anew when first asked for."""
+        """(k) the last states, made when first asked for."""
         if not self._states:
-            self._states = [_last_state(self._world, self._before, n, int(self._actions[n])) for n in self._numbers]
+            tasks = [self._world.tasks[task] for task in self.task_numbers.tolist()]
+            columns = zip(tasks, map(scene_of, self.items), self.steps.tolist(), strict=True)
+            self._states = [State(*fields) for fields in columns]
         return self._states
 
+    def legal(self) -> BoolArray:
+        if not self._beneath:
+            return super().legal()
+        *deeper, top = self._beneath
+        return top.legal(EndedMoment(self._world, self._env, self._env_ids, deeper))
 
-def _last_state(world: World, before: _Before, number: int, action: int) -> State:
-    task = world.tasks[int(before.task_numbers[number])]
-    scene = task.start if before.items is None else scene_of(before.items[number])
-    state = State(task, scene, int(before.steps[number]))
-    return world.dynamics.step(state, world.dynamics.appearance.decode(action)).state
+
+def _transformations(env: Any) -> list[Transformation]:
+    """Those of a stack of wrappers, the innermost first."""
+    found: list[Transformation] = []
+    while isinstance(env, VectorWrapper):
+        found += [env.transformation] if isinstance(env, VectorEnvWrapper) else []
+        env = env.env
+    return found[::-1]
 
 
 class _Stacked(Mapping[str, Batch]):

@@ -329,6 +329,20 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._check_started()
         return self._states()
 
+    @property
+    def last_task_numbers(self) -> Int64Array:
+        """(N,) a new array: as `task_numbers`, of the episodes that last ended (autoreset mode SAME_STEP)."""
+        return self._block.last_task.copy()
+
+    @property
+    def last_steps(self) -> Int64Array:
+        """(N,) a new array: as `steps`, of the episodes that last ended (autoreset mode SAME_STEP)."""
+        return self._block.last_steps.copy()
+
+    def last_scene_array(self) -> Int16Array:
+        """(N, 3, capacity, 5) a new array: as `scene_array`, at the end of the episodes that last ended (SAME_STEP)."""
+        return self._block.last_items.copy()
+
     def encode_actions(self, actions: Any) -> Int64Array:
         """(N,) numbers of N actions in the released array form, (N, slots). Raises ActionError."""
         if not is_list(actions):

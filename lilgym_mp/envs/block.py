@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.arrays import BoolArray, Int8Array, Int64Array, UInt8Array
+from lilgym_mp.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.render import image_shape
 
 INVALID_REASONS = tuple(InvalidReason)  # by number in `Block.invalid`
@@ -49,6 +49,8 @@ class Block:
     repeated: BoolArray  # (N,) the episode that ended was of a task that had been evaluated before
     last_image: UInt8Array  # (N, height, width, 3) of the episode that ended, where it was reset in the same step
     last_task: Int64Array  # (N,) likewise
+    last_steps: Int64Array  # (N,) likewise
+    last_items: Int16Array  # (N, 3, capacity, 5) likewise
     mask: BoolArray  # (N, actions) on demand
     goal: BoolArray  # (N,) on demand
     items: NDArray[np.int16]  # (N, 3, capacity, 5) on demand
@@ -103,6 +105,8 @@ def block_forms(
         "repeated": flags,
         "last_image": ArrayForm((kept, *images[1:]), np.uint8),
         "last_task": numbers,
+        "last_steps": numbers,
+        "last_items": ArrayForm((kept, 3, capacity, 5), np.int16),
         "mask": ArrayForm((num_envs, actions), np.bool_),
         "goal": flags,
         "items": ArrayForm((num_envs, 3, capacity, 5), np.int16),

@@ -197,6 +197,9 @@ class Engine:
             for number in ended.tolist():  # copied once, while an array of numbers would have it copied twice
                 block.last_image[number] = block.image[number]
             block.last_task[ended] = block.task[ended]
+            block.last_steps[ended] = block.steps[ended]
+            self.core.write_items()
+            block.last_items[ended] = block.items[ended]
             self._begin_next(ended)
 
     def _begin_next(self, which: Int64Array) -> None:

@@ -10,9 +10,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from lilgym_mp import wrappers
+from lilgym_mp.observation import EMPTY
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.moment import Moment
+from lilgym_mp.wrappers.transformation import Transformation
 
 N = 5
 STEPS = 24
@@ -67,14 +73,6 @@ def same(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other))
 
 
-def without_last_masks(outcome: Any) -> Any:
-    """A result of a step without the masks of episodes that have ended: no use to anybody, a batch leaves them out."""
-    last = outcome[-1].get("final_info", {})
-    for name in ("action_mask", "_action_mask"):
-        last.pop(name, None)
-    return outcome
-
-
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
 @pytest.mark.parametrize("names", STACKS)
@@ -90,6 +88,37 @@ def test_batch__equals_wrapped_environments(corpus: Path, configuration: str, na
         legal = batch.action_masks()
         actions = np.array([generator.choice(np.flatnonzero(mask)) for mask in legal])
         actions[generator.random(N) < 0.1] = 0
-        outcomes = [without_last_masks(env.step(actions)) for env in (each, batch)]
+        outcomes = [env.step(actions) for env in (each, batch)]
         assert same(*outcomes)
     assert batch.observation_space.contains(outcomes[1][0])
+
+
+class CountedItems(Transformation):
+    """How many items the scene holds, by a wrapper that declares nothing."""
+
+    changes_observations = True
+
+    def observation_space(self) -> spaces.Space[Any]:
+        return spaces.Box(0, 100, (1,), np.int64)
+
+    def observations(self, observations: Any, moment: Moment) -> Any:
+        return (moment.items[..., -1] != EMPTY).sum(axis=(1, 2))[:, None]
+
+
+class ItemCount(EnvWrapper[CountedItems]):
+    does = CountedItems
+
+    def __init__(self, env: Any) -> None:
+        super().__init__(env)
+
+
+def test_batch__a_wrapper_that_reads_the_scene_shows_that_of_the_end_of_an_episode():
+    make = partial(gym.make, "lilgym_mp/TowerScratch-v0", horizon=3)
+    mode = AutoresetMode.SAME_STEP
+    each = SyncVectorEnv([lambda: ItemCount(make())] * 3, autoreset_mode=mode)
+    batch = factory(ItemCount)(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, horizon=3, autoreset_mode=mode))
+    for env in (each, batch):
+        env.reset(seed=0)
+        for action in (1, 2, 3):
+            *_, infos = env.step(np.full(3, action))
+        assert np.array_equal(np.stack(infos["final_obs"]), [[3], [3], [3]])
