@@ -95,6 +95,13 @@ def test_import__loads_nothing_heavy():
     assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
 
 
+def test_import__an_environment_loads_no_generator_of_statements():
+    program = "import sys, lilgym_mp.envs.batched; print(*(name for name in sys.modules if 'corpus.generator' in name))"
+    done = _run(sys.executable, "-c", program)
+    assert done.returncode == 0, done.stderr
+    assert not done.stdout.split()
+
+
 def _import_contract(place: Path) -> subprocess.CompletedProcess[str]:
     _needs("importlinter")
     program = "import sys; from importlinter.cli import lint_imports_command as run; sys.exit(run())"

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
-from lilgym_mp.corpus.generator import Recipe
 from lilgym_mp.corpus.installing import installation_faults
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.places import corpus_path
+from lilgym_mp.corpus.places import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
@@ -57,7 +56,7 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
 
     Raises CorpusError only when there is no such corpus, or a generated one cannot be made.
     """
-    if Recipe.named(corpus) is not None:
+    if is_generated(corpus):
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
     with corpus_path(corpus) as path:
         faults = FaultLog(stop_at_first=False)

@@ -13,9 +13,8 @@ from pathlib import Path
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
-from lilgym_mp.corpus.generator.generated import Recipe, generated_tasks
 from lilgym_mp.corpus.jsonlines import CorpusFile
-from lilgym_mp.corpus.places import corpus_path
+from lilgym_mp.corpus.places import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
@@ -34,8 +33,11 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("appearance", appearance, APPEARANCES)
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
-    recipe = Recipe.named(corpus)
-    if recipe is not None:
+    if is_generated(corpus):
+        from lilgym_mp.corpus.generator.generated import Recipe, generated_tasks  # takes a third of the import's time
+
+        recipe = Recipe.named(corpus)
+        assert recipe is not None
         return generated_tasks(str(corpus), recipe, appearance, start, split)
     with corpus_path(corpus) as path:
         file = released_path(path, appearance, start, split) if path.is_dir() else path

@@ -12,8 +12,14 @@ from pathlib import Path
 from lilgym_mp.corpus.faults import CorpusError
 
 BUILTIN, OFFICIAL = "builtin", "lilgym"
+GENERATED = "generated"  # first part of the names of generated corpora
 BUILTIN_FILE = "builtin.jsonl.gz"
 DATA_VARIABLE = "LILGYM_DATA"
+
+
+def is_generated(corpus: object) -> bool:
+    """Whether a corpus name is one of a generated corpus, known or not."""
+    return isinstance(corpus, str) and corpus.split(":")[0] == GENERATED
 
 
 def user_cache() -> Path:

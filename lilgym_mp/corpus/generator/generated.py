@@ -20,12 +20,12 @@ from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.generator.entries import Draft, Entry, drafts, is_trivial, proven
 from lilgym_mp.corpus.generator.levels import LEVELS
 from lilgym_mp.corpus.generator.starts import Stock
+from lilgym_mp.corpus.places import is_generated
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-PREFIX = "generated"
 SIZES = {"train": 250, "dev": 50, "test": 100}  # statements
 SPLIT_SHARES = {"train": 7, "dev": 1, "test": 2}  # of all programs
 STOCK_SIZE = 32  # chains of scenes
@@ -48,7 +48,7 @@ class Recipe(NamedTuple):
 
         Raises CorpusError for a level that there is not, or a seed that is not a whole number from 0 on.
         """
-        if not isinstance(corpus, str) or corpus.split(":")[0] != PREFIX:
+        if not isinstance(corpus, str) or not is_generated(corpus):
             return None
         parts = corpus.split(":")[1:]
         levels = ", ".join(map(str, LEVELS))
