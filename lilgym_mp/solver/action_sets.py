@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance
-from lilgym_mp.observation import EMPTY, Int16Array
+from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array
+from lilgym_mp.observation import EMPTY
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
 from lilgym_mp.solver.reports import in_processes
@@ -163,7 +164,7 @@ def _random_edit(dynamics: Dynamics, state: State, random: np.random.Generator) 
 
 
 @cache
-def _adds(appearance: Appearance) -> NDArray[np.bool_]:
+def _adds(appearance: Appearance) -> BoolArray:
     """(action_count,) which actions add."""
     arrays = (appearance.to_array(appearance.decode(number)) for number in range(appearance.action_count))
     return np.array([array[0] == ActionType.ADD for array in arrays])
@@ -180,16 +181,16 @@ class ActionSets:
     task: NDArray[np.str_]  # (T,) ids
     statement: NDArray[np.str_]  # (T,)
     program: NDArray[np.str_]  # (T,)
-    target: NDArray[np.bool_]  # (T,)
+    target: BoolArray  # (T,)
     state_task: NDArray[np.int32]  # (N,) index of the state's task
     steps_taken: NDArray[np.int16]  # (N,) actions before
     origin: NDArray[np.uint8]  # (N,) `Origin`
     item: Int16Array  # (I, 5) x, y, shape, colour, size, state by state and box by box
     box_sizes: Int16Array  # (N, 3) items in each box
     action: NDArray[np.int32]  # (A,) ascending in each state, as the appearance numbers them
-    action_starts: NDArray[np.int64]  # (N + 1,) the actions of state i are at `action_starts[i]` to `[i + 1]`
+    action_starts: Int64Array  # (N + 1,) the actions of state i are at `action_starts[i]` to `[i + 1]`
     steps_to_go: Int16Array  # (N,) actions to success, STOP included; 0 where no solution is known
-    complete: NDArray[np.bool_]  # (N,) whether every good action is there
+    complete: BoolArray  # (N,) whether every good action is there
 
     def __len__(self) -> int:
         return len(self.state_task)

@@ -13,9 +13,8 @@ from functools import lru_cache
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lilgym_mp.arrays import BoolArray
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.programs.syntax import (
     Arithmetic,
     Call,
@@ -47,7 +46,7 @@ KEPT_TREES = 4_096
 class Question:
     """A test of one item by itself. It is equal to itself alone; the same test is the same object."""
 
-    codes: NDArray[np.int64]  # (1323,) what it says of each sample of `item_samples`, as a number
+    codes: Int64Array  # (1323,) what it says of each sample of `item_samples`, as a number
 
     def __call__(self, item: Item) -> int:
         return int(self.codes[sample_number(item)])
@@ -246,6 +245,6 @@ def _has(name: str, value: Enum) -> Question:
     return Question((_field_of_samples(name) == value.value).astype(np.int64))
 
 
-def _field_of_samples(name: str) -> NDArray[np.int64]:
+def _field_of_samples(name: str) -> Int64Array:
     field = Item._fields.index(ATTRIBUTES[name])
     return np.array([item[field] for item in every_item()])

@@ -9,10 +9,10 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lilgym_mp.appearances import BoolArray, PlacementRules, Scatter
+from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.legality import box_legality
+from lilgym_mp.appearances.numbering import LOOK_KINDS, LOOKS, add_index, remove_index
 from lilgym_mp.appearances.placement import (
     FIRST_TOO_FAR,
     LARGEST_MOVE,
@@ -22,44 +22,56 @@ from lilgym_mp.appearances.placement import (
     cell_areas,
     placement_tables,
 )
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Colour, Item, Shape, Size
+from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Colour, Item, Shape
 from lilgym_mp.solver.item_samples import BEYOND, PLACE_COUNT, places
 
 KEPT_BOXES = 8_192  # whose edits are kept
 
-IntArray = NDArray[np.int64]
 
-
-class BoxEdits(NamedTuple):
-    """What each edit of one box does. Cells are numbered as actions number them: columns first, then rows."""
+class Additions(NamedTuple):
+    """What each addition to one box does. Cells are numbered as actions number them: columns first, then rows."""
 
     valid: BoolArray  # (cells, 9) by kind: whether an item of it can be added
-    x: IntArray  # (cells, 9) where it comes to rest; anything where it cannot be added
-    y: IntArray  # (cells, 9)
-    samples: IntArray  # (cells * 27,) in the order of ADD's numbers: the item's sample, -1 where invalid
-    removed: IntArray  # (cells,) position of the item that a removal takes away, -1 where there is none
+    x: Int64Array  # (cells, 9) where it comes to rest; anything where it cannot be added
+    y: Int64Array  # (cells, 9)
+    samples: Int64Array  # (cells * 27,) in the order of ADD's numbers: the item's sample, -1 where invalid
 
-    def item(self, add: int) -> Item:
+    def item(self, number: int) -> Item:
         """The item that the valid addition with that number, counted in this box, brings."""
-        cell, look = divmod(add, LOOK_COUNT)
-        shape, colour, size = (int(value) for value in _looks()[look])
-        kind = shape * len(Size) + size
-        return Item(int(self.x[cell, kind]), int(self.y[cell, kind]), Shape(shape), Colour(colour), Size(size))
-
-
-LOOK_COUNT = len(Shape) * len(Colour) * len(Size)
+        cell, look = divmod(number, len(LOOKS))
+        shape, colour, size = LOOKS[look]
+        kind = LOOK_KINDS[look]
+        return Item(int(self.x[cell, kind]), int(self.y[cell, kind]), shape, colour, size)
 
 
 @lru_cache(maxsize=KEPT_BOXES)
-def box_edits(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tuple[Item, ...]) -> BoxEdits:
-    """The edits of a box with these items; `frame_x` is its left border in the coordinates that are rounded."""
+def additions(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tuple[Item, ...]) -> Additions:
+    """The additions to a box with these items; `frame_x` is its left border in the coordinates that are rounded."""
     width, height = scatter.cell
     found_x, found_y, valid = box_legality(width, height, searches=scatter.searches(rules)).first_places(items)
     if items and not scatter.is_native:
         x, y = _snapped(found_x, found_y, valid, items, rules, frame_x)
     else:
         x, y = found_x, found_y
-    return BoxEdits(valid, x, y, _samples(x, y, valid), _removed(scatter.cell, items))
+    return Additions(valid, x, y, _samples(x, y, valid))
+
+
+@lru_cache(maxsize=KEPT_BOXES)
+def addable_looks(scatter: Scatter, rules: PlacementRules, items: tuple[Item, ...]) -> BoolArray:
+    """(cells, 27) whether an item of each look can be added to each cell of a box with these items."""
+    legality = box_legality(*scatter.cell, searches=scatter.searches(rules))
+    return legality.addable(items)[..., _ADD_KINDS].reshape(-1, len(LOOKS))
+
+
+def addition_numbers(scatter: Scatter, index: int, additions: Int64Array) -> Int64Array:
+    """The actions' numbers, from those of additions counted in box `index`."""
+    return additions + add_index(scatter.box_cells[index].start, 0)
+
+
+def removal_numbers(scatter: Scatter, index: int, cells: Int64Array) -> Int64Array:
+    """The actions' numbers, from the cells of removals counted in box `index`."""
+    return cells + remove_index(scatter.box_cells[index].start, scatter.cell_count)
 
 
 def frame_of(rules: PlacementRules, index: int) -> int:
@@ -68,8 +80,8 @@ def frame_of(rules: PlacementRules, index: int) -> int:
 
 
 class _Tables(NamedTuple):
-    clearance: NDArray[np.uint8]  # (9, 9, 69, 69), and beyond these offsets nothing is near
-    moves: NDArray[np.uint8]  # likewise
+    clearance: UInt8Array  # (9, 9, 69, 69), and beyond these offsets nothing is near
+    moves: UInt8Array  # likewise
     tied: BoolArray  # likewise: whether nearest points are settled in place
 
 
@@ -85,9 +97,10 @@ def _tables() -> _Tables:
 
 
 _KINDS = np.arange(KIND_COUNT)
+_ADD_KINDS = np.array(LOOK_KINDS)
 
 
-def _clearances(x: IntArray, y: IntArray, items: tuple[Item, ...]) -> IntArray:
+def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64Array:
     """(items, cells, kinds) the clearance codes of an item of each kind at (x, y) to each item."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])
     dx = x - placed[:, 0, None, None] + OFFSET_LIMIT
@@ -99,8 +112,8 @@ def _clearances(x: IntArray, y: IntArray, items: tuple[Item, ...]) -> IntArray:
 
 
 def _snapped(
-    x: IntArray, y: IntArray, valid: BoolArray, items: tuple[Item, ...], rules: PlacementRules, frame_x: int
-) -> tuple[IntArray, IntArray]:
+    x: Int64Array, y: Int64Array, valid: BoolArray, items: tuple[Item, ...], rules: PlacementRules, frame_x: int
+) -> tuple[Int64Array, Int64Array]:
     """Where items that found their places at (x, y) come to rest."""
     codes = _clearances(x, y, items)
     closest = codes.argmin(axis=0)
@@ -121,8 +134,8 @@ def _snapped(
 
 
 def _moves(
-    kinds: IntArray, x: IntArray, y: IntArray, others: IntArray, items: tuple[Item, ...], frame_x: int
-) -> tuple[IntArray, IntArray]:
+    kinds: Int64Array, x: Int64Array, y: Int64Array, others: Int64Array, items: tuple[Item, ...], frame_x: int
+) -> tuple[Int64Array, Int64Array]:
     """By how much each new item moves to the one of `items` that `others` says."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
     place = (kinds, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
@@ -137,34 +150,32 @@ def _moves(
 
 
 @cache
-def _looks() -> IntArray:
-    """(27, 3) shape, colour and size in the order of ADD's numbers."""
-    return np.stack(np.meshgrid(*map(np.arange, (3, 3, 3)), indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-@cache
-def _places() -> IntArray:
+def _places() -> Int64Array:
     return np.array(places())
 
 
-def _samples(x: IntArray, y: IntArray, valid: BoolArray) -> IntArray:
+def _samples(x: Int64Array, y: Int64Array, valid: BoolArray) -> Int64Array:
     """`item_samples.sample_number` for every addition, -1 where invalid."""
-    shapes, colours, sizes = _looks().T
+    shapes, colours, sizes = np.array(LOOKS).T
     by_pixel = _places()
     looks = sizes * PLACE_COUNT**2
-    kinds = shapes * len(Size) + sizes
+    kinds = _ADD_KINDS
     place = by_pixel[sizes, x[:, kinds] + BEYOND] * PLACE_COUNT + by_pixel[sizes, y[:, kinds] + BEYOND]
     numbers = (looks + place) * (len(Shape) * len(Colour)) + shapes * len(Colour) + colours
     return np.where(valid[:, kinds], numbers, -1).ravel()
 
 
 @cache
-def _areas(width: int, height: int) -> IntArray:
+def _areas(width: int, height: int) -> Int64Array:
     return np.array(cell_areas(width, height))
 
 
-def _removed(cell: tuple[int, int], items: tuple[Item, ...]) -> IntArray:
-    """By cell the position of the item that covers most of it, the first of equals; -1 where none does."""
+@lru_cache(maxsize=KEPT_BOXES)
+def removed(cell: tuple[int, int], items: tuple[Item, ...]) -> Int64Array:
+    """(cells,) position of the item that a removal there takes away, -1 where there is none.
+
+    It is the one that covers most of the cell, the first of equals.
+    """
     width, height = cell
     columns, rows = BOX_SIDE // width, BOX_SIDE // height
     if not items:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.actions import AddItem
-from lilgym_mp.appearances import BoolArray, PlacementRules, Scatter
-from lilgym_mp.appearances.numbering import add_index, remove_index
+from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.placement import LARGEST_MOVE, SNAP_REACH
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
@@ -31,7 +32,15 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.solver.box_edits import BoxEdits, box_edits, frame_of
+from lilgym_mp.solver.box_edits import (
+    Additions,
+    addable_looks,
+    addition_numbers,
+    additions,
+    frame_of,
+    removal_numbers,
+    removed,
+)
 from lilgym_mp.solver.placements import BoxEdit, Placements
 from lilgym_mp.solver.reach import FaceReach, SeenBy, Split, Triple
 from lilgym_mp.solver.room import Refuted, room_for
@@ -44,7 +53,6 @@ MOST_TRIED = 60  # first edits of a kind after which room for the rest is sought
 SKETCH_COST = 5  # threes of faces that can be looked at in the time that a new sketch takes
 CLEARANCE = SNAP_REACH + LARGEST_MOVE + 1  # pixels between items over which neither changes where the other goes
 
-IntArray = NDArray[np.int64]
 Rest = tuple[SketchEdit, ...]  # what is left to do to a box's sketch, in any order
 
 
@@ -70,11 +78,29 @@ class ReachableSketches:
         sketcher: Sketcher,
         seen: SeenBy,
     ) -> None:
-        self._boxes = [
-            _ReachableBox(scatter, rules, placements[index], index, scene.boxes[index], sketcher, seen)
-            for index in range(BOX_COUNT)
-        ]
-        self.reaches = [box.reach for box in self._boxes]
+        self._new_box = partial(_ReachableBox, scatter, rules, placements, sketcher, seen)
+        self._boxes = [self._new_box(index, scene.boxes[index]) for index in range(BOX_COUNT)]
+
+    @property
+    def reaches(self) -> list[FaceReach]:
+        return [box.reach for box in self._boxes]
+
+    def with_box(self, index: int, box: Box) -> ReachableSketches:
+        """The same with another box at `index`."""
+        other = copy(self)
+        other._boxes = [*self._boxes]
+        other._boxes[index] = self._new_box(index, box)
+        return other
+
+    def some_room(self, goals: Iterable[tuple[Split, Triple]], budget: Budget) -> Refuted | None:
+        """None where a box triple of the goals can be had, else whether that is proven. Raises BudgetSpentError."""
+        refuted = Refuted.PROVEN
+        for split, triple in goals:
+            found = self._refuted(split, triple, budget)
+            if found is None:
+                return None
+            refuted = refuted if found is Refuted.PROVEN else found
+        return refuted
 
     def edits_to(self, split: Split, triple: Triple, budget: Budget) -> list[BoxEdit] | None:
         """Edits after which the boxes have these faces, as many as the split says; None where none were found.
@@ -95,10 +121,9 @@ class ReachableSketches:
         complete = True
         looked_at: set[tuple[int, int, int]] = set()
         for split, triple in goals:
-            rooms = [box.room(split[index], triple[index], budget) for index, box in enumerate(self._boxes)]
-            refuted = [room for room in rooms if isinstance(room, Refuted)]
-            complete = complete and Refuted.OPEN not in refuted
-            for index, box in enumerate(self._boxes if not refuted else ()):
+            refuted = self._refuted(split, triple, budget)
+            complete = complete and refuted is not Refuted.OPEN
+            for index, box in enumerate(self._boxes if refuted is None else ()):
                 key = (index, split[index], triple[index])
                 if key not in looked_at:
                     looked_at.add(key)
@@ -106,6 +131,11 @@ class ReachableSketches:
                     actions |= found.actions
                     complete = complete and found.complete
         return Firsts(frozenset(actions), complete)
+
+    def _refuted(self, split: Split, triple: Triple, budget: Budget) -> Refuted | None:
+        """None where there is room in each box for what gives it its face."""
+        refuted = [box.refuted(split[index], triple[index], budget) for index, box in enumerate(self._boxes)]
+        return Refuted.PROVEN if Refuted.PROVEN in refuted else next(filter(None, refuted), None)
 
 
 class _ReachableBox:
@@ -115,15 +145,15 @@ class _ReachableBox:
         self,
         scatter: Scatter,
         rules: PlacementRules,
-        placements: Placements,
-        index: int,
-        box: Box,
+        placements: Sequence[Placements],
         sketcher: Sketcher,
         seen: SeenBy,
+        index: int,
+        box: Box,
     ) -> None:
         self._scatter = scatter
         self._rules = rules
-        self._placements = placements
+        self._placements = placements[index]
         self._index = index
         self._box = box
         self._sketcher = sketcher
@@ -131,7 +161,8 @@ class _ReachableBox:
         sketch = sketcher.arranged(self._numbers)
         self._layers: SketchLayers = sketcher.layers(box)
         self.reach: FaceReach = seen.reach(("sketch", sketch), self._layers, SKETCH_COST)
-        self._rooms: dict[tuple[int, int], tuple[BoxEdit, ...] | Refuted] = {}
+        self._rooms: dict[tuple[int, int], tuple[BoxEdit, ...] | Refuted] = {}  # by edits and face
+        self._firsts: dict[tuple[int, int], Firsts] = {}
 
     # Room
 
@@ -159,20 +190,33 @@ class _ReachableBox:
     def _seek(self, edits: Rest, box: Box, budget: Budget, *, reverse: bool = False) -> tuple[BoxEdit, ...] | Refuted:
         return room_for(edits, box, self._placements, self._sketcher, budget, reverse=reverse)
 
+    def refuted(self, edits: int, face: int, budget: Budget) -> Refuted | None:
+        """None where there are edits, as many as that, which give the box the face."""
+        if edits == 1:
+            return None if self.firsts(edits, face, budget).actions else Refuted.PROVEN
+        room = self.room(edits, face, budget)
+        return room if isinstance(room, Refuted) else None
+
     # First actions
 
     def firsts(self, edits: int, face: int, budget: Budget) -> Firsts:
         """The actions that begin to give the box the face in that many edits. Raises BudgetSpentError."""
         if not edits:
             return NO_FIRSTS
+        found = self._firsts.get((edits, face))
+        if found is None:
+            found = self._firsts[edits, face] = self._new_firsts(edits, face, budget)
+        return found
+
+    def _new_firsts(self, edits: int, face: int, budget: Budget) -> Firsts:
         goals = self._goals(edits, face, budget)
         if edits == 1:
             wanted = {self._sketcher.sketch(goal) for goal in goals}
             return Firsts(frozenset(self._single_edits(wanted)), complete=True)
         return self._first_of_many(goals, budget)
 
-    def _edits(self) -> BoxEdits:
-        return box_edits(self._scatter, self._rules, frame_of(self._rules, self._index), self._box.items)
+    def _all_additions(self) -> Additions:
+        return additions(self._scatter, self._rules, frame_of(self._rules, self._index), self._box.items)
 
     def _single_edits(self, wanted: set[Sketch]) -> Iterator[int]:
         """The actions that make one of these sketches."""
@@ -184,20 +228,24 @@ class _ReachableBox:
             if arranged((*numbers[:position], *numbers[position + 1 :])) in wanted:
                 yield from self._actions(self._removals(position), adds=False)
 
-    def _additions(self, item_class: int) -> IntArray:
+    def _additions(self, item_class: int) -> Int64Array:
         """The additions, counted in this box, of an item of the class."""
-        samples = self._edits().samples
-        return ((self._sketcher.classes.by_sample[samples] == item_class) & (samples >= 0)).nonzero()[0]
+        classes = self._sketcher.classes
+        if classes.by_look is not None:
+            looks = addable_looks(self._scatter, self._rules, self._box.items)
+            return (looks & (classes.by_look == item_class)).ravel().nonzero()[0]
+        samples = self._all_additions().samples
+        return ((classes.by_sample[samples] == item_class) & (samples >= 0)).nonzero()[0]
 
-    def _removals(self, position: int) -> IntArray:
+    def _removals(self, position: int) -> Int64Array:
         """The cells, counted in this box, from which the item at that position is removed."""
-        return (self._edits().removed == position).nonzero()[0]
+        return (removed(self._scatter.cell, self._box.items) == position).nonzero()[0]
 
-    def _actions(self, numbers: IntArray, *, adds: bool) -> list[int]:
+    def _actions(self, numbers: Int64Array, *, adds: bool) -> list[int]:
         """The actions' numbers, from numbers counted in this box."""
-        first = self._scatter.box_cells[self._index].start
-        start = add_index(first, 0) if adds else remove_index(first, self._scatter.cell_count)
-        return (numbers + start).tolist()
+        number = addition_numbers if adds else removal_numbers
+        found: list[int] = number(self._scatter, self._index, numbers).tolist()
+        return found
 
     def _first_of_many(self, goals: Sequence[Box], budget: Budget) -> Firsts:
         if self._sketcher.ordered:
@@ -235,7 +283,7 @@ class _ReachableBox:
 
         Additions of one kind in one cell differ by colour alone, which geometry does not see.
         """
-        edits = self._edits()
+        edits = self._all_additions()
         chosen = np.zeros(edits.samples.shape, np.bool_)
         chosen[self._additions(item_class)] = True
         by_look = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
@@ -243,32 +291,32 @@ class _ReachableBox:
         left, top = edits.x[cells, kinds], edits.y[cells, kinds]
         sides = np.array(KIND_PIXELS)[kinds]
         squares = np.stack([left, top, left + sides, top + sides], axis=1)
-        certain, complete = self._with_room(_Additions(squares, kinds), rests, budget)
+        certain, complete = self._with_room(_Begun(squares, kinds), rests, budget)
         fine = np.zeros((len(edits.valid), KIND_COUNT), np.bool_)
         fine[cells[certain], kinds[certain]] = True
         by_look &= fine.reshape(-1, len(Shape), 1, len(Size))
         return Firsts(frozenset(self._actions(chosen.nonzero()[0], adds=True)), complete)
 
-    def _with_room(self, additions: _Additions, rests: Sequence[Rest], budget: Budget) -> tuple[BoolArray, bool]:
+    def _with_room(self, begun: _Begun, rests: Sequence[Rest], budget: Budget) -> tuple[BoolArray, bool]:
         """Which additions leave room for one of `rests`, and whether that is known of all."""
-        fine = np.zeros(len(additions.kinds), np.bool_)
+        fine = np.zeros(len(begun.kinds), np.bool_)
         for rest in rests[:MOST_RESTS]:
             for reverse in (False, True):
                 way = self._seek(rest, self._box, budget, reverse=reverse)
                 if not isinstance(way, Refuted) and not fine.all():
-                    fine |= self._missed_by(additions.squares, way)
+                    fine |= self._missed_by(begun.squares, way)
         complete = True
         for tried, index in enumerate((~fine).nonzero()[0].tolist()):
             if tried == MOST_TRIED:
                 return fine, False
             if not fine[index]:
-                way = self._after(rests, self._box.with_item(additions.item(index)), budget)
+                way = self._after(rests, self._box.with_item(begun.item(index)), budget)
                 if isinstance(way, Refuted):
                     complete = complete and way is Refuted.PROVEN
                     continue
                 fine[index] = True
-                if self._missed_by(additions.squares[index : index + 1], way)[0]:  # it is there without the addition
-                    fine |= self._missed_by(additions.squares, way)
+                if self._missed_by(begun.squares[index : index + 1], way)[0]:  # it is there without the addition
+                    fine |= self._missed_by(begun.squares, way)
         return fine, complete
 
     def _after(self, rests: Sequence[Rest], box: Box, budget: Budget) -> tuple[BoxEdit, ...] | Refuted:
@@ -281,7 +329,7 @@ class _ReachableBox:
             refuted = refuted if way is Refuted.PROVEN else way
         return refuted
 
-    def _missed_by(self, squares: IntArray, way: Sequence[BoxEdit]) -> BoolArray:
+    def _missed_by(self, squares: Int64Array, way: Sequence[BoxEdit]) -> BoolArray:
         """Which items in these (n, 4) squares change nothing about what the edits do, whether they are there or not."""
         touched = np.array([self._touched(edit) for edit in way])
         left, top, right, bottom = (squares[:, None, side] for side in range(4))
@@ -299,11 +347,11 @@ class _ReachableBox:
         return x, y, x + width, y + height
 
 
-class _Additions(NamedTuple):
+class _Begun(NamedTuple):
     """Additions to a box, whatever their colours."""
 
-    squares: IntArray  # (n, 4) left, top, right, bottom; the latter two exclusive
-    kinds: IntArray  # (n,)
+    squares: Int64Array  # (n, 4) left, top, right, bottom; the latter two exclusive
+    kinds: Int64Array  # (n,)
 
     def item(self, index: int) -> Item:
         """One of them, in some colour."""

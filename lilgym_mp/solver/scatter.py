@@ -7,13 +7,15 @@ from collections.abc import Hashable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.solver.aspects import aspects, joined
-from lilgym_mp.solver.box_edits import box_edits, frame_of
+from lilgym_mp.solver.box_edits import addition_numbers, additions, frame_of, removal_numbers, removed
 from lilgym_mp.solver.first_edits import ReachableSketches
 from lilgym_mp.solver.joint import judged_by_program, programs_of, truths_wanted
 from lilgym_mp.solver.neighbours import NeighbourLayers, Neighbours, Profile
@@ -116,11 +118,11 @@ class ScatterSearch:
         remaining = solution.steps - 2
         found = {self._scatter.encode(solution.actions[0])}
         certain = solution.proven_optimal and self._complete
-        rooms: Rooms = {}
         budget = Budget(min(budget.scenes_left, TRIAL_BUDGET))
+        trial = _Trial(self, state, remaining, budget)
         try:
-            for numbers, after in self._edits(state.scene, sketcher_of(programs_of(state.task)).classes):
-                answer = self._starts_shortest(State(state.task, after, state.steps + 1), remaining, budget, rooms)
+            for index, numbers, box in self._edits(state.scene, sketcher_of(programs_of(state.task)).classes):
+                answer = trial.begins_shortest(index, box)
                 if answer:
                     found.update(numbers)
                 certain = certain and answer is not None
@@ -128,41 +130,79 @@ class ScatterSearch:
             certain = False
         return ActionSet(tuple(sorted(found)), complete=certain, steps=solution.steps)
 
-    def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Scene]]:
-        """The actions that are tried, those together that the program cannot tell apart, and the scene after them."""
+    def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[int, Sequence[int], Box]]:
+        """The index of a box, actions on it that the program cannot tell apart, and the box after them."""
         for index, box in enumerate(scene.boxes):
             for numbers, after in self._box_edits(index, box, classes):
-                yield numbers, scene.with_box(index, after)
+                yield index, numbers, after
 
     def _box_edits(self, index: int, box: Box, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Box]]:
         if not self._complete:
             for edit, after in self._placements[index].every(box):
                 yield [self._scatter.encode(edit)], after
             return
-        edits = box_edits(self._scatter, self._placement, frame_of(self._placement, index), box.items)
-        adds, removals = self._scatter.box_numbers[index]
+        brought = additions(self._scatter, self._placement, frame_of(self._placement, index), box.items)
+        taken = removed(self._scatter.cell, box.items)
         alike: dict[Hashable, list[int]] = {}
-        for number in (edits.samples >= 0).nonzero()[0].tolist():
-            item = edits.item(number)
+        for number in (brought.samples >= 0).nonzero()[0].tolist():
+            item = brought.item(number)
             alike.setdefault((item.x, item.y, item.kind, classes.of(item)), []).append(number)
         for numbers in alike.values():
-            yield [adds.start + number for number in numbers], box.with_item(edits.item(numbers[0]))
+            actions: list[int] = addition_numbers(self._scatter, index, np.array(numbers)).tolist()
+            yield actions, box.with_item(brought.item(numbers[0]))
         for position in range(len(box.items)):
-            cells: list[int] = (edits.removed == position).nonzero()[0].tolist()
+            cells: list[int] = removal_numbers(self._scatter, index, (taken == position).nonzero()[0]).tolist()
             if cells:
-                yield [removals.start + cell for cell in cells], box.without(position)
+                yield cells, box.without(position)
 
-    def _starts_shortest(self, state: State, edits: int, budget: Budget, rooms: Rooms) -> bool | None:
-        """Whether `edits` edits lead on from `state` to a goal; None when that is not known."""
-        budget.spend()
-        if edits == 0:
-            return state.task.solved_by(state.scene)
-        search = _TaskSearch(self._placements, state, edits, budget, rooms)
-        if search.relational:
+    def search(self, state: State, most_edits: int, budget: Budget, rooms: Rooms) -> _TaskSearch:
+        return _TaskSearch(self._placements, state, most_edits, budget, rooms)
+
+
+class _Trial:
+    """Tells of edits of a scene, one by one, whether as few edits remain after them as may."""
+
+    def __init__(self, search: ScatterSearch, state: State, remaining: int, budget: Budget) -> None:
+        self._search = search
+        self._state = state
+        self._remaining = remaining
+        self._budget = budget
+        self._rooms: Rooms = {}
+        programs = programs_of(state.task)
+        self._by_faces = judged_by_program(state.task) and all(map(search.by_faces, programs))
+        self._seen, self._wanted = seen_by(programs), truths_wanted(state.task)
+        self._reachable = search.reachable(programs, state.scene) if self._by_faces else None
+
+    def begins_shortest(self, index: int, box: Box) -> bool | None:
+        """Whether a goal is that many edits off once the box at `index` is `box`; None when that is not known.
+
+        Raises BudgetSpentError.
+        """
+        self._budget.spend()
+        task, scene, steps = self._state
+        after = State(task, scene.with_box(index, box), steps + 1)
+        if self._remaining == 0:
+            return task.solved_by(after.scene)
+        if self._reachable is None:
             return None
+        return self._nearest_by_faces(self._reachable.with_box(index, box), after)
+
+    def _nearest_by_faces(self, reachable: ReachableSketches, after: State) -> bool | None:
+        for edits in range(1, self._remaining + 1):
+            triples = triples_after(edits, reachable.reaches, self._budget)
+            goals = [(split, triple) for split, triple in triples if self._seen.truths(triple) == self._wanted]
+            if goals:
+                room = reachable.some_room(goals, self._budget)
+                if room is Refuted.PROVEN and edits < self._remaining:  # with more edits there may be other ways
+                    return self._nearest_by_sketches(after)
+                return None if room is Refuted.OPEN else room is None
+        return False
+
+    def _nearest_by_sketches(self, after: State) -> bool | None:
+        search = self._search.search(after, self._remaining, self._budget, self._rooms)
         if search.by_sketches() is not None:
             return True
-        return False if search.least_edits > edits else None
+        return False if search.least_edits > self._remaining else None
 
 
 class _Level(NamedTuple):

@@ -8,13 +8,13 @@ are needed at least, and which; `placements` then look for room.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lilgym_mp.scene import KIND_COUNT, Box, Item
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.scene import KIND_COUNT, Box, Colour, Item, Shape, Size
 from lilgym_mp.solver.aspects import Aspects, Question
 from lilgym_mp.solver.item_samples import every_item, sample_number
 from lilgym_mp.solver.placements import Look
@@ -44,6 +44,14 @@ class ItemClasses:
         self.shares: list[int] = np.bincount(numbers).tolist()  # by class: how many of all placements belong to it
         self.looks = _one_colour_a_kind(numbers, len(firsts))  # by class
 
+    @cached_property
+    def by_look(self) -> Int64Array | None:
+        """(27,) by look, as actions number them, the class of items of it; None where that hangs on their place."""
+        places = self.by_sample.reshape(len(Size), -1, len(Shape), len(Colour))
+        if (places != places[:, :1]).any():
+            return None
+        return places[:, 0].transpose(1, 2, 0).ravel()
+
     def __len__(self) -> int:
         return len(self.representatives)
 
@@ -52,7 +60,7 @@ class ItemClasses:
         return self._by_sample[sample_number(item)]
 
 
-def _classes(questions: Sequence[Question]) -> tuple[NDArray[np.int64], list[int]]:
+def _classes(questions: Sequence[Question]) -> tuple[Int64Array, list[int]]:
     """The class of each sample, and the first sample of each class; classes are numbered as they come."""
     answers = np.zeros(len(every_item()), np.int64)
     for question in questions:
@@ -62,7 +70,7 @@ def _classes(questions: Sequence[Question]) -> tuple[NDArray[np.int64], list[int
     return np.argsort(order)[classes], firsts[order].tolist()
 
 
-def _one_colour_a_kind(classes: NDArray[np.int64], count: int) -> list[tuple[Look, ...]]:
+def _one_colour_a_kind(classes: Int64Array, count: int) -> list[tuple[Look, ...]]:
     """By class: the looks that items of it can have, one colour a kind, small ones first."""
     _, firsts = np.unique(classes * KIND_COUNT + _kinds(), return_index=True)
     looks: list[list[Look]] = [[] for _ in range(count)]
@@ -77,7 +85,7 @@ def _size(pair: tuple[Item, int]) -> tuple[int, int]:
 
 
 @cache
-def _kinds() -> NDArray[np.int64]:
+def _kinds() -> Int64Array:
     """The kind of each sample."""
     return np.array([item.kind for item in every_item()])
 

@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 from lilgym_mp.appearances.tower import tower_tables
-from lilgym_mp.render import UInt8Array, draw, shrink_of
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.render import draw, shrink_of
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Box, Scene, SceneError
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
 import pytest
 
 from lilgym_mp.appearances import Scatter
@@ -11,7 +12,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.solver import Solver
-from lilgym_mp.solver.box_edits import box_edits, frame_of
+from lilgym_mp.solver.box_edits import addable_looks, addition_numbers, additions, frame_of, removal_numbers, removed
 from lilgym_mp.solver.item_samples import sample_number
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
 from tests.solver.tasks import edits_by_trial, mdp, task
@@ -113,19 +114,23 @@ def test_box_edits__are_what_the_rules_do(rules: str, grid: tuple[int, int]):
     for seed, one in enumerate(load_tasks("builtin", "scatter", "flipit", "train")[:160:20]):
         state = strayed(dynamics, dynamics.start(one), seed % 5, seed)
         for index, box in enumerate(state.scene.boxes):
-            edits = box_edits(scatter, placement, frame_of(placement, index), box.items)
-            adds, removals = scatter.box_numbers[index]
-            for number in rng.sample(range(adds.start, adds.stop), 60):
+            brought = additions(scatter, placement, frame_of(placement, index), box.items)
+            taken = removed(scatter.cell, box.items)
+            addable = addable_looks(scatter, placement, box.items).ravel()
+            adds = addition_numbers(scatter, index, np.arange(len(addable))).tolist()
+            removals = removal_numbers(scatter, index, np.arange(len(taken))).tolist()
+            for number in rng.sample(adds, 60):
                 after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
-                sample = edits.samples[number - adds.start]
+                sample = brought.samples[number - adds[0]]
+                assert addable[number - adds[0]] == (invalid is None)
                 if invalid:
                     assert sample == -1
                 else:
                     item = after.boxes[index].items[-1]
-                    assert (edits.item(number - adds.start), sample) == (item, sample_number(item))
-            for number in rng.sample(range(removals.start, removals.stop), 5):
+                    assert (brought.item(number - adds[0]), sample) == (item, sample_number(item))
+            for number in rng.sample(removals, 5):
                 after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
-                position = edits.removed[number - removals.start]
+                position = taken[number - removals[0]]
                 assert (after.boxes[index] if not invalid else None) == (
                     box.without(int(position)) if position >= 0 else None
                 )
@@ -136,5 +141,4 @@ def test_box_edits__of_stacks_count_as_any_box():
     scatter = mdp("scatter").appearance
     assert isinstance(scatter, Scatter)
     box = Box(tuple(tower(B, K)))
-    edits = box_edits(scatter, mdp("scatter").rules.placement, 0, box.items)
-    assert set(edits.removed.tolist()) == {-1, 0, 1}
+    assert set(removed(scatter.cell, box.items).tolist()) == {-1, 0, 1}
