@@ -137,8 +137,10 @@ def describe(
 ) -> ModelDescription:
     """`found`: what else is worth keeping, such as how long the training took."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
+    if found.get("generated_share"):
+        supervision += "; generated statements with programs"
     if found.get("other_statements"):
-        supervision += "; further statements with programs"
+        supervision += "; other statements with programs"
     details = {"network": shape.to_json(), "stop_rule": rule.to_json(), "corpus": settings.corpus, **found}
     return ModelDescription(KIND, VERSION, (settings.configuration,), supervision, recipe.to_json(), details)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +12,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary, words
+from lilgym_mp.corpus.spelling import normalised_words
+from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout
 from lilgym_mp.learning.imitation.lessons import Lesson
 from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, MOST_STEPS, Inputs
 from lilgym_mp.scene import BOX_COUNT, Colour
 
+KEPT_STATEMENTS = 20_000
+LONGEST_TEXT = 1_000  # characters; the rest is cut off
 Rng = np.random.Generator
 
 
@@ -33,11 +37,22 @@ class Batch(NamedTuple):
     box_mask: Tensor  # (S, U) whether there is such a box
 
 
+OFTEN = 2  # statements that a word must stand in to be known
+DIGITS = tuple(map(str, range(1, 10)))
+
+
+def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
+    """The words, normalised, that stand in several of the statements, and the digits; the rest may be slips."""
+    counts = Counter(word for statement in statements for word in set(normalised_words(statement, ())))
+    return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= OFTEN)})))
+
+
 class Numbering:
-    """Statements as rows of word numbers."""
+    """Statements as rows of word numbers, after `normalised_words`: digits for number words, slips repaired."""
 
     def __init__(self, vocabulary: Vocabulary) -> None:
         self.vocabulary = vocabulary
+        self._known = frozenset(vocabulary.words)
         names = [colour.name.lower() for colour in Colour]
         self._swaps = np.tile(np.arange(len(vocabulary)), (len(COLOUR_ORDERS), 1))
         if all(vocabulary.number(name) != UNKNOWN for name in names):
@@ -49,9 +64,9 @@ class Numbering:
         """(T,) at least one number, LONGEST_STATEMENT at most."""
         found = self._kept.get(statement)
         if found is None:
-            known = [self.vocabulary.number(word) for word in words(statement)[:LONGEST_STATEMENT]] or [UNKNOWN]
-            found = np.array(known, np.int64)
-            if len(self._kept) < 100_000:
+            said = normalised_words(statement[:LONGEST_TEXT], self._known)[:LONGEST_STATEMENT]
+            found = np.array([self.vocabulary.number(word) for word in said] or [UNKNOWN], np.int64)
+            if len(self._kept) < KEPT_STATEMENTS:
                 self._kept[statement] = found
         return found
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
@@ -10,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.augmentation import facts
+from lilgym_mp.augmentation import facts, random_pair
+from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import ActionLayout, action_layout
@@ -22,6 +25,7 @@ from lilgym_mp.task import Task
 
 BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))
 MOST_RANDOM_EDITS = 3
+STARTS = 4  # of a generated statement
 Rng = np.random.Generator
 
 
@@ -33,7 +37,6 @@ class Lesson:
     program: Program
     starts: tuple[Scene, ...]
     exchanges_colours: bool  # whether statement and program name the same colours
-    share: float = 1.0  # how often it is drawn, against the others
     scenes: list[tuple[int, int, int]] = field(default_factory=list)  # boxes of each scene, by index
     truths: list[bool] = field(default_factory=list)
     steps: list[int] = field(default_factory=list)  # of a shortest solution; 0 where no actions are known
@@ -42,21 +45,50 @@ class Lesson:
     known: dict[tuple[int, int, int], int] = field(default_factory=dict)  # scene by its boxes
 
 
-def lessons_of(tasks: Iterable[Task], share: float = 1.0) -> list[Lesson]:
+def lessons_of(tasks: Iterable[Task]) -> list[Lesson]:
     """A lesson for each statement and program among the tasks, with the start scenes of all its tasks."""
     found: dict[tuple[str, str], list[Task]] = {}
     for task in tasks:
         found.setdefault((task.statement, task.program), []).append(task)
     return [
-        Lesson(
-            statement,
-            compile_program(program),
-            tuple(dict.fromkeys(task.start for task in group)),
-            facts(statement, program).colours,
-            share,
-        )
+        _lesson(statement, program, tuple(dict.fromkeys(task.start for task in group)))
         for (statement, program), group in found.items()
     ]
+
+
+def derived_lesson(lesson: Lesson, rng: Rng) -> Lesson | None:
+    """The lesson with colours, shapes, sides and numbers exchanged in statement and program, where that can be."""
+    statement, program = random_pair(lesson.statement, lesson.program.source, rng)
+    if program == lesson.program.source:
+        return None
+    return _lesson(statement, program, lesson.starts)
+
+
+def generated_lessons(appearance: str, seed: int, starts: Sequence[Scene], rng: Rng) -> Iterator[Lesson]:
+    """Endless lessons from generated statements, each with some of the start scenes."""
+    for statement, program in training_pairs(appearance, seed):
+        chosen = rng.choice(len(starts), min(STARTS, len(starts)), replace=False)
+        yield _lesson(statement, program, tuple(starts[index] for index in chosen.tolist()))
+
+
+def _lesson(statement: str, program: str, starts: tuple[Scene, ...]) -> Lesson:
+    return Lesson(statement, compile_program(program), starts, facts(statement, program).colours)
+
+
+class Pool:
+    """The last lessons that came, of which the oldest go."""
+
+    def __init__(self, source: Iterator[Lesson | None], most: int) -> None:
+        self._source = source
+        self.lessons: deque[Lesson] = deque(maxlen=most)
+
+    def grow(self, explorer: Explorer, count: int, solved: int, judged: int, elsewhere: Sequence[Scene]) -> None:
+        """Takes `count` more from the source and keeps those that the expert solves scenes of."""
+        for lesson in itertools.islice(self._source, count):
+            if lesson is not None:
+                explorer.explore(lesson, solved, judged, elsewhere)
+                if lesson.with_actions:
+                    self.lessons.append(lesson)
 
 
 def held_out(lessons: Sequence[Lesson], share: float, seed: int) -> tuple[list[Lesson], list[Lesson]]:

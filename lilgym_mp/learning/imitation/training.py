@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,19 +16,28 @@ import torch
 from torch import nn
 
 from lilgym_mp.appearances import make_appearance
-from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
 from lilgym_mp.learning.agents import AGENT_FILE
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.imitation.agent import ImitationAgent, Shape, describe
-from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
+from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of
 from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
+from lilgym_mp.learning.imitation.lessons import (
+    Explorer,
+    Lesson,
+    Pool,
+    derived_lesson,
+    generated_lessons,
+    held_out,
+    lessons_of,
+)
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 FORMAT = "lilgym_mp-imitation-run"
@@ -40,6 +50,9 @@ REPORT_SECONDS = 10.0
 EXPLORED_AT_ONCE = 32  # statements
 OWN_AFTER = 0.2  # share of the budget after which the network's own states are explored
 MOST_TASKS_FOR_RULE = 600
+POOL_FIRST = 100  # further statements before learning begins
+POOL_GROWTH = 8  # and whenever it explores
+PAIRS_FOR_WORDS = 2000  # generated statements whose words are known
 
 
 class TrainingError(ValueError):
@@ -144,7 +157,8 @@ class _Run:
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable()
         self._explorer = Explorer(self._dynamics, self._table, self._rng, recipe.budget)
-        vocabulary = Vocabulary.from_statements([lesson.statement for lesson in (*lessons, *self._others)])
+        self._pools = self._new_pools()
+        vocabulary = vocabulary_of(self._statements())
         self._numbering = Numbering(vocabulary)
         self._shape = Shape.of(settings.appearance, vocabulary, recipe)
         torch.manual_seed(seed)
@@ -166,6 +180,22 @@ class _Run:
             unknown_words=recipe.unknown_words,
             single_action=recipe.single_action,
         )
+
+    def _new_pools(self) -> list[tuple[Pool, float]]:
+        """Pools of further lessons, and their shares of a batch."""
+        recipe, rng = self._recipe, self._rng
+        starts = self._elsewhere or [Scene.empty()]
+        derived = (derived_lesson(self._lessons[rng.integers(len(self._lessons))], rng) for _ in itertools.count())
+        generated = generated_lessons(self._settings.appearance, self._seed, starts, rng)
+        pools = [(Pool(derived, recipe.pool), recipe.derived), (Pool(generated, recipe.pool), recipe.generated)]
+        return [(pool, share) for pool, share in pools if share]
+
+    def _statements(self) -> Iterator[str]:
+        """Those whose words are to be known."""
+        yield from (lesson.statement for lesson in (*self._lessons, *self._others))
+        if self._recipe.generated:
+            pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
+            yield from (pair.statement for pair in itertools.islice(pairs, PAIRS_FOR_WORDS))
 
     # The budget
 
@@ -240,9 +270,15 @@ class _Run:
         return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
     def _drawn_lessons(self) -> list[Lesson]:
+        """Lessons for a batch: of the pools and of other tasks by their shares, the rest of the training tasks."""
+        sources = [(pool.lessons, share) for pool, share in self._pools]
+        sources.append((self._ready(self._others), self._recipe.mixed_share))
         count = self._recipe.statements
-        other = round(count * self._recipe.mixed_share) if self._ready(self._others) else 0
-        return [*self._some(self._ready(self._lessons), count - other), *self._some(self._ready(self._others), other)]
+        drawn: list[Lesson] = []
+        for lessons, share in sources:
+            if lessons:
+                drawn += self._some(lessons, round(count * share))
+        return [*drawn, *self._some(self._ready(self._lessons), count - len(drawn))]
 
     def _some(self, lessons: Sequence[Lesson], count: int) -> list[Lesson]:
         if not count:
@@ -261,9 +297,14 @@ class _Run:
         for lesson in (*self._lessons, *self._others):
             if not lesson.with_actions:
                 self._explorer.explore(lesson, self._recipe.first_scenes, self._recipe.judged, self._elsewhere)
+        for pool, _ in self._pools:
+            self._grow(pool, POOL_FIRST)
         if not self._ready(self._lessons):
             raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
         self._standing.exploring_seconds += self._seconds() - began
+
+    def _grow(self, pool: Pool, count: int) -> None:
+        pool.grow(self._explorer, count, self._recipe.first_scenes, self._recipe.judged, self._elsewhere)
 
     def _wants_to_explore(self) -> bool:
         if self._steps is not None:  # by steps, so that equal arguments give equal agents
@@ -272,6 +313,8 @@ class _Run:
 
     def _explore_more(self) -> None:
         began = self._seconds()
+        for pool, _ in self._pools:
+            self._grow(pool, POOL_GROWTH)
         lessons = self._some([*self._lessons, *self._others], EXPLORED_AT_ONCE)
         if self._done() > OWN_AFTER and self._rng.random() < self._recipe.own_states:
             self._explore_own(lessons)
@@ -350,6 +393,7 @@ class _Run:
             "held_out_tasks": len(self._tasks_apart),
             "held_out_accuracy": share,
             "other_statements": len(self._others),
+            "generated_share": self._recipe.generated,
         }
         description = describe(self._settings, self._recipe, self._shape, rule, found)
         agent = ImitationAgent(self._network.eval(), self._shape, rule, description)

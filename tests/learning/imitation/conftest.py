@@ -13,6 +13,8 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from tests.small_corpus import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
+    "derived": 0.0,
+    "generated": 0.0,
     "width": 32,
     "text_layers": 1,
     "item_layers": 1,
