@@ -46,9 +46,9 @@ class ImitationRecipe:
     budget: int = _setting(20_000, "scenes that the expert looks at for one set, at most", 1)
     held_out: float = _setting(0.05, "share of the training statements kept apart to choose when to stop by", 0, 0.5)
     derived: float = _setting(
-        0.25, "share of a batch's statements made of training ones: other shapes, numbers and sides", 0, 0.9
+        0.0, "share of a batch's statements made of training ones: other shapes, numbers and sides", 0, 0.9
     )
-    generated: float = _setting(0.25, "share of a batch's statements that are generated, not of the corpus", 0, 0.9)
+    generated: float = _setting(0.0, "share of a batch's statements that are generated, not of the corpus", 0, 0.9)
     pool: int = _setting(1000, "derived statements kept at a time, and generated ones likewise", 1)
     mixed_share: float = _setting(0.3, "share of other tasks' statements in a batch, where other tasks are given", 0, 1)
     reduced_precision: bool = _setting(True, "calculate in bfloat16 where that is known to do")

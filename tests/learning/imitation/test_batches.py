@@ -7,7 +7,8 @@ import torch
 
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.tokens import Vocabulary, words
+from lilgym_mp.corpus.spelling import normalised_words
+from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, action_layout
@@ -56,7 +57,7 @@ def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: st
     programs = {
         f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
         for statement, program, name in (
-            (" ".join(words(lesson.statement)), lesson.program.source, colour.name)
+            (" ".join(normalised_words(lesson.statement, ())), lesson.program.source, colour.name)
             for lesson in lessons
             for colour in Colour
             if colour.name.lower() in lesson.statement
@@ -68,7 +69,7 @@ def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: st
     changed = 0
     for row, lesson in enumerate(lessons):
         statement = " ".join(vocabulary.decode(batch.inputs.words[row].tolist()))
-        changed += statement != " ".join(words(lesson.statement))
+        changed += statement != " ".join(normalised_words(lesson.statement, ()))
         program = programs[statement]
         for column, places in enumerate(batch.inputs.scenes[row].tolist()):
             scene = shown(batch.inputs, row, places)
