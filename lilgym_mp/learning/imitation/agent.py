@@ -77,10 +77,17 @@ class Shape:
 class ImitationAgent:
     """A network with its words and its rule for when to stop."""
 
-    def __init__(self, network: ImitationNetwork, shape: Shape, rule: StopRule, description: ModelDescription) -> None:
+    def __init__(
+        self,
+        network: ImitationNetwork,
+        shape: Shape,
+        rules: Mapping[str, StopRule],
+        description: ModelDescription,
+    ) -> None:
+        """`rules`: by the configuration's name."""
         self.network = network
         self.shape = shape
-        self.rule = rule
+        self.rules = dict(rules)
         self._description = description
 
     @property
@@ -98,7 +105,8 @@ class ImitationAgent:
             raise ValueError(f"this network plays Scatter on the grid 19 x 5, not {settings.grid}")
         assert isinstance(appearance, Tower | Scatter)
         horizon = make_dynamics(appearance, settings.rules, settings.horizon).horizon
-        return _ImagePolicy(self, appearance, horizon, sampled=sampled or self.rule.sampled)
+        rule = self.rules[settings.configuration]
+        return _ImagePolicy(self, appearance, horizon, rule, sampled=sampled or rule.sampled)
 
     def save(self, path: Path) -> None:
         save_model(path, self._description, self.network.state_dict())
@@ -109,7 +117,10 @@ class _ImagePolicy:
 
     needs_masks = False
 
-    def __init__(self, agent: ImitationAgent, appearance: Tower | Scatter, horizon: int, *, sampled: bool) -> None:
+    def __init__(
+        self, agent: ImitationAgent, appearance: Tower | Scatter, horizon: int, rule: StopRule, *, sampled: bool
+    ) -> None:
+        self._rule = rule
         self._agent = agent
         self._appearance = appearance
         self._horizon = horizon
@@ -127,13 +138,16 @@ class _ImagePolicy:
         player = self._player
         scenes = [read_scene(image, self._appearance.name) for image in observations.images]
         found = player.log_probabilities(observations.statements, player.table.indices(scenes), observations.targets)
-        rule = self._agent.rule
-        heads = decide(found, observations.steps, self._horizon, rule, rng if self._sampled else None)
+        heads = decide(found, observations.steps, self._horizon, self._rule, rng if self._sampled else None)
         return player.layout.action_of[heads]
 
 
 def describe(
-    settings: Settings, recipe: ImitationRecipe, shape: Shape, rule: StopRule, found: Mapping[str, Any]
+    settings: Settings,
+    recipe: ImitationRecipe,
+    shape: Shape,
+    rules: Mapping[str, StopRule],
+    found: Mapping[str, Any],
 ) -> ModelDescription:
     """`found`: what else is worth keeping, such as how long the training took."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
@@ -141,8 +155,9 @@ def describe(
         supervision += "; generated statements with programs"
     if found.get("other_statements"):
         supervision += "; other statements with programs"
-    details = {"network": shape.to_json(), "stop_rule": rule.to_json(), "corpus": settings.corpus, **found}
-    return ModelDescription(KIND, VERSION, (settings.configuration,), supervision, recipe.to_json(), details)
+    kept = {name: rule.to_json() for name, rule in rules.items()}
+    details = {"network": shape.to_json(), "stop_rules": kept, "corpus": settings.corpus, **found}
+    return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
@@ -155,11 +170,12 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
         )
     try:
         shape = Shape.from_json(description.details["network"])
-        rule = StopRule(**description.details["stop_rule"])
+        kept = description.details["stop_rules"]
+        rules = {name: StopRule(**kept[name]) for name in description.configurations}
         if any(CONFIGURATIONS[name][0] != shape.appearance for name in description.configurations):
             raise ValueError(f"a network for {shape.appearance} cannot play {', '.join(description.configurations)}")
         network = shape.network()
     except (ValueError, TypeError, KeyError, VocabularyError) as fault:
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
     restore(network, tensors, path)
-    return ImitationAgent(network.to(place).eval(), shape, rule, description)
+    return ImitationAgent(network.to(place).eval(), shape, rules, description)

@@ -33,8 +33,8 @@ class Batch(NamedTuple):
     truths: Tensor  # (S, N) 0.0 or 1.0
     steps: Tensor  # (S, A) how many actions to success, 2 to MOST_STEPS + 1, less 2
     optimal: Tensor  # (S, A, heads) whether each action starts a shortest solution
-    legal: Tensor  # (S, U, 25, 10) or (S, U, 0, 10)
-    box_mask: Tensor  # (S, U) whether there is such a box
+    legal: Tensor  # (S, V, 25, 10); (S, V, 0, 1) where there are no cells
+    box_mask: Tensor  # (S, V) whether there is such a box
 
 
 OFTEN = 2  # statements that a word must stand in to be known
@@ -82,26 +82,66 @@ def padded(rows: Sequence[Int64Array]) -> Int64Array:
     return found
 
 
-def box_inputs(table: BoxTable, boxes: Int64Array, orders: Int64Array, device: torch.device) -> dict[str, Tensor]:
-    """The inputs of (S, U) boxes by their index, recoloured by statement."""
-    room = max(1, int(table.counts[boxes].max()))
-    colours = np.array(COLOUR_ORDERS)[orders[:, None, None], table.colours[boxes, :room]]
+class Boxes(NamedTuple):
+    """The distinct boxes of each statement's scenes, those of the first A scenes first."""
+
+    indices: Int64Array  # (S, U) in the table
+    present: NDArray[np.bool_]  # (S, U) whether there is such a box
+    scenes: Int64Array  # (S, N, 3) the scenes by these boxes
+    acting: int  # V: how many, at most, the first A scenes have
+
+    @classmethod
+    def of(cls, scenes: Int64Array, acting: int) -> Boxes:
+        """From (S, N, 3) scenes by their boxes' indices in the table; `acting` is A."""
+        found = [_distinct(row, acting) for row in scenes]
+        rows = [row for row, _, _ in found]
+        counts = np.array([len(row) for row in rows])
+        indices = padded(rows)
+        present = np.arange(indices.shape[1]) < counts[:, None]
+        return cls(indices, present, np.stack([within for _, within, _ in found]), max(count for _, _, count in found))
+
+
+def _distinct(scenes: Int64Array, acting: int) -> tuple[Int64Array, Int64Array, int]:
+    """(U,) the distinct boxes, (N, 3) the scenes by them, and how many the first `acting` scenes have."""
+    places: dict[int, int] = {}
+    within = [places.setdefault(box, len(places)) for box in scenes[:acting].ravel().tolist()]
+    count = len(places)
+    within += [places.setdefault(box, len(places)) for box in scenes[acting:].ravel().tolist()]
+    return np.array(list(places), np.int64), np.array(within, np.int64).reshape(scenes.shape), count
+
+
+def box_inputs(table: BoxTable, boxes: Boxes, orders: Int64Array, device: torch.device) -> dict[str, Tensor]:
+    """What the network is told of the boxes and scenes, recoloured by statement."""
+    statements, most = boxes.indices.shape
+    counts = np.where(boxes.present, table.counts[boxes.indices], 0)
+    room = max(1, int(counts.max()))
+    statement, box, slot = np.nonzero(np.arange(room) < counts[..., None])
+    held = counts.sum(1)
+    items = max(1, int(held.max()))
+    place = np.arange(len(statement)) - np.repeat(held.cumsum() - held, held)  # of each item in its statement
+    source = boxes.indices[statement, box]
+    features = np.zeros((statements, items, table.features.shape[-1]), np.uint8)
+    features[statement, place] = table.features[source, slot]
+    colours = np.zeros((statements, items), np.int64)
+    colours[statement, place] = np.array(COLOUR_ORDERS)[orders[statement], table.colours[source, slot]]
+    by_box = np.full((statements, most, room), statements * items, np.int64)
+    by_box[statement, box, slot] = statement * items + place
+    by_item = np.zeros((statements, items), np.int64)
+    by_item[statement, place] = (statement * most + box) * room + slot
+    acting = box < boxes.acting
     arrays = {
-        "features": table.features[boxes, :room],
+        "features": features,
         "colours": colours,
-        "present": np.arange(room) < table.counts[boxes][..., None],
-        "relations": table.relations[boxes, :room, :room].astype(np.int32),
-        "offsets": table.offsets[boxes, :room].astype(np.int32),
+        "by_box": by_box,
+        "by_item": by_item,
+        "relations": table.relations[boxes.indices, :room, :room].astype(np.int32),
+        "cell_boxes": boxes.indices[:, : boxes.acting],
+        "cell_items": (statement * items + place)[acting],
+        "cell_places": (statement * boxes.acting + box)[acting],
+        "offsets": table.offsets[source, slot][acting].astype(np.int32),
+        "scenes": boxes.scenes,
     }
     return {name: torch.from_numpy(array).to(device) for name, array in arrays.items()}
-
-
-def distinct_boxes(scenes: Int64Array) -> tuple[Int64Array, Int64Array, Int64Array]:
-    """(S, U) the distinct boxes of (S, N, 3) scenes row by row, (S, N, 3) the scenes by them, (S,) how many."""
-    found = [np.unique(row, return_inverse=True) for row in scenes]
-    boxes = padded([row for row, _ in found])
-    within = np.stack([inverse.reshape(scenes.shape[1:]) for _, inverse in found])
-    return boxes, within, np.array([len(row) for row, _ in found])
 
 
 class BatchMaker:
@@ -146,15 +186,15 @@ class BatchMaker:
         text = padded(
             [self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)]
         )
-        boxes, within, counts = distinct_boxes(scenes)
+        boxes = Boxes.of(scenes, solved)
         self._table.describe()
         device = self._device
         inputs = Inputs(
             words=torch.from_numpy(text).to(device),
-            scenes=torch.from_numpy(within).to(device),
             **box_inputs(self._table, boxes, orders, device),
         )
-        legal = self._table.legal[boxes] if self._layout.cells > 1 else np.zeros((*boxes.shape, 0, 1), np.bool_)
+        acting = boxes.indices[:, : boxes.acting]
+        legal = self._table.legal[acting] if self._layout.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
         return Batch(
             inputs,
             torch.from_numpy((1 - truths[:, :solved]).astype(np.int64)).to(device),
@@ -162,7 +202,7 @@ class BatchMaker:
             torch.from_numpy((steps - 2).clip(0, MOST_STEPS - 1)).to(device),
             torch.from_numpy(self._optimal(lessons, rows, orders, solved)).to(device),
             torch.from_numpy(legal).to(device),
-            torch.from_numpy(np.arange(boxes.shape[1]) < counts[:, None]).to(device),
+            torch.from_numpy(boxes.present[:, : boxes.acting]).to(device),
         )
 
     def _numbers(self, lesson: Lesson, order: int, rng: Rng) -> Int64Array:

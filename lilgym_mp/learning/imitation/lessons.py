@@ -103,7 +103,10 @@ def held_out(lessons: Sequence[Lesson], share: float, seed: int) -> tuple[list[L
 class Explorer:
     """Fills lessons with scenes: starts, what random edits make of them, the expert's way on, and goals."""
 
-    def __init__(self, dynamics: Dynamics, table: BoxTable, rng: Rng, budget: int | None = None) -> None:
+    def __init__(
+        self, dynamics: Dynamics, table: BoxTable, rng: Rng, budget: int | None = None, empty_starts: float = 0.0
+    ) -> None:
+        """`empty_starts`: the share of walks that begin at the empty scene instead of one of the lesson's starts."""
         appearance = dynamics.appearance
         assert isinstance(appearance, Tower | Scatter)
         self.table = table
@@ -112,6 +115,7 @@ class Explorer:
         self._appearance = appearance
         self._solver = Solver(dynamics, budget)
         self._rng = rng
+        self._empty_starts = empty_starts
         self.sets = 0  # asked of the expert
 
     def use(self, rng: Rng) -> None:
@@ -153,8 +157,7 @@ class Explorer:
     def _walk(self, lesson: Lesson, wanted: int) -> None:
         """From a start, randomly edited, along optimal actions until the truth changes."""
         rng = self._rng
-        start = lesson.starts[rng.integers(len(lesson.starts))]
-        scene = start.permuted(BOX_ORDERS[rng.integers(len(BOX_ORDERS))])
+        scene = self.start(lesson).permuted(BOX_ORDERS[rng.integers(len(BOX_ORDERS))])
         for _ in range(rng.integers(MOST_RANDOM_EDITS + 1)):
             scene = self.edited(scene)
         for _ in range(self._dynamics.horizon):
@@ -183,6 +186,12 @@ class Explorer:
         if rng.random() < 0.8:
             scene = self.edited(scene)
         self.add(lesson, scene, solve=False)
+
+    def start(self, lesson: Lesson) -> Scene:
+        """A start at random."""
+        if self._rng.random() < self._empty_starts:
+            return Scene.empty()
+        return lesson.starts[self._rng.integers(len(lesson.starts))]
 
     def edited(self, scene: Scene) -> Scene:
         """The scene after a random valid edit: ADD and REMOVE equally likely where both are possible."""

@@ -23,14 +23,21 @@ LONGEST_STATEMENT = 64  # words; the rest is cut off
 
 
 class Inputs(NamedTuple):
-    """S statements, each with U boxes of K items at most, and N scenes made of those boxes."""
+    """S statements, each with U boxes of K items at most, M items in all at most, and N scenes made of those boxes.
+
+    C items lie in those boxes, the first V of each statement, whose cells are asked for.
+    """
 
     words: Tensor  # (S, T) word numbers, 0 for none
-    features: Tensor  # (S, U, K, F) what is known of each item but its colour
-    colours: Tensor  # (S, U, K)
-    present: Tensor  # (S, U, K) whether there is such an item
-    relations: Tensor  # (S, U, K, K)
-    offsets: Tensor  # (S, U, K, 2, 5) of items to cells
+    features: Tensor  # (S, M, F) what is known of each item but its colour
+    colours: Tensor  # (S, M)
+    by_box: Tensor  # (S, U, K) where the box's items are among the S * M; S * M for none
+    by_item: Tensor  # (S, M) where the item is among the S * U * K
+    relations: Tensor  # (S, U, K, K) of each of a box's items to each
+    cell_boxes: Tensor  # (S, V) of which only the shape matters
+    cell_items: Tensor  # (C,) among the S * M
+    cell_places: Tensor  # (C,) the item's box among the S * V
+    offsets: Tensor  # (C, 2, 5) of items to cells
     scenes: Tensor  # (S, N, 3) the boxes of each scene, 0 to U - 1
 
 
@@ -42,7 +49,7 @@ class Outputs(NamedTuple):
     adds: Tensor  # (S, A, adds)
     removes: Tensor  # (S, A, removes)
     steps: Tensor  # (S, A, MOST_STEPS) logits of how many actions are still to be taken
-    legal: Tensor | None  # (S, U, 25, 10) logits of an ADD of each kind and a REMOVE being valid
+    legal: Tensor | None  # (S, V, 25, 10) logits of an ADD of each kind and a REMOVE being valid
 
 
 class Feedforward(nn.Module):
@@ -87,13 +94,21 @@ class Relating(nn.Module):
         self.value = nn.Linear(width, width)
         self.out = nn.Linear(width, width)
 
-    def forward(self, x: Tensor, relations: Tensor, present: Tensor) -> Tensor:
-        """`x` (P, K, d), `relations` (P, K, K), `present` (P, K, 1)."""
-        pairs, items, width = x.shape
-        value = F.relu(self.value(self.norm(x))) * present
-        gates = torch.sigmoid(self.gates(relations)).permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
+    def forward(self, x: Tensor, inputs: Inputs) -> Tensor:
+        """`x` (S, M, d)."""
+        value = in_boxes(F.relu(self.value(self.norm(x))), inputs.by_box)  # (P, K, d)
+        pairs, items, width = value.shape
+        gates = torch.sigmoid(self.gates(inputs.relations.flatten(0, 1)))
+        gates = gates.permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
         found = gates @ value.view(pairs, items, GATES, -1).transpose(1, 2)
-        return x + self.out(found.transpose(1, 2).reshape(pairs, items, width))
+        found = found.transpose(1, 2).reshape(pairs * items, width)
+        return x + self.out(found.index_select(0, inputs.by_item.flatten()).view(x.shape))
+
+
+def in_boxes(x: Tensor, by_box: Tensor) -> Tensor:
+    """(P, K, d) the items of each box, zero where there is none, from (S, M, d)."""
+    padded = F.pad(x.flatten(0, 1), (0, 0, 0, 1))
+    return padded.index_select(0, by_box.flatten()).view(-1, by_box.shape[-1], x.shape[-1])
 
 
 class ItemLayer(nn.Module):
@@ -103,13 +118,9 @@ class ItemLayer(nn.Module):
         self.relating = Relating(width)
         self.feedforward = Feedforward(width)
 
-    def forward(self, x: Tensor, words: Tensor, mask: Tensor, relations: Tensor, present: Tensor) -> Tensor:
-        """`x` (S, U, K, d)."""
-        statements, boxes, items, width = x.shape
-        x = self.reading(x.view(statements, boxes * items, width), words, mask)
-        x = x.view(statements * boxes, items, width)
-        x = self.relating(x, relations.flatten(0, 1), present.flatten(0, 1))
-        return self.feedforward(x).view(statements, boxes, items, width)
+    def forward(self, x: Tensor, words: Tensor, mask: Tensor, inputs: Inputs) -> Tensor:
+        """`x` (S, M, d)."""
+        return self.feedforward(self.relating(self.reading(x, words, mask), inputs))
 
 
 class TextLayer(nn.Module):
@@ -164,16 +175,18 @@ class ScatterHeads(nn.Module):
         self.register_buffer("kinds", torch.tensor(kinds), persistent=False)
 
     def cell_vectors(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
-        """(S, U, 25, C) what the cells are like, (S, U, 25, 10) logits of what is valid there."""
+        """(S, V, 25, C) what the cells are like, (S, V, 25, 10) logits of what is valid there."""
+        statements, boxes = inputs.cell_boxes.shape
         across, down = (
-            embedding(inputs.offsets[..., axis, :]) for axis, embedding in enumerate((self.across, self.down))
-        )  # (S, U, K, 5, C)
-        value = self.value(items)
-        value = torch.cat([torch.ones_like(value), value], -1)[..., None, :]
-        left = (across * value).permute(0, 1, 4, 3, 2)  # (S, U, C, 5, K)
-        cells = left @ down.permute(0, 1, 4, 2, 3)  # (S, U, C, 5, 5)
-        cells = cells.flatten(-2).transpose(-1, -2)  # (S, U, 25, C)
-        hidden = F.relu(self.mix(cells + self.cells + self.box(box)[..., None, :]))
+            embedding(inputs.offsets[:, axis]) for axis, embedding in enumerate((self.across, self.down))
+        )  # (items, 5, C)
+        value = self.value(items.flatten(0, 1).index_select(0, inputs.cell_items)).float()
+        value = torch.cat([torch.ones_like(value), value], -1)[:, None]
+        each = (across * value)[:, :, None] * down[:, None]  # (items, 5, 5, C)
+        cells = each.new_zeros(statements * boxes, each[0].numel() if len(each) else CELLS**2 * CELL_CHANNELS)
+        cells = cells.index_add(0, inputs.cell_places, each.flatten(1))
+        cells = cells.view(statements, boxes, CELLS**2, CELL_CHANNELS)
+        hidden = F.relu(self.mix(cells + self.cells + self.box(box[:, :boxes]).float()[..., None, :]))
         return self.out(hidden), self.legal(hidden)
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
@@ -276,13 +289,13 @@ class ImitationNetwork(nn.Module):
         return self.text(words, mask), mask
 
     def boxes_read(self, inputs: Inputs, words: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """(S, U, K, d) the items and (S, U, d) the boxes, in the light of the words."""
-        present = inputs.present[..., None].to(words.dtype)
+        """(S, M, d) the items and (S, U, d) the boxes, in the light of the words."""
         known = self.item(inputs.features.to(words.dtype))
         x = known + self.colour(inputs.colours).to(known.dtype)
         for layer in self.item_layers:
-            x = layer(x, words, mask, inputs.relations, present)
-        box = (F.relu(self.item_out(x)) * present).sum(2) + self.empty_box.to(x.dtype)
+            x = layer(x, words, mask, inputs)
+        box = in_boxes(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
+        box = box.unflatten(0, inputs.by_box.shape[:2])
         box = self.box_feedforward(self.box_reading(box, words, mask))
         return x, box
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from lilgym_mp.arrays import Float32Array, Int64Array
-from lilgym_mp.learning.imitation.batches import Numbering, box_inputs, distinct_boxes, padded
+from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import STOP_HEAD, ActionLayout
 from lilgym_mp.learning.imitation.losses import log_policy
@@ -74,11 +74,10 @@ class Player:
     ) -> None:
         most = max(map(len, rows))
         places = np.stack([np.pad(row, (0, most - len(row)), mode="edge") for row in rows])  # (S, N)
-        distinct, within, _ = distinct_boxes(boxes[places])
+        distinct = Boxes.of(boxes[places], most)
         device = self.device
         inputs = Inputs(
             words=torch.from_numpy(padded([self.numbering.numbers(statement) for statement in statements])).to(device),
-            scenes=torch.from_numpy(within).to(device),
             **box_inputs(self.table, distinct, np.zeros(len(rows), np.int64), device),
         )
         wanted = torch.from_numpy(targets[places]).to(device)

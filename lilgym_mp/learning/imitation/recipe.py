@@ -42,6 +42,9 @@ class ImitationRecipe:
     own_states: float = _setting(
         0.5, "share of exploring that plays the network itself, once it has learnt a little", 0, 1
     )
+    empty_starts: float = _setting(
+        0.25, "share of walks from the empty scene in a FlipIt run; above 0 the agent plays Scratch as well", 0, 1
+    )
     first_scenes: int = _setting(3, "scenes with optimal actions of each statement before learning begins", 1)
     budget: int = _setting(20_000, "scenes that the expert looks at for one set, at most", 1)
     held_out: float = _setting(0.05, "share of the training statements kept apart to choose when to stop by", 0, 0.5)

@@ -7,7 +7,8 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,9 +17,12 @@ import torch
 from torch import nn
 
 from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.generator.pairs import training_pairs
+from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import AGENT_FILE
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.imitation.agent import ImitationAgent, Shape, describe
@@ -152,11 +156,17 @@ class _Run:
         lessons, self._apart = held_out(lessons_of(tasks), recipe.held_out, seed=0)
         self._lessons = lessons
         self._others = lessons_of(others)
-        self._tasks_apart = _tasks_of(tasks, self._apart)
+        played = {settings.configuration: tasks}
+        if settings.start == "flipit" and recipe.empty_starts:
+            scratch = f"{settings.appearance.capitalize()}{START_TITLES['scratch']}"
+            with suppress(NoTasksError):
+                played[scratch] = replace(settings, configuration=scratch).make("train").tasks
+        self._tasks_apart = {name: _tasks_of(found, self._apart) for name, found in played.items()}
         self._elsewhere = sorted_scenes(lessons) if settings.start == "flipit" else []
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable()
-        self._explorer = Explorer(self._dynamics, self._table, self._rng, recipe.budget)
+        empty_starts = recipe.empty_starts if settings.start == "flipit" else 0.0
+        self._explorer = Explorer(self._dynamics, self._table, self._rng, recipe.budget, empty_starts)
         self._pools = self._new_pools()
         vocabulary = vocabulary_of(self._statements())
         self._numbering = Numbering(vocabulary)
@@ -327,7 +337,7 @@ class _Run:
         """Adds the scenes that the network comes to, from starts of the lessons (DAgger)."""
         tasks: list[Task] = []
         for lesson in lessons:
-            start = lesson.starts[self._rng.integers(len(lesson.starts))]
+            start = self._explorer.start(lesson)
             tasks.append(Task("", lesson.statement, lesson.program.source, not lesson.program(start), start))
         rule = StopRule(never_first=self._settings.start == "flipit")
         rng = self._rng if self._rng.random() < 0.5 else None
@@ -380,23 +390,26 @@ class _Run:
     def finish(self) -> ImitationAgent:
         """Chooses the rule for when to stop on the statements kept apart, and writes the agent."""
         self._save()
-        rule, share = StopRule(never_first=self._settings.start == "flipit"), None
-        if self._tasks_apart:
-            chosen = self._tasks_apart[:: max(1, len(self._tasks_apart) // MOST_TASKS_FOR_RULE)]
-            rule, share = best_rule(self._player, self._dynamics, chosen, self._rng)
+        rules: dict[str, StopRule] = {}
+        shares: dict[str, float | None] = {}
+        for name, tasks in self._tasks_apart.items():
+            rules[name], shares[name] = StopRule(never_first=CONFIGURATIONS[name][1] == "flipit"), None
+            if tasks:
+                chosen = tasks[:: max(1, len(tasks) // MOST_TASKS_FOR_RULE)]
+                rules[name], shares[name] = best_rule(self._player, self._dynamics, chosen, self._rng)
         found = {
             "seed": self._seed,
             "steps": self._standing.steps,
             "states": self._standing.states,
             "cpu_minutes": round(self._seconds() / 60, 2),
             "exploring_cpu_minutes": round(self._standing.exploring_seconds / 60, 2),
-            "held_out_tasks": len(self._tasks_apart),
-            "held_out_accuracy": share,
+            "held_out_tasks": {name: len(tasks) for name, tasks in self._tasks_apart.items()},
+            "held_out_accuracy": shares,
             "other_statements": len(self._others),
             "generated_share": self._recipe.generated,
         }
-        description = describe(self._settings, self._recipe, self._shape, rule, found)
-        agent = ImitationAgent(self._network.eval(), self._shape, rule, description)
+        description = describe(self._settings, self._recipe, self._shape, rules, found)
+        agent = ImitationAgent(self._network.eval(), self._shape, rules, description)
         agent.save(self._out / AGENT_FILE)
         return agent
 

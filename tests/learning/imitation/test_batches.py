@@ -13,6 +13,7 @@ from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, action_layout
 from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
+from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Scene
@@ -49,7 +50,7 @@ def test_explorer__truths_and_actions_are_the_program_s_and_the_expert_s(stateme
 
 def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: str):
     lessons, table = explored(statements)
-    vocabulary = Vocabulary.from_statements([*(lesson.statement for lesson in lessons), "yellow black blue"])
+    vocabulary = Vocabulary.from_statements([*(lesson.statement for lesson in lessons), "yellow black blue 2"])
     layout = action_layout(Tower())
     numbering = Numbering(vocabulary)
     maker = BatchMaker(table, layout, numbering, torch.device("cpu"))
@@ -83,15 +84,16 @@ def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: st
     assert changed
 
 
-def shown(inputs: object, row: int, places: list[int]) -> Scene:
+def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
     """The Tower scene that the inputs show: blocks from below, by their gap to the floor and their colour."""
     from lilgym_mp.appearances.tower import tower_tables
 
     tables = tower_tables()
     boxes: list[Box] = []
     for place in places:
-        present = inputs.present[row, place]  # pyright: ignore[reportAttributeAccessIssue]
-        colours = inputs.colours[row, place][present].tolist()  # pyright: ignore[reportAttributeAccessIssue]
+        held = inputs.by_box[row, place]
+        every = inputs.colours.flatten()
+        colours = every[held[held < len(every)]].tolist()
         padded = [*colours, *[-1] * (4 - len(colours))]
         boxes.append(tables.boxes[int(np.flatnonzero((tables.colours == padded).all(1))[0])])
     return Scene((boxes[0], boxes[1], boxes[2]))

@@ -161,12 +161,12 @@ def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str
     saved(details={**details, "network": {**details["network"], "vocabulary": ["a", "blue"]}})
     with pytest.raises(ModelFileError, match="not of the network"):
         open_agent(path, "cpu")
-    saved(configurations=("ScatterFlipIt",))
+    saved(configurations=("ScatterFlipIt",), details={**details, "stop_rules": {"ScatterFlipIt": {}}})
     with pytest.raises(ModelFileError, match="a network for tower cannot play ScatterFlipIt"):
         open_agent(path, "cpu")
     saved()
-    with pytest.raises(AgentError, match="does not play TowerScratch"):
-        open_agent(path, "cpu").policy(Settings("TowerScratch", corpus=settings.corpus))
+    with pytest.raises(AgentError, match="does not play ScatterScratch"):
+        open_agent(path, "cpu").policy(Settings("ScatterScratch", corpus=settings.corpus))
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ModelFileError, match="cut short"):
         open_agent(path, "cpu")
