@@ -163,7 +163,7 @@ def _contestants(args: argparse.Namespace, place: Path) -> list[Contestant]:
         trained.append(Contestant(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
             torch.manual_seed(args.seed)
-            fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rule, agent.description)
+            fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rules, agent.description)
             trained.insert(0, Contestant("untrained network", fresh.policy))
     return [built_in("random-type"), built_in("random-legal"), *trained, built_in("expert")]
 
