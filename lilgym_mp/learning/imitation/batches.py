@@ -37,14 +37,16 @@ class Batch(NamedTuple):
     box_mask: Tensor  # (S, V) whether there is such a box
 
 
-OFTEN = 2  # statements that a word must stand in to be known
+FEW = 100  # statements; where there are more, a word that stands in one alone is taken for a slip
 DIGITS = tuple(map(str, range(1, 10)))
 
 
 def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
-    """The words, normalised, that stand in several of the statements, and the digits; the rest may be slips."""
-    counts = Counter(word for statement in statements for word in set(normalised_words(statement, ())))
-    return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= OFTEN)})))
+    """The words of the statements, normalised, and the digits; not those that may be slips."""
+    every = [set(normalised_words(statement, ())) for statement in statements]
+    counts = Counter(word for said in every for word in said)
+    least = 2 if len(every) > FEW else 1
+    return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= least)})))
 
 
 class Numbering:

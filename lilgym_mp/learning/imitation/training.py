@@ -281,7 +281,7 @@ class _Run:
 
     def _drawn_lessons(self) -> list[Lesson]:
         """Lessons for a batch: of the pools and of other tasks by their shares, the rest of the training tasks."""
-        sources = [(pool.lessons, share) for pool, share in self._pools]
+        sources: list[tuple[Sequence[Lesson], float]] = [(pool.lessons, share) for pool, share in self._pools]
         sources.append((self._ready(self._others), self._recipe.mixed_share))
         count = self._recipe.statements
         drawn: list[Lesson] = []

@@ -9,7 +9,7 @@ from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering
+from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, action_layout
 from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
@@ -113,3 +113,12 @@ def test_numbering__exchanges_colour_words():
     for order, colours in enumerate(COLOUR_ORDERS):
         new = vocabulary.decode(numbering.recoloured(numbering.numbers("yellow blue block"), order).tolist())
         assert new == [Colour(colours[0]).name.lower(), Colour(colours[2]).name.lower(), "block"]
+
+
+def test_vocabulary__leaves_out_slips_where_there_are_many_statements():
+    said = ["Two bleu blocks", "two blue blocks"]
+    assert {"bleu", "blue", "2", "9"} <= set(vocabulary_of(said).words)
+    many = vocabulary_of(said + ["three blue blocks"] * 100)
+    assert "blue" in many.words
+    assert "bleu" not in many.words
+    assert Numbering(many).numbers("bleu block").tolist() == Numbering(many).numbers("blue blocks").tolist()
