@@ -227,7 +227,7 @@ def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
     command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
     assert done.stderr.count("Traceback") == 1, done.stderr
-    assert done.stderr.strip().splitlines()[-1] == "KeyboardInterrupt"
+    assert done.stderr.strip().splitlines()[-1].startswith("KeyboardInterrupt"), done.stderr
 
 
 def _make_in_daemon(num_workers: int | str, answers: Connection) -> None:
