@@ -7,6 +7,7 @@ import gc
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -226,8 +227,8 @@ def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
 ) -> None:
     command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
-    assert done.stderr.count("Traceback") == 1, done.stderr
-    assert done.stderr.strip().splitlines()[-1].startswith("KeyboardInterrupt"), done.stderr
+    assert "KeyboardInterrupt" in done.stderr
+    assert not re.search(r"^Process \w|spawn_main|forkserver", done.stderr, re.MULTILINE), done.stderr
 
 
 def _make_in_daemon(num_workers: int | str, answers: Connection) -> None:
