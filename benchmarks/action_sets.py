@@ -102,11 +102,12 @@ def time_plans(dynamics: Dynamics, corpus: str, start: str, count: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--corpus", default="builtin")
+    parser.add_argument("--appearance", nargs="+", default=["tower", "scatter"])
     parser.add_argument("--states", type=int, default=3_000)
     parser.add_argument("--programs", type=int, default=150)
     parser.add_argument("--plans", type=int, default=100)
     given = parser.parse_args()
-    for appearance in ("tower", "scatter"):
+    for appearance in given.appearance:
         dynamics = make_dynamics(make_appearance(appearance, (19, 5)), "paper", 12)
         states = states_of(dynamics, given.corpus, ("scratch", "flipit"), given.programs, given.states)
         print(f"sets {appearance}: states, sets/s, actions a set, complete", time_sets(dynamics, states), flush=True)

@@ -8,19 +8,16 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
 from lilgym_mp.cli.solve import replayed
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.solver import Solver
 from lilgym_mp.solver.demonstrations import arrays, demonstrations, write_npz
 from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_table
 
 SPLITS = ("train", "dev")
-SETS_OF_ACTIONS = 100  # tasks of which the optimal first actions are found
 
 
 def solved(settings: Settings, split: str, jobs: int) -> list[TaskReport]:
@@ -37,22 +34,6 @@ def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | Non
         found = demonstrations(reports, env.dynamics, episodes)
         write_npz(Path(place) / "demos.npz", arrays(found, env.dynamics), {})
         return len(found) / (perf_counter() - begin)
-
-
-def sets_of_actions(settings: Settings) -> tuple[float, float, float]:
-    """Over dev tasks: median seconds for the optimal first actions, their mean number, the share of complete sets."""
-    env = settings.make("dev")
-    solver = Solver(env.dynamics)
-    seconds: list[float] = []
-    sizes: list[int] = []
-    complete = 0
-    for task in env.tasks[:SETS_OF_ACTIONS]:
-        begin = perf_counter()
-        found = solver.optimal_actions(env.dynamics.start(task))
-        seconds.append(perf_counter() - begin)
-        sizes.append(len(found.actions))
-        complete += found.complete
-    return median(seconds), sum(sizes) / len(sizes), complete / len(sizes)
 
 
 def report_on(corpus: str, rules: str, jobs: int) -> None:
@@ -89,11 +70,9 @@ def main() -> None:
         load_tasks(corpus, settings.appearance, settings.start, "train")
         each = demonstrations_per_second(settings, given.jobs, None)
         drawn = demonstrations_per_second(settings, given.jobs, given.episodes)
-        seconds, size, complete = sets_of_actions(settings)
         print(
             f"{configuration} of {corpus}: {each:,.0f} demonstrations/s over each task once,"
-            f" {drawn:,.0f}/s over {given.episodes:,} drawn; optimal first actions in {1000 * seconds:.1f} ms"
-            f" (median), {size:.0f} a state, {100 * complete:.0f} % of the sets complete"
+            f" {drawn:,.0f}/s over {given.episodes:,} drawn"
         )
 
 

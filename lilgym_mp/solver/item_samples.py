@@ -14,7 +14,9 @@ from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Colour, Item, Shape, Size
 
 BEYOND = 2 * BOX_SIDE  # pixels by which an item may lie outside its box and still be looked up
 PLACE_COUNT = 7  # along one axis: in the open, at the near wall and within either margin of it, likewise the far one
-LOOK_COUNT = len(Shape) * len(Colour)  # of one size, as samples are numbered
+COLOUR_COUNT = len(Colour)
+LOOK_COUNT = len(Shape) * COLOUR_COUNT  # of one size, as samples are numbered
+PLACES_IN_ALL = PLACE_COUNT**2
 
 
 @cache
@@ -53,4 +55,4 @@ def sample_number(item: Item) -> int:
     x, y, shape, colour, size = item
     by_pixel = places()[size]
     place = by_pixel[x + BEYOND] * PLACE_COUNT + by_pixel[y + BEYOND]
-    return (size * PLACE_COUNT**2 + place) * LOOK_COUNT + shape * len(Colour) + colour
+    return (size * PLACES_IN_ALL + place) * LOOK_COUNT + shape * COLOUR_COUNT + colour

@@ -119,7 +119,7 @@ class _Ways:
         corners = self._placements.corners(box)[:: self._order]
         for look in classes.looks[item_class]:
             for x, y in corners:
-                if classes.of(Item(x, y, *look)) == item_class:
+                if classes.by_look is not None or classes.of(Item(x, y, *look)) == item_class:
                     yield from self._addition(box, look, x, y, item_class)
                 else:
                     later.append((look, x, y))

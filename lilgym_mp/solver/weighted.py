@@ -17,7 +17,7 @@ from lilgym_mp.solver.search import Budget, BudgetSpentError
 from lilgym_mp.solver.solution import Solution
 
 PLAN_BUDGET = 20_000  # scenes, or threes of faces, looked at for a plan
-SEARCHES = 16  # the share of what is left of the budget that one search may spend is one in this many
+SEARCHES = 24  # the share of what is left of the budget that one search may spend is one in this many
 MOST_EXTRA_EDITS = 3  # for one more goal
 MOST_REPAIRS = 4  # searches for a way that satisfies one more goal and loses none
 MOST_WAYS = 4  # equally short ones that are compared
