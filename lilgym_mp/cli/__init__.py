@@ -11,12 +11,14 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from typing import NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.terminal import printable
+from lilgym_mp_command import INTERRUPTED
 
 # Modules of this package, in the order of --help.
 COMMANDS = ("demo", "play", "train", "evaluate", "explain", "solve", "demos", "data", "program", "bench")
@@ -24,7 +26,6 @@ COMMANDS = ("demo", "play", "train", "evaluate", "explain", "solve", "demos", "d
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code of what the machine refused
 USAGE_ERROR = 2  # exit code of a mistake in what was asked for
-INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
 TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors", "tensorboard", "tqdm")
 
 
@@ -40,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_missing_streams()
     name = PROGRAM
     try:
-        args = _parser().parse_args(argv)
+        args = make_parser().parse_args(argv)
         name = f"{PROGRAM} {args.command}"
         return _with_output(name, int(args.run(args)))
     except (CommandError, ValueError) as fault:
@@ -57,8 +58,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         place = "cannot write results" if fault.filename is None else fault.filename
         return _refused(f"{name}: {place}: {fault.strerror or fault}", FAILED)
     except KeyboardInterrupt:
-        _refused("interrupted")
-        return INTERRUPTED
+        return _interrupted()
+    except Exception as fault:
+        if not _is_of_interrupt(fault):
+            raise
+        return _interrupted()
+
+
+def _is_of_interrupt(fault: BaseException) -> bool:
+    """Whether a library made another error of a KeyboardInterrupt, as amid an import."""
+    cause: BaseException | None = fault
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause is not None
+
+
+def _interrupted() -> int:
+    return _refused("interrupted", INTERRUPTED)
 
 
 def _open_missing_streams() -> None:
@@ -91,7 +107,9 @@ def _refused(reason: str, code: int = USAGE_ERROR) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+@cache
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of command lines, with every subcommand."""
     parser = _Parser(prog=PROGRAM, description="lilGym's environments: play, train, measure.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

@@ -45,7 +45,10 @@ ALONE: Stack = [
     (wrappers.TextObservation, {"default": 1}),
     (wrappers.TokenizedStatement, {"length": 40}),
 ]
-NAMES = [f"{wrapper.__name__} {arguments}" for wrapper, arguments in ALONE]
+NAMES = [
+    "-".join([wrapper.__name__, *(f"{name}={value}" for name, value in arguments.items() if not callable(value))])
+    for wrapper, arguments in ALONE
+]
 
 # Any choice of these, in this order of layers and any order within one, makes sense.
 LAYERS: list[Stack] = [

@@ -11,6 +11,8 @@ from torch import Tensor
 from lilgym_mp.learning.imitation.batches import Batch
 from lilgym_mp.learning.imitation.network import Outputs
 
+LEAST_SHARE = 1e-13  # of a probability; what is less likely is not learnt from
+
 
 class Losses(NamedTuple):
     """Means over the batch."""
@@ -51,13 +53,13 @@ def set_log_probabilities(outputs: Outputs, optimal: Tensor) -> Tensor:
 
 
 def _marked_share(logits: Tensor, marked: Tensor) -> Tensor:
-    """The logarithm of how much of the softmax is marked; very small where nothing is."""
-    return logits.masked_fill(~marked, -1e4).logsumexp(-1) - logits.logsumexp(-1)
+    """The logarithm of how much of the softmax is marked, LEAST_SHARE at least."""
+    return (logits.softmax(-1) * marked).sum(-1).clamp(min=LEAST_SHARE).log()
 
 
 def losses(outputs: Outputs, batch: Batch) -> Losses:
     truth = F.binary_cross_entropy_with_logits(outputs.truth, batch.truths)
-    actions = -set_log_probabilities(outputs, batch.optimal).clamp(min=-30).mean()
+    actions = -set_log_probabilities(outputs, batch.optimal).mean()
     steps = F.cross_entropy(outputs.steps.flatten(0, 1), batch.steps.flatten())
     legal = truth.new_zeros(())
     if outputs.legal is not None:

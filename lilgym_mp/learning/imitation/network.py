@@ -98,7 +98,7 @@ class Relating(nn.Module):
         """`x` (S, M, d)."""
         value = in_boxes(F.relu(self.value(self.norm(x))), inputs.by_box)  # (P, K, d)
         pairs, items, width = value.shape
-        gates = torch.sigmoid(self.gates(inputs.relations.flatten(0, 1)))
+        gates = F.embedding(inputs.relations.flatten(0, 1), torch.sigmoid(self.gates.weight))
         gates = gates.permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
         found = gates @ value.view(pairs, items, GATES, -1).transpose(1, 2)
         found = found.transpose(1, 2).reshape(pairs * items, width)

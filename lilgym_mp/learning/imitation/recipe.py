@@ -83,6 +83,6 @@ def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {},
-    "scatter": {"exploring": 0.35, "own_states": 0.4, "first_scenes": 2},
+    "tower": {"solved": 16, "judged": 32},
+    "scatter": {"statements": 16, "solved": 16, "judged": 24, "exploring": 0.35, "own_states": 0.4, "first_scenes": 2},
 }

@@ -90,12 +90,13 @@ def test_batch__without_copies_equals_single_games(protocol: str):
     assert_equals_single_games({"protocol": protocol}, copy=False)
 
 
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_batch__of_so_many_scatter_games_that_arrays_step_them_equals_single_games(
-    protocol: str, monkeypatch: pytest.MonkeyPatch
+def test_batch__of_so_many_games_that_compiled_code_steps_them_equals_single_games(
+    protocol: str, appearance: str, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(cores, "FEWEST_SCATTER_ARRAYS", 1)
-    settings = {"appearance": "scatter", "start": "flipit", "views": VIEWS, "rules": "release", "reveal_truth": True}
+    monkeypatch.setattr(cores, "FEWEST_COMPILED", 1)
+    settings = {"appearance": appearance, "start": "flipit", "views": VIEWS, "rules": "release", "reveal_truth": True}
     assert_equals_single_games({"protocol": protocol, **settings}, copy=True)
 
 
