@@ -239,7 +239,7 @@ def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent
 
 def test_demo__leaves_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     place = tmp_path / "demo"
-    said = lilgym("demo", "--out", place, "--parser-steps", 200, "--minutes", 0.1)
+    said = lilgym("demo", "--out", place, "--parser-steps", 80, "--minutes", 0.1)
     for name in ("results.json", "results.md", "imitation.gif", "parse-and-plan.gif"):
         assert str(place / name) in said
         assert (place / name).exists()

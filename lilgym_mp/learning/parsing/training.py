@@ -46,6 +46,7 @@ from lilgym_mp.rules import Outcome
 KIND = "parse-and-plan"
 VERSION = 1
 RAREST_WORD = 2  # times that a word must occur to be in the vocabulary
+LAST_GENERATED = 1 / 8  # of the generator's share at the first step, at the last one
 POOL = 16  # batches that are drawn together and sorted by length
 REPORT_EVERY = 50  # steps
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -70,11 +71,43 @@ class Example(NamedTuple):
     appearance: str
 
 
+class Source:
+    """Examples to draw pairs from; each is brought into the parser's terms when it is first drawn."""
+
+    def __init__(self, examples: Sequence[Example], known: frozenset[str]) -> None:
+        self.appearances = {example.appearance for example in examples}
+        self._examples = list(examples)
+        self._pairs: list[Pair | None] = [None] * len(examples)
+        self._known = known
+
+    def __len__(self) -> int:
+        return len(self._examples)
+
+    def drawn(self, rng: random.Random) -> Pair:
+        """A pair at random. Raises TrainingError when no example has a program that can be learnt."""
+        while self._examples:
+            index = rng.randrange(len(self._examples))
+            pair = self._pairs[index] or self._made(index)
+            if pair is not None:
+                return pair
+        raise TrainingError("nothing to learn from: no statement has a program that the parser can write")
+
+    def _made(self, index: int) -> Pair | None:
+        """The pair of an example; one that has none is dropped."""
+        statement, program, appearance = self._examples[index]
+        reading = reading_of(statement, appearance, self._known)
+        pair = self._pairs[index] = pair_of(reading, program, most_tokens=Sizes.longest_program)
+        if pair is None:
+            self._examples[index], self._pairs[index] = self._examples[-1], self._pairs[-1]
+            del self._examples[-1], self._pairs[-1]
+        return pair
+
+
 class Lessons(NamedTuple):
     """What there is to learn from."""
 
-    corpus: Sequence[Pair]
-    generated: Sequence[Pair]
+    corpus: Source
+    generated: Source
     held_out: Sequence[Example]
     vocabulary: Index
     sha256: str  # of the corpus's statements and programs
@@ -133,9 +166,8 @@ def _finish(run: TrainingRun, learner: _Learner, lessons: Lessons, corpus: str, 
     parser.temperature = calibrated_temperature(parser, lessons.held_out)
     coverage = share_covered(parser, lessons.held_out)
     calibration = fitted(forecasts(parser, corpus, lessons.held_out))
-    appearances = {example.words[0] for example in lessons.corpus}
     configurations = tuple(
-        name for name, (appearance, _) in CONFIGURATIONS.items() if APPEARANCE_WORDS[appearance] in appearances
+        name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in lessons.corpus.appearances
     )
     generated = ", generated statements" if lessons.generated else ""
     description = ModelDescription(
@@ -166,7 +198,7 @@ def lessons_of(corpus: str, recipe: ParserRecipe) -> Lessons:
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= RAREST_WORD), *COLOURS])
     vocabulary = Index((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    return Lessons(_pairs(kept, known), _pairs(generated, known), held_out, vocabulary, digest)
+    return Lessons(Source(kept, known), Source(generated, known), held_out, vocabulary, digest)
 
 
 def corpus_examples(corpus: str) -> list[Example]:
@@ -190,21 +222,12 @@ def tested(corpus: str) -> set[str]:
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], left_out: set[str], rng: random.Random
 ) -> Iterator[Example]:
-    needed = int(recipe.generated * recipe.steps * recipe.batch_size)
+    needed = int(recipe.generated * (1 + LAST_GENERATED) / 2 * recipe.steps * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         for pair in islice(training_pairs(appearance, rng.getrandbits(32)), count):
             if normalised(pair.statement) not in left_out:
                 yield Example(pair.statement, pair.program, appearance)
-
-
-def _pairs(examples: Sequence[Example], known: frozenset[str]) -> list[Pair]:
-    longest = Sizes.longest_program
-    pairs = (
-        pair_of(reading_of(statement, appearance, known), program, most_tokens=longest)
-        for statement, program, appearance in examples
-    )
-    return [pair for pair in pairs if pair is not None]
 
 
 class Batch(NamedTuple):
@@ -257,6 +280,10 @@ class _Learner:
         left = 0.5 * (1 + math.cos(math.pi * self.step / self.recipe.steps))
         return left * min(1.0, (self.step + 1) / self.recipe.warm_up)
 
+    def _generated_share(self) -> float:
+        """Of the pairs at this step: first the language at large, in the end what the corpus says."""
+        return self.recipe.generated * (1 + (LAST_GENERATED - 1) * self.step / self.recipe.steps)
+
     def _drawn(self) -> Iterator[Batch]:
         """Batches of pairs of nearly equal length."""
         recipe, rng = self.recipe, self._rng
@@ -264,10 +291,9 @@ class _Learner:
         corpus, generated = self._lessons.corpus, self._lessons.generated
         size = recipe.batch_size
         while True:
-            sources = (
-                generated if generated and rng.random() < recipe.generated else corpus for _ in range(POOL * size)
-            )
-            pool = [variations.of(rng.choice(source), rng) for source in sources]
+            share = self._generated_share() if len(generated) else 0.0
+            sources = (generated if rng.random() < share else corpus for _ in range(POOL * size))
+            pool = [variations.of(source.drawn(rng), rng) for source in sources]
             pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
             batches = [pool[first : first + size] for first in range(0, len(pool), size)]
             rng.shuffle(batches)
