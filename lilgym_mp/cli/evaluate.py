@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
@@ -13,9 +14,18 @@ from lilgym_mp.cli.options import add_configuration, add_device, add_settings, a
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
 from lilgym_mp.evaluation.contestants import BASELINES, BUILT_IN, Contestant, built_in
-from lilgym_mp.evaluation.files import OutputError, writable_file, write_json
+from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
+from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_json
+from lilgym_mp.evaluation.policies import Policy, WithoutMask
+from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.agents import Agent
+    from lilgym_mp.learning.model_file import ModelDescription
+
+AS_TRAINED, OFF = "as-trained", "off"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,9 +47,29 @@ def add_parser(subparsers: Any) -> None:
     add_split(parser, "dev")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of what policies draw (default: 0)")
     parser.add_argument("--passes", type=int, default=1, metavar="N", help="visits to each task (default: 1)")
-    parser.add_argument("--sampled", action="store_true", help="draw the agents' actions; else the likeliest is taken")
+    parser.add_argument("--sampled", action="store_true", help="the same as --actions sampled")
+    parser.add_argument(
+        "--actions",
+        nargs="+",
+        choices=[GREEDY, SAMPLED],
+        help="take the agents' likeliest actions (the default), draw them, or one after the other",
+    )
+    parser.add_argument(
+        "--mask",
+        nargs="+",
+        choices=[AS_TRAINED, OFF],
+        default=[AS_TRAINED],
+        help="show masks of legal actions to agents that look at them (the default), or none, or both in turn",
+    )
+    parser.add_argument("--name", metavar="NAME", help="of the agent in the tables of a report (default: its learner)")
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="write every episode there, a file for each agent and configuration"
+    )
+    parser.add_argument(
+        "--optimal", action="store_true", help="with --record: ask the expert how many actions each start needs"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite the file")
+    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     add_device(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -48,17 +78,23 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.seed < 0 or args.passes < 1 or args.threads < 1:
         raise CommandError("--seed must be at least 0, --passes and --threads at least 1")
+    if args.sampled and args.actions:
+        raise CommandError("--sampled is short for --actions sampled; leave one of them out")
+    if args.optimal and args.record is None:
+        raise CommandError("--optimal goes with --record DIR, where what the expert finds is kept")
     if not args.agents and not args.policy:
         raise CommandError("name the directories of trained agents, or policies with --policy")
     if args.json is not None and writable_file(args.json).exists() and not args.force:
         raise OutputError(f"{args.json} exists; --force overwrites it")
-    agents = [agent_contestant(place, args) for place in args.agents]
+    agents = [contestant for place in args.agents for contestant in agent_contestants(place, args)]
     policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents else [])
+    trials = [Trial(settings, args.split, args.seed, args.passes) for settings in _settings(args, agents)]
+    _check_record(args, [*agents, *policies], trials)
     results: list[Result] = []
-    for settings in _settings(args, agents):
-        trial = Trial(settings, args.split, args.seed, args.passes)
-        seen = training_statements(settings)
-        results += play_all([*agents, *policies], trial, seen)
+    for trial in trials:
+        seen = training_statements(trial.settings)
+        played = play_all([*agents, *policies], trial, seen)
+        results += played if args.record is None else _recorded(played, args, trial, seen)
         print(f"{trial}: done", flush=True)
     print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
     for warning in warnings(results):
@@ -69,8 +105,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def agent_contestant(place: Path, args: argparse.Namespace) -> Contestant:
-    """The agent at a place, as the command line wants it to act."""
+def _check_record(args: argparse.Namespace, contestants: Sequence[Contestant], trials: Sequence[Trial]) -> None:
+    """Raises OutputError when the directory cannot be written to, or holds one of the files already."""
+    if args.record is None:
+        return
+    writable_directory(args.record)
+    for trial in trials:
+        for contestant in contestants:
+            path = episodes_file(args.record, contestant, trial.settings, trial.split, trial.seed)
+            if path.exists() and not args.force:
+                raise OutputError(f"{path} exists; --force overwrites it")
+
+
+def _recorded(played: Iterable[Result], args: argparse.Namespace, trial: Trial, seen: set[str]) -> Iterator[Result]:
+    """The results, each written as it comes."""
+    recorder = Recorder(trial.settings, trial.split, seen, asks_expert=args.optimal)
+    for result in played:
+        print(f"episodes: {recorder.write(args.record, result)}", flush=True)
+        yield result
+
+
+def agent_contestants(place: Path, args: argparse.Namespace) -> list[Contestant]:
+    """The agent at a place, once for each way in which the command line wants it to act."""
     import torch
 
     from lilgym_mp.learning.agents import open_agent
@@ -78,20 +134,58 @@ def agent_contestant(place: Path, args: argparse.Namespace) -> Contestant:
     torch.set_num_threads(args.threads)
     agent = open_agent(place, args.device)
     description = agent.description
-    name = f"{description.kind} ({place})"
-    details = {
+    manners = [SAMPLED] if args.sampled else args.actions or [GREEDY]
+    masks = args.mask if _looks_at_masks(agent, args) else [AS_TRAINED]
+    common = {
         "kind": description.kind,
-        "actions": "sampled" if args.sampled else "greedy",
         "run": str(place),
         "recipe": dict(description.recipe),
+        "label": args.name or description.kind,
+        "training_seed": description.recipe.get("seed", description.details.get("seed")),
+        "training": training_facts(description),
     }
-    return Contestant(
-        name,
-        lambda settings: agent.policy(settings, sampled=args.sampled),
-        description.supervision,
-        description.configurations,
-        details,
-    )
+    return [
+        Contestant(
+            _name(description.kind, place, [manner] * (len(manners) > 1), [mask] * (len(masks) > 1)),
+            partial(_policy, agent, manner == SAMPLED, mask == OFF),
+            description.supervision,
+            description.configurations,
+            False if mask == OFF else None,
+            {**common, "actions": manner},
+        )
+        for manner in manners
+        for mask in masks
+    ]
+
+
+def _name(kind: str, place: Path, manner: list[str], mask: list[str]) -> str:
+    return ", ".join([f"{kind} ({place})", *manner, *(f"mask {name}" for name in mask)])
+
+
+def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: Settings) -> Policy:
+    policy = agent.policy(settings, sampled=sampled)
+    return WithoutMask(policy) if without_mask else policy
+
+
+def _looks_at_masks(agent: Agent, args: argparse.Namespace) -> bool:
+    options = {key: value for key, value in said_settings(args).items() if key != "configuration"}
+    settings = Settings((args.configuration or agent.description.configurations)[0], **options)
+    if settings.configuration not in agent.description.configurations:
+        return False  # refused later, with the choices
+    return getattr(agent.policy(settings), "needs_masks", True)
+
+
+def training_facts(description: ModelDescription) -> dict[str, float]:
+    """What an agent's training took, as far as its description tells."""
+    details, recipe = description.details, description.recipe
+    found: dict[str, float] = {}
+    if (steps := details.get("steps", recipe.get("steps"))) is not None:
+        found["steps"] = steps
+    if (minutes := details.get("cpu_minutes")) is not None:
+        found["cpu_minutes"] = minutes
+    elif (seconds := details.get("cpu_seconds", details.get("seconds"))) is not None:
+        found["cpu_minutes"] = round(seconds / 60, 2)
+    return found
 
 
 def _settings(args: argparse.Namespace, agents: Sequence[Contestant]) -> list[Settings]:

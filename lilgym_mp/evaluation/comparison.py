@@ -56,6 +56,7 @@ class Result:
     unseen_forms: Share
     episodes: Sequence[Episode]
     cpu_seconds: float  # of playing
+    mask: bool = False  # whether illegal actions were kept from it
 
     @property
     def name(self) -> str:
@@ -87,11 +88,15 @@ class Result:
             "mean_length": summary.mean_length,
             "outcomes": summary.outcomes,
             "cpu_seconds": round(self.cpu_seconds, 3),
+            "mask": self.mask,
             **dict(self.contestant.details),
         }
 
     def episodes_json(self) -> list[dict[str, Any]]:
-        return [{**episode._asdict(), "actions": list(episode.actions)} for episode in self.episodes]
+        return [
+            {name: list(value) if isinstance(value, tuple) else value for name, value in episode._asdict().items()}
+            for episode in self.episodes
+        ]
 
 
 def play(contestant: Contestant, trial: Trial, training_statements: Collection[str]) -> Result:
@@ -115,6 +120,7 @@ def play(contestant: Contestant, trial: Trial, training_statements: Collection[s
         Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
         episodes,
         seconds,
+        getattr(policy, "needs_masks", True) if contestant.mask is None else contestant.mask,
     )
 
 

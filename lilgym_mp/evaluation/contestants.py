@@ -21,6 +21,7 @@ class Contestant:
     policy: Callable[[Settings], Policy]
     supervision: str = NO_SUPERVISION  # what it learnt from
     configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # that it can play
+    mask: bool | None = None  # whether illegal actions are kept from it; None: where its policy asks for masks
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to get it again
 
 
@@ -31,9 +32,9 @@ def _same(policy: Policy) -> Callable[[Settings], Policy]:
 
 # By name on the command line; see `policies` for what each does.
 BUILT_IN: Mapping[str, Contestant] = {
-    "expert": Contestant("expert", ExpertPolicy.of, "knows the rules, the scene and the program"),
+    "expert": Contestant("expert", ExpertPolicy.of, "knows the rules, the scene and the program", mask=False),
     "random-legal": Contestant("random legal", _same(random_legal)),
-    "random-unmasked": Contestant("random unmasked", _same(random_unmasked)),
+    "random-unmasked": Contestant("random unmasked", _same(random_unmasked), mask=False),
     "random-type": Contestant("random type", RandomType.of),
 }
 BASELINES = (BUILT_IN["random-legal"], BUILT_IN["random-unmasked"])

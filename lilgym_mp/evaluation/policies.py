@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -34,7 +34,8 @@ class Policy(Protocol):
 
     A policy that never looks at the masks may have an attribute `needs_masks = False`: none are made for it then, and
     `legal` is an array of shape (B, 0). One with `needs_states = True`, which no learnt policy has, is called with a
-    list of the MDPs' states as a fourth argument.
+    list of the MDPs' states as a fourth argument. One may have an attribute `stop_probabilities`: B numbers, 0 to 1,
+    how probable STOP was to it in its latest call; they are kept with the episodes.
     """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -51,6 +52,20 @@ def random_legal(observations: Observations, legal: BoolArray, rng: np.random.Ge
 def random_unmasked(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
     """Any action, all equally likely."""
     return rng.integers(legal.shape[1], size=len(legal))
+
+
+@dataclass(frozen=True)
+class WithoutMask:
+    """A policy that is told that every action is legal."""
+
+    policy: Policy
+
+    @property
+    def stop_probabilities(self) -> Any:
+        return getattr(self.policy, "stop_probabilities", None)
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        return self.policy(observations, np.ones_like(legal), rng)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Episode(NamedTuple):
     reward: float  # the sum over the episode
     actions: tuple[int, ...]
     invalid_reason: str | None = None
+    stop_probabilities: tuple[float, ...] | None = None  # before each action, of a policy that tells them
 
     @property
     def is_success(self) -> bool:
@@ -70,11 +71,15 @@ def _played(
     next_index = count
     actions: list[list[int]] = [[] for _ in range(count)]
     rewards = np.zeros(count)
+    stops: list[list[float]] = [[] for _ in range(count)]
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
         seen, legal = _seen(policy, envs, observations, active, playing)
         chosen[active] = policy(seen, legal, rng, *_states(policy, envs, active))
+        told: Sequence[float] | None = getattr(policy, "stop_probabilities", None)
+        for place, probability in zip(active.tolist(), () if told is None else told, strict=told is not None):
+            stops[place].append(round(float(probability), 6))
         observations, reward, terminated, truncated, infos = envs.step(chosen)
         rewards += reward
         for place in active.tolist():
@@ -83,13 +88,14 @@ def _played(
         if not ended.any():
             continue
         for place in np.flatnonzero(ended & (playing != IDLE)).tolist():
-            yield int(playing[place]), _episode(envs, place, infos, float(rewards[place]), actions[place])
+            episode = _episode(envs, place, infos, float(rewards[place]), actions[place])
+            yield int(playing[place]), episode._replace(stop_probabilities=tuple(stops[place]) or None)
             playing[place] = next_index if next_index < len(task_ids) else IDLE
             next_index += 1
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
         observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
         for place in np.flatnonzero(ended).tolist():
-            actions[place], rewards[place] = [], 0.0
+            actions[place], stops[place], rewards[place] = [], [], 0.0
 
 
 def _seen(

@@ -268,3 +268,19 @@ def test_demo__a_second_one_takes_another_directory(tmp_path: Path):
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo-2").mkdir()
     assert next_free(tmp_path / "demo") == tmp_path / "demo-3"
+
+
+def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path):
+    from lilgym_mp.evaluation.episodes import read_episodes
+
+    trained(lilgym, tmp_path / "run")
+    ways = ["--actions", "greedy", "sampled", "--mask", "as-trained", "off", "--name", "mine"]
+    command = ["evaluate", tmp_path / "run", *ways, "--record", tmp_path / "kept"]
+    assert "sampled, mask off" in lilgym(*command, "--policy", "random-type")
+    headers = [read_episodes(path).header for path in (tmp_path / "kept").iterdir()]
+    assert {(header.agent, header.actions, header.mask) for header in headers} == {
+        *(("mine", actions, mask) for actions in ("greedy", "sampled") for mask in (True, False)),
+        ("random type", "greedy", False),
+    }
+    assert {header.training_seed for header in headers if header.agent == "mine"} == {0}
+    assert main([str(word) for word in command]) == USAGE_ERROR  # the files exist

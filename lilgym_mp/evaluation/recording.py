@@ -1,0 +1,140 @@
+"""From what was played to a file of episodes: what the tasks, the training tasks and the expert say of each."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from lilgym_mp import __version__
+from lilgym_mp.actions import Action, Stop
+from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
+from lilgym_mp.corpus.tasks import TaskSet, contexts
+from lilgym_mp.evaluation.comparison import Result
+from lilgym_mp.evaluation.contestants import Contestant
+from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes
+from lilgym_mp.evaluation.files import writable_directory
+from lilgym_mp.evaluation.runs import Episode
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver
+from lilgym_mp.task import Task
+
+LONGEST_NAME = 90  # characters of a file's name without its suffix
+
+
+def episodes_file(directory: Path, contestant: Contestant, settings: Settings, split: str, seed: int) -> Path:
+    """Where the episodes of one contestant, configuration and split go: a name of its own for each."""
+    words = re.sub(r"[^A-Za-z0-9]+", "-", f"{contestant.name} {settings.configuration} {split} {seed}").strip("-")
+    if len(words) > LONGEST_NAME:
+        digest = hashlib.sha256(words.encode()).hexdigest()[:8]
+        words = f"{words[-LONGEST_NAME + 9 :].strip('-')}-{digest}"
+    return directory / (words + SUFFIX)
+
+
+class Recorder:
+    """Records results of one configuration and split; what the expert finds is kept for all contestants."""
+
+    def __init__(
+        self, settings: Settings, split: str, training_statements: Collection[str], *, asks_expert: bool = False
+    ) -> None:
+        env = settings.make(split)
+        self._tasks: TaskSet = env.tasks
+        self._dynamics: Dynamics = env.dynamics
+        self._training_statements = set(training_statements)
+        self._training_forms = set(map(statement_form, self._training_statements))
+        self._solver = Solver(self._dynamics) if asks_expert else None
+        self._known: dict[tuple[str, Scene], int | None] = {}  # actions to success, by task and scene
+
+    def write(self, directory: Path, result: Result) -> Path:
+        """Writes the result's episodes into the directory, made if need be; gives the file. Raises OutputError."""
+        trial = result.trial
+        path = episodes_file(writable_directory(directory), result.contestant, trial.settings, trial.split, trial.seed)
+        write_episodes(path, self._header(result), [self._recorded(episode) for episode in result.episodes])
+        return path
+
+    def _header(self, result: Result) -> Header:
+        contestant, trial = result.contestant, result.trial
+        details = contestant.details
+        provenance = self._tasks.provenance
+        return Header(
+            package=__version__,
+            settings=trial.settings,
+            split=trial.split,
+            agent=details.get("label", contestant.name),
+            supervision=contestant.supervision,
+            actions=details.get("actions", GREEDY),
+            mask=result.mask,
+            stop_forcing=False,
+            seed=trial.seed,
+            training_seed=details.get("training_seed"),
+            passes=trial.passes,
+            episodes=len(result.episodes),
+            start_scenes=len(self._tasks),
+            contexts=contexts(self._tasks),
+            corpus=provenance.name,
+            tasks_sha256=provenance.sha256,
+            expert=self._solver is not None,
+            run=details.get("run"),
+            recipe=details.get("recipe", {}),
+            training=details.get("training", {}),
+        )
+
+    def _recorded(self, episode: Episode) -> RecordedEpisode:
+        task = self._tasks.by_id(episode.task_id)
+        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
+        found = phenomena(task.program)
+        return RecordedEpisode(
+            task=task.id,
+            statement=task.statement,
+            program=task.program,
+            target=task.target,
+            statement_seen=task.statement in self._training_statements,
+            form_seen=statement_form(task.statement) in self._training_forms,
+            phenomena=tuple(phenomenon.value for phenomenon in Phenomenon if phenomenon in found),
+            tags=self._tasks.tags(task.id),
+            outcome=episode.outcome,
+            invalid_reason=episode.invalid_reason,
+            actions=tuple(actions),
+            rewards=rewards(self._dynamics, episode),
+            start=task.start,
+            optimal_actions=self._actions_to_success(task, task.start),
+            actions_left=self._actions_left(task, episode, actions),
+            stop_probabilities=episode.stop_probabilities,
+        )
+
+    def _actions_left(self, task: Task, episode: Episode, actions: Sequence[Action]) -> int | None:
+        if episode.outcome != Outcome.WRONG_STOP:
+            return None
+        return self._actions_to_success(task, scenes(self._dynamics, task.start, actions)[-1])
+
+    def _actions_to_success(self, task: Task, scene: Scene) -> int | None:
+        """By the expert, with the whole horizon left."""
+        if self._solver is None:
+            return None
+        key = task.id, scene
+        if key not in self._known:
+            solution = self._solver.solve_from(State(task, scene, 0))
+            self._known[key] = solution.steps if solution.solved else None
+        return self._known[key]
+
+
+def rewards(dynamics: Dynamics, episode: Episode) -> tuple[float, ...]:
+    """The reward of each of the episode's actions, as the rules give them."""
+    signals = dynamics.rules.signals
+    before = (signals[Outcome.CONTINUES].reward,) * (len(episode.actions) - 1)
+    return (*before, signals[Outcome(episode.outcome)].reward)
+
+
+def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
+    """The scene before the first action and after each; STOP and invalid actions change nothing."""
+    seen = [start]
+    for action in actions:
+        if isinstance(action, Stop):
+            seen.append(seen[-1])
+        else:
+            seen.append(dynamics.appearance.apply(seen[-1], action, dynamics.rules.placement).scene)
+    return seen

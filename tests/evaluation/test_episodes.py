@@ -1,0 +1,178 @@
+"""Recorded episodes: what is kept, that it is read back the same, and what is said of files that are not whole."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lilgym_mp.actions import AddBlock, Stop
+from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import Trial, play, training_statements
+from lilgym_mp.evaluation.contestants import Contestant, built_in
+from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.policies import Observations, WithoutMask
+from lilgym_mp.evaluation.recording import Recorder, episodes_file
+from lilgym_mp.scene import Colour
+
+TOWER = Trial(Settings("TowerScratch"), "dev")
+STOP, ADD_BLUE_LEFT = 0, 3  # numbers of Tower's actions
+
+
+def recorded(directory: Path, contestant: Contestant, trial: Trial = TOWER, **options: Any) -> Recording:
+    seen = training_statements(trial.settings)
+    recorder = Recorder(trial.settings, trial.split, seen, **options)
+    return read_episodes(recorder.write(directory, play(contestant, trial, seen)))
+
+
+class AddsThenStops:
+    """One blue block, and STOP; sure of it from the second action on."""
+
+    needs_masks = False
+    stop_probabilities: np.ndarray
+
+    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        self.stop_probabilities = np.where(observations.steps == 0, 0.25, 1.0)
+        return np.where(observations.steps == 0, ADD_BLUE_LEFT, STOP)
+
+
+SIMPLE = Contestant("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
+
+
+def test_record__keeps_what_the_environment_gave(tmp_path: Path):
+    found = recorded(tmp_path, built_in("random-legal"), replace(TOWER, seed=7))
+    seen = training_statements(TOWER.settings)
+    episodes = play(built_in("random-legal"), replace(TOWER, seed=7), seen).episodes
+    env = TOWER.settings.make("dev")
+    assert [episode.task for episode in found.episodes] == [episode.task_id for episode in episodes]
+    for kept, played in zip(found.episodes, episodes, strict=True):
+        task = env.tasks.by_id(kept.task)
+        assert kept.reward == pytest.approx(played.reward)
+        assert [env.dynamics.appearance.encode(action) for action in kept.actions] == list(played.actions)
+        assert (kept.outcome, kept.invalid_reason) == (played.outcome, played.invalid_reason)
+        assert (kept.start, kept.target, kept.program) == (task.start, task.target, task.program)
+        assert kept.statement_seen == (task.statement in seen)
+        assert kept.form_seen == (statement_form(task.statement) in set(map(statement_form, seen)))
+
+
+def test_record__says_what_the_episodes_have_in_common(tmp_path: Path):
+    header = recorded(tmp_path, SIMPLE).header
+    assert (header.agent, header.run, header.mask, header.actions) == ("adds", "x", False, "greedy")
+    assert (header.settings, header.split, header.episodes) == (TOWER.settings, "dev", header.start_scenes)
+    assert header.tasks_sha256 == TOWER.settings.make("dev").tasks.provenance.sha256
+    assert recorded(tmp_path, built_in("random-legal")).header.mask
+
+
+def test_record__keeps_actions_by_name_and_how_probable_stop_was(tmp_path: Path):
+    episode = recorded(tmp_path, SIMPLE).episodes[0]
+    assert episode.actions == (AddBlock(0, Colour.BLUE), Stop())
+    assert episode.stop_probabilities == (0.25, 1.0)
+    assert episode.rewards[0] == -0.1
+
+
+def test_record__asks_the_expert_for_the_start_and_for_where_a_wrong_stop_was_said(tmp_path: Path):
+    found = recorded(tmp_path, SIMPLE, asks_expert=True)
+    wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
+    assert wrong
+    assert all(episode.actions_left is not None and episode.actions_left > 1 for episode in wrong)
+    best = recorded(tmp_path, built_in("expert"), asks_expert=True).episodes
+    assert all(episode.optimal_actions == len(episode.actions) for episode in best)
+    assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found.episodes]
+    assert not any(episode.edits for episode in recorded(tmp_path, SIMPLE).episodes)
+
+
+def test_record__equal_evaluations_give_equal_bytes(tmp_path: Path):
+    contestant = built_in("random-type")
+    paths = [recorded(tmp_path / name, contestant).path for name in ("one", "two")]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert [path.name for path in (tmp_path / "one").iterdir()] == [paths[0].name]
+
+
+def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
+    settings = Settings("TowerScratch")
+    long = Contestant("imitation (" + "a/long/place/" * 20 + "0)", SIMPLE.policy)
+    other = Contestant("imitation (" + "a/long/place/" * 20 + "1)", SIMPLE.policy)
+    names = [
+        episodes_file(Path(), SIMPLE, settings, "dev", 0),
+        episodes_file(Path(), SIMPLE, settings, "dev", 1),
+        episodes_file(Path(), SIMPLE, settings, "test", 0),
+        episodes_file(Path(), SIMPLE, Settings("TowerFlipIt"), "dev", 0),
+        episodes_file(Path(), long, settings, "dev", 0),
+        episodes_file(Path(), other, settings, "dev", 0),
+    ]
+    assert len({str(name) for name in names}) == len(names)
+    assert all(len(name.name) < 120 for name in names)
+
+
+def test_without_mask__the_policy_is_told_that_all_is_legal(tmp_path: Path):
+    def masked(observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return legal.sum(1) - 1  # the last action, if all are legal
+
+    rows = Observations(np.zeros((2, 50, 190, 3), np.uint8), ("a", "b"), np.ones(2, np.int64), *np.zeros((2, 2), int))
+    legal = np.zeros((2, 13), np.bool_)
+    assert WithoutMask(masked)(rows, legal, np.random.default_rng(0)).tolist() == [12, 12]
+    assert not legal.any()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Recording:
+    return recorded(tmp_path, SIMPLE)
+
+
+def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
+    rows = [json.loads(line) for line in gzip.decompress(path.read_bytes()).decode().splitlines()]
+    change(rows)
+    path.write_bytes(gzip.compress("".join(json.dumps(row) + "\n" for row in rows).encode()))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda rows: rows.pop(), r"cut short: \d+ of \d+ episodes are there"),
+        (lambda rows: rows[0].update(format="other"), "first line must name the format 'lilgym_mp-episodes'"),
+        (lambda rows: rows[0].update(version=99), "line 1: format 'lilgym_mp-episodes', version 99"),
+        (lambda rows: rows[0].pop("seed"), "line 1: .*seed"),
+        (lambda rows: rows[0].update(actions="lazy"), "line 1: actions must be 'greedy' or 'sampled', not 'lazy'"),
+        (lambda rows: rows[0]["settings"].update(configuration="Tower"), "line 1: unknown configuration 'Tower'"),
+        (lambda rows: rows[2].pop("outcome"), "line 3: lacks the key 'outcome'"),
+        (lambda rows: rows[2].update(outcome="lost"), "line 3: outcome must be one of success, wrong_stop"),
+        (lambda rows: rows[2].update(phenomena=["irony"]), "line 3: phenomena must be among existence"),
+        (lambda rows: rows[2].update(actions=["JUMP"]), "line 3: 'JUMP' names no action"),
+        (lambda rows: rows[2].update(rewards=[]), "line 3: 0 rewards for 2 actions"),
+        (lambda rows: rows[2].update(start=[[], []]), "line 3: a scene has 3 boxes, not 2"),
+        (lambda rows: rows[2].update(invalid_reason="bad luck"), "line 3: invalid_reason must be null or one of"),
+    ],
+)
+def test_read__what_is_wrong_is_named_with_file_and_line(recording: Recording, change: Any, said: str):
+    rewrite(recording.path, change)
+    with pytest.raises(EpisodesError, match=said) as fault:
+        read_episodes(recording.path)
+    assert str(recording.path) in str(fault.value)
+
+
+@pytest.mark.parametrize("kept", [0, 5, 300, -1])
+def test_read__a_truncated_file_is_refused(recording: Recording, kept: int):
+    recording.path.write_bytes(recording.path.read_bytes()[:kept])
+    with pytest.raises(EpisodesError, match=r"cut short|damaged|holds no recorded episodes"):
+        read_episodes(recording.path)
+
+
+def test_read__a_foreign_file_is_refused(tmp_path: Path):
+    (tmp_path / "plain").write_text("no gzip")
+    (tmp_path / "other").write_bytes(gzip.compress(b'{"a": 1}\n'))
+    for name in ("plain", "other", "absent"):
+        with pytest.raises(EpisodesError, match=name):
+            read_episodes(tmp_path / name)
+
+
+def test_write__a_header_that_counts_other_episodes_is_refused(recording: Recording, tmp_path: Path):
+    with pytest.raises(ValueError, match="the header says"):
+        write_episodes(tmp_path / "new", recording.header, recording.episodes[1:])
+    assert not (tmp_path / "new").exists()
