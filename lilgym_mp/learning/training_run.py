@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +57,11 @@ class TrainingRun:
         """Puts the state (tensors, numbers, texts and collections of them) in the place of the last one."""
         write_whole(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
 
-    def load_checkpoint(self) -> dict[str, Any]:
+    def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
         """The latest checkpoint; nothing in the file is executed. Raises TrainingRunError."""
         path = self.path / CHECKPOINT_FILE
         try:
-            state = torch.load(path, weights_only=True)
+            state = torch.load(path, map_location=device, weights_only=True)
         except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as fault:
             reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
             raise TrainingRunError(f"{path}: damaged, or no checkpoint of ours: {reason}") from None
@@ -88,18 +88,27 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     file = path / RUN_FILE
     if resume:
         saved = _saved_identity(file)
-        for name, value in identity.items():
-            if saved.get(name) != value:
-                raise TrainingRunError(
-                    f"the run in {path} has {name} {shown(saved.get(name))}, but {shown(value)} was asked for;"
-                    " leave the option out, or choose another directory"
-                )
+        for name, kept, asked in _differences(saved, identity):
+            raise TrainingRunError(
+                f"the run in {path} has {name} {shown(kept)}, but {shown(asked)} was asked for;"
+                " leave the option out, or choose another directory"
+            )
         return TrainingRun(path, saved)
     writable_directory(path)
     if file.exists():
         raise TrainingRunError(f"{path} holds a run already; go on with it by --resume, or choose another directory")
     write_json(file, {"format": FORMAT, "version": VERSION, "identity": identity})
     return TrainingRun(path, identity)
+
+
+def _differences(saved: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """Name, saved and asked value of each setting that differs, tables within the tables included."""
+    for name, value in asked.items():
+        kept = saved.get(name)
+        if isinstance(kept, dict) and isinstance(value, dict):
+            yield from _differences(kept, value)
+        elif kept != value:
+            yield name, kept, value
 
 
 def _saved_identity(file: Path) -> dict[str, Any]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,11 +20,9 @@ from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.agents import AGENT_FILE
 from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.imitation.agent import ImitationAgent, Shape, describe
+from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, Shape, describe
 from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.lessons import (
@@ -40,15 +37,11 @@ from lilgym_mp.learning.imitation.lessons import (
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-FORMAT = "lilgym_mp-imitation-run"
-VERSION = 1
-RUN_FILE = "run.json"
-CHECKPOINT_FILE = "checkpoint.pt"
-PROGRESS_FILE = "progress.jsonl"
 SAVE_SECONDS = 30.0  # of processor time between checkpoints
 REPORT_SECONDS = 10.0
 EXPLORED_AT_ONCE = 32  # statements
@@ -57,10 +50,6 @@ MOST_TASKS_FOR_RULE = 600
 POOL_FIRST = 100  # further statements before learning begins
 POOL_GROWTH = 8  # and whenever it explores
 PAIRS_FOR_WORDS = 2000  # generated statements whose words are known
-
-
-class TrainingError(ValueError):
-    """A run that cannot go on, or a directory that holds none, or another one."""
 
 
 class Progress(NamedTuple):
@@ -110,8 +99,9 @@ def train_imitation(
     The budget is either `minutes` of processor time, everything included, or `steps` of the optimiser; with `steps`
     equal arguments give equal agents. `others`: tasks of further statements, learnt from as well. `resume` goes on
     from `out`'s last checkpoint, with the recipe and seed that it was begun with.
-    Raises ValueError for a budget or settings that cannot be, TrainingError when the loss is no number or `out` cannot
-    serve, CorpusError for unusable data. KeyboardInterrupt leaves a checkpoint behind.
+    Raises ValueError for a budget or settings that cannot be, TrainingRunError for an `out` that cannot serve,
+    TrainingError when the loss is no number, CorpusError for unusable data. KeyboardInterrupt leaves a checkpoint
+    behind.
     """
     if (minutes is None) == (steps is None):
         raise ValueError("give a budget: either minutes or steps")
@@ -136,21 +126,20 @@ class _Run:
         others: Sequence[Task],
     ) -> None:
         self._began = cpu_seconds()
-        self._settings, self._recipe, self._out, self._seed = settings, recipe, out, seed
+        self._settings, self._recipe, self._seed = settings, recipe, seed
         self._minutes, self._steps = minutes, steps
         self._device = chosen_device(device)
         self._standing = _Standing()
         tasks = settings.make("train").tasks
         identity = {
-            "format": FORMAT,
-            "version": VERSION,
+            "learner": KIND,
             "environment": settings.to_json(),
             "recipe": recipe.to_json(),
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
             "other_tasks": len(others),
         }
-        begin_or_check(out, identity, resume=resume)
+        self._run = begin_run(out, identity, resume=resume)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
         lessons, self._apart = held_out(lessons_of(tasks), recipe.held_out, seed=0)
@@ -176,7 +165,7 @@ class _Run:
         self._optimiser = torch.optim.AdamW(
             self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
-        if resume:
+        if resume and self._run.has_checkpoint:
             self._load_checkpoint()
         layout = self._explorer.layout
         self._player = Player(self._network, self._table, layout, self._numbering)
@@ -259,7 +248,7 @@ class _Run:
             shown = ", ".join(f"{name} {value.item():g}" for name, value in found._asdict().items())
             raise TrainingError(
                 f"the loss is not finite at step {self._standing.steps} ({shown});"
-                f" the last good checkpoint is kept in {self._out}; try a lower learning rate"
+                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
             )
         self._optimiser.zero_grad()
         loss.backward()
@@ -361,29 +350,26 @@ class _Run:
             round(actions, 4),
             round(right, 4),
         )
-        with (self._out / PROGRESS_FILE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(progress._asdict()) + "\n")
+        self._run.record(progress._asdict())
         on_progress(progress)
 
     def _save(self) -> None:
-        content = {
+        state = {
             "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "standing": {**vars(self._standing), "cpu_seconds": self._seconds()},
         }
-        write_whole(self._out / CHECKPOINT_FILE, lambda unfinished: torch.save(content, unfinished))
+        self._run.save_checkpoint(state)
 
     def _load_checkpoint(self) -> None:
-        path = self._out / CHECKPOINT_FILE
-        if not path.exists():
-            return  # stopped before the first checkpoint: it begins anew
+        state = self._run.load_checkpoint(self._device)
         try:
-            content = torch.load(path, map_location=self._device, weights_only=True)
-            self._network.load_state_dict(content["network"])
-            self._optimiser.load_state_dict(content["optimiser"])
-            self._standing = _Standing(**content["standing"])
-        except Exception as fault:
-            raise TrainingError(f"{path}: cannot be gone on from: {fault}") from None
+            self._network.load_state_dict(state["network"])
+            self._optimiser.load_state_dict(state["optimiser"])
+            self._standing = _Standing(**state["standing"])
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as fault:
+            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+            raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
         self._rng = np.random.default_rng([self._seed, self._standing.steps])
         self._explorer.use(self._rng)
 
@@ -410,26 +396,8 @@ class _Run:
         }
         description = describe(self._settings, self._recipe, self._shape, rules, found)
         agent = ImitationAgent(self._network.eval(), self._shape, rules, description)
-        agent.save(self._out / AGENT_FILE)
+        agent.save(self._run.agent_file)
         return agent
-
-
-def begin_or_check(out: Path, identity: Mapping[str, Any], *, resume: bool) -> None:
-    """Writes what the run is, or checks that it is the run that is resumed. Raises TrainingError, OutputError."""
-    path = out / RUN_FILE
-    if not resume:
-        if path.exists():
-            raise TrainingError(f"{out} holds a run already; resume it, or name another directory")
-        writable_directory(out)
-        write_json(path, identity)
-        return
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
-        raise TrainingError(f"{path}: no imitation run to resume: {fault}") from None
-    other = [name for name in identity if not isinstance(found, dict) or found.get(name) != identity[name]]
-    if other:
-        raise TrainingError(f"{out} holds another run: it differs in {', '.join(other)}")
 
 
 def sorted_scenes(lessons: Iterable[Lesson]) -> list[Any]:

@@ -14,8 +14,9 @@ from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.lessons import Explorer, Lesson
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.imitation.training import TrainingError, train_imitation
+from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.model_file import ModelFileError, save_model
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.scene import Scene
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
@@ -99,12 +100,12 @@ def test_resume__goes_on_where_a_killed_run_stopped(statements: str, tmp_path: P
 def test_resume__refuses_another_recipe_and_a_broken_checkpoint(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path, steps=2)
-    with pytest.raises(TrainingError, match="differs in recipe"):
+    with pytest.raises(TrainingRunError, match="has width 32, but 64 was asked for"):
         train_imitation(settings, small_recipe(settings, width=64), tmp_path, steps=4, resume=True)
-    with pytest.raises(TrainingError, match="already"):
+    with pytest.raises(TrainingRunError, match="already"):
         train_imitation(settings, small_recipe(settings), tmp_path, steps=4)
     (tmp_path / "checkpoint.pt").write_bytes((tmp_path / "checkpoint.pt").read_bytes()[:1000])
-    with pytest.raises(TrainingError, match=r"checkpoint\.pt: cannot be gone on from"):
+    with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
         train_imitation(settings, small_recipe(settings), tmp_path, steps=4, resume=True)
 
 
