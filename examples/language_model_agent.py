@@ -14,13 +14,9 @@ import numpy as np
 
 import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.wrappers import TextObservation
-from lilgym_mp.wrappers.text import Reply
+from lilgym_mp.wrappers.replies import Reply
 
-INSTRUCTIONS = """\
-You edit a picture of three boxes, one action at a time. You are told a statement about the picture and whether to
-make it true or false. When it is as wanted, answer STOP; a wrong STOP or an illegal action loses. Think, then end
-your answer with one action, by its name or number."""
-NOT_UNDERSTOOD = "That names no action. End your answer with one of the legal actions, by its name or number."
+NOT_UNDERSTOOD = "That names no action plainly. Write the name of one legal action on the last line."
 
 Messages = list[dict[str, str]]  # oldest first, each {"role", "content"}
 
@@ -82,7 +78,7 @@ class Conversation:
 def play(env: TextObservation, model: StubModel, talk: Conversation, seed: int, steps: int, retries: int) -> str:
     """One episode: what came of it."""
     text, _ = env.reset(seed=seed)
-    talk.say("system", INSTRUCTIONS)
+    talk.say("system", env.instructions())
     for _ in range(steps):
         talk.say("user", text)
         action = talk.ask(model, env, retries)

@@ -5,7 +5,7 @@ Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the re
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -451,10 +451,13 @@ _TEXT_COLOURS = {Colour.YELLOW: 33, Colour.BLACK: 30, Colour.BLUE: 34}
 _TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
 
 
-def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
+def text(
+    scene: Scene, lines: Sequence[str], *, coloured: bool = True, mark: Callable[[Item], str] | None = None
+) -> str:
     """The scene as lines of characters for a terminal (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, yellow is y, black k and blue b, and the shapes are not told apart.
+    Without colours, yellow is y, black k and blue b, and the shapes are not told apart. `mark`: an item's own
+    character instead.
     """
     width, height = TEXT_CELL
     box_columns, rows = BOX_SIDE // width, BOX_SIDE // height
@@ -462,11 +465,11 @@ def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
         for item in box.items:
-            mark = _text_mark(item, coloured=coloured)
+            character = _text_mark(item, coloured=coloured) if mark is None else mark(item)
             for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
                 for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
                     if _covers(item, column * width + width // 2, row * height + height // 2):
-                        cells[row][column] = mark
+                        cells[row][column] = character
         boxes.append(cells)
     edge = "+" + "-" * box_columns + "+"
     picture = [f"|{'|  |'.join(''.join(box[row]) for box in boxes)}|" for row in range(rows)]

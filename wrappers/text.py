@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import itertools
-import re
 import string
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.actions import BOX_NAMES, ActionError, AddItem, RemoveItem, describe, named
-from lilgym_mp.appearances import Appearance
+from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
+from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.arrays import BoolArray
+from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
-from lilgym_mp.scene import BOX_COUNT, Item, Scene
+from lilgym_mp.render import text as drawing
+from lilgym_mp.ruler import ruled
+from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.instructions import answer_line, box_columns, cell_lines, instructions, reward_line, scale_line
 from lilgym_mp.wrappers.moment import Moment, World, scene_of
+from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
@@ -29,19 +33,14 @@ LISTED = 64  # up to this many legal actions are listed one by one, with their n
 MANY = 50_000  # of more actions than this, which of them are legal is not told
 
 # Bounds on the lengths of texts, in characters.
-FIXED_LENGTH = 800
-ITEM_LENGTH = 60
+FIXED_LENGTH = 2_500
+ITEM_LENGTH = 90
 LISTED_LENGTH = LISTED * 60
 LEGAL_LENGTH = 12  # of one action's share in the lines by cells
 
-_ANSWER = re.compile(r"\bSTOP\b|\b(?:ADD|REMOVE)\s*\([^()]*\)|(?<![\w.,(-])\d+(?![\w.,)]*\w)", re.IGNORECASE)
 
-
-class Reply(NamedTuple):
-    """What an agent's reply comes to."""
-
-    action: int
-    understood: bool  # False: it names no action, so `action` is the default
+SCENE_STYLES = {style: style for style in ("list", "drawing")}
+MARKS = {Shape.CIRCLE: "ykb", Shape.SQUARE: "YKB", Shape.TRIANGLE: "123"}  # in drawings, by colour
 
 
 class Telling(Transformation):
@@ -50,13 +49,15 @@ class Telling(Transformation):
     changes_observations = True
     speaks_of_actions = True
 
-    def __init__(self, world: World, *, default: int | str) -> None:
+    def __init__(self, world: World, *, default: int | str, scene: str, legal_actions: bool) -> None:
         super().__init__(world)
         for part in (STATEMENT, TARGET):
             world.part(part)
         world.require_scene()
         self._statements = statement_space(world.tasks)
         self._appearance = world.dynamics.appearance
+        self._is_drawn = choose("scene", scene, SCENE_STYLES) == "drawing"
+        self._lists_legal = legal_actions
         reply = parse_reply(str(default), self._appearance, world.stop)
         if not reply.understood:
             raise ValueError(f"default must be the number or the name of an action, not {default!r}")
@@ -72,55 +73,97 @@ class Telling(Transformation):
         )
 
     def observations(self, observations: Batch, moment: Moment) -> Batch:
+        legal = moment.legal() if self._lists_legal else itertools.repeat(None)
         return tuple(
             "\n".join(
                 (
                     f"Statement: {task.statement}",
                     f"Make the statement {str(task.target).lower()}, then STOP. Actions left: {steps_left}.",
-                    *scene_lines(scene_of(items)),
-                    *legal_lines(self._appearance, legal),
-                    "Answer with one action.",
+                    reward_line(self.world.dynamics),
+                    *self._scene_lines(scene_of(items)),
+                    *(legal_lines(self._appearance, mask) if mask is not None else ()),
+                    answer_line(self._appearance),
                 )
             )
-            for task, steps_left, items, legal in zip(
+            for task, steps_left, items, mask in zip(
                 (self.world.tasks[number] for number in moment.task_numbers.tolist()),
                 (self.world.dynamics.horizon - moment.steps).tolist(),
                 moment.items,
-                moment.legal(),
-                strict=True,
+                legal,
+                strict=self._lists_legal,
             )
         )
 
-    def parse(self, reply: str) -> Reply:
-        """The action that an agent's reply names last; the default when it names none."""
-        return parse_reply(reply, self._appearance, self.default)
+    def _scene_lines(self, scene: Scene) -> Iterator[str]:
+        lines = drawing_lines if self._is_drawn else scene_lines
+        return lines(scene, self._appearance)
+
+    def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
+        """The action that an agent's reply decides for; the default when that is not plain. `legal`: the mask now."""
+        return parse_reply(reply, self._appearance, self.default, _ShownNumbers(self._appearance, legal))
 
 
-def parse_reply(reply: str, appearance: Appearance, default: int) -> Reply:
-    """The action that `reply` names last, by name or number; `default` when there is none such."""
-    found = _ANSWER.findall(reply)
-    if found:
-        answer: str = found[-1]
-        try:
-            number = int(answer) if answer.isdigit() else appearance.encode(named(answer))
-        except ActionError:
-            number = appearance.action_count
-        if number < appearance.action_count:
-            return Reply(number, understood=True)
-    return Reply(default, understood=False)
+class _ShownNumbers(Collection[int]):
+    """The numbers of actions that a text shows; looked up when a reply has a number."""
+
+    def __init__(self, appearance: Appearance, legal: Callable[[], BoolArray]) -> None:
+        self._count = appearance.action_count
+        self._legal = legal
+
+    def __contains__(self, number: object) -> bool:
+        if self._count <= LISTED:
+            return number in range(self._count)
+        return number in self._shown()
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._shown())
+
+    def __len__(self) -> int:
+        return len(self._shown())
+
+    def _shown(self) -> list[int]:
+        legal = np.flatnonzero(self._legal()).tolist()
+        return legal if len(legal) <= LISTED else [0]
 
 
-def scene_lines(scene: Scene) -> Iterator[str]:
-    """The scene, item by item."""
-    yield "Scene: three boxes of 100 x 100 pixels; (x, y) is an item's top-left corner in its box, y grows downwards."
-    for name, box in zip(BOX_NAMES, scene.boxes, strict=True):
+def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
+    """The scene, item by item; in Scatter with the cell in which an item's centre is."""
+    yield scale_line()
+    yield from cell_lines(appearance)
+    for number, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
-        yield from (f"  {_item_words(item)}" for item in box.items)
+        yield from (f"  {_item_words(item)}{_cell_of(item, number, appearance)}" for item in box.items)
+
+
+def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
+    """The scene as a drawing in characters; in Scatter with the numbers of columns and rows."""
+    yield (
+        "Scene: three boxes, drawn with a character for each 5 x 10 pixels. "
+        + "; ".join(
+            f"{shape.name.lower()}s " + ", ".join(f"{MARKS[shape][colour]} {colour.name.lower()}" for colour in Colour)
+            for shape in (Shape if isinstance(appearance, Scatter) else (Shape.SQUARE,))
+        )
+        + "."
+    )
+    yield from cell_lines(appearance)
+    picture = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
+    yield ruled(picture, appearance.grid) if isinstance(appearance, Scatter) else picture
 
 
 def _item_words(item: Item) -> str:
     looks = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
     return f"{looks} of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
+
+
+def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
+    if not isinstance(appearance, Scatter) or appearance.is_native:
+        return ""
+    width, height = appearance.cell
+    column, row = (
+        box_columns(appearance)[box][0] + (item.x + item.side // 2) // width,
+        (item.y + item.side // 2) // height,
+    )
+    return f", its centre in cell ({column}, {row})"
 
 
 def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
@@ -190,21 +233,33 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 class TextObservation(EnvWrapper[Telling]):
-    """Turns the observation into one text: the statement, the target, the actions left, every item, and the legal
-    actions with their names and numbers (by cells, where there are more than 64).
+    """Turns the observation into one text: the statement, the target, the actions left, the rewards, every item, and
+    the legal actions with their names and numbers (by cells, where there are more than 64).
 
     `parse_action(reply)` turns an agent's reply back into an action number. `default`, a name or number, is the
-    action of a reply that names none.
+    action of a reply that decides for none. `scene`: "list", or "drawing" in characters. `legal_actions`: False
+    leaves the list of them out. Raises ValueError for another `scene` or a `default` that is no action.
     """
 
     does = Telling
 
-    def __init__(self, env: gym.Env[Any, Any], *, default: int | str = "STOP") -> None:
-        super().__init__(env, default=default)
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        *,
+        default: int | str = "STOP",
+        scene: str = "list",
+        legal_actions: bool = True,
+    ) -> None:
+        super().__init__(env, default=default, scene=scene, legal_actions=legal_actions)
 
     def parse_action(self, reply: str) -> Reply:
-        """The action that `reply` names last, by name or number, and whether it names one."""
-        return self.transformation.parse(reply)
+        """The action that `reply` decides for, and whether it plainly decides for one (`wrappers.replies`)."""
+        return self.transformation.parse(reply, self.action_masks)
+
+    def instructions(self) -> str:
+        """The rules in words: the task, the rewards, the actions, the map of cells to pixels, the form of answers."""
+        return instructions(self.transformation.world.dynamics)
 
 
 text_observation_v0 = factory(TextObservation)

@@ -10,10 +10,10 @@ import numpy as np
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import VERBS, CommandFault, chosen, command_help, command_of, legal_commands, parsed
-from lilgym_mp.cli.ruler import ruled
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.render import frame, text
+from lilgym_mp.ruler import ruled
 
 
 class Session:

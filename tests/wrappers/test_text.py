@@ -12,9 +12,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import describe
+from lilgym_mp.actions import STOP, describe
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.cli.commands import command_of
 from lilgym_mp.wrappers import TextObservation
-from lilgym_mp.wrappers.text import Reply
+from lilgym_mp.wrappers.replies import Reply, parse_reply
 
 Make = Callable[..., gym.Env[Any, Any]]
 
@@ -23,6 +25,8 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "language_model_age
 TOWER_TEXT = """\
 Statement: There are exactly two blocks.
 Make the statement true, then STOP. Actions left: 12.
+Rewards: STOP +1 if the statement is as wanted, else -1; an illegal action -1; each of these ends the episode. Any \
+other action -0.1; the episode also ends with action 12, and if that is no STOP, its reward is -1.
 Scene: three boxes of 100 x 100 pixels; (x, y) is an item's top-left corner in its box, y grows downwards.
 LEFT box:
   medium blue square of 20 x 20 pixels at (40, 80)
@@ -40,7 +44,7 @@ Legal actions, each with its number:
   8 ADD(RIGHT, BLACK)
   9 ADD(RIGHT, BLUE)
   10 REMOVE(LEFT)
-Answer with one action."""
+Answer with one action: its name on the last line, such as ADD(LEFT, BLUE)."""
 
 
 def test_tower__is_told_in_full(make: Make):
@@ -96,27 +100,153 @@ def test_pixels__are_not_told_one_by_one(make: Make):
     assert "of 1064001 actions are legal, from STOP to REMOVE(379, 99)." in text
 
 
-@pytest.mark.parametrize(
-    ("reply", "action"),
-    [
-        ("3", 3),
-        ("I choose action 12.", 12),
-        ("ADD(LEFT, BLUE)", 3),
-        ("There are 2 blocks, so: remove ( left )", 10),
-        ("First ADD(LEFT, BLUE), no, better STOP", 0),
-        ("Thinking of (40, 80)...\n\nAnswer: 5\n", 5),
-    ],
+TOWER_REPLIES = {
+    "3": 3,
+    "I choose action 12.": 12,
+    "ADD(LEFT, BLUE)": 3,
+    "**ADD(LEFT, BLUE)**": 3,
+    "Action: `add(left, blue)`.": 3,
+    "There are 2 blocks, so: remove ( left )": 10,
+    "First ADD(LEFT, BLUE), no, better STOP": 0,
+    "Thinking of (40, 80)...\n\nAnswer: 5\n": 5,
+    "ADD(LEFT, BLUE) because exactly 2 blocks are needed.": 3,
+    "REMOVE(LEFT)\n\n11 actions remain after this.": 10,
+    "If I STOP now I lose, so ADD(MIDDLE, BLACK)": 5,
+    "Instead of STOP, ADD(LEFT, BLUE)": 3,
+    "STOP would be premature. ADD(LEFT, BLUE)": 3,
+    "Should I STOP? No. ADD(LEFT, BLUE) it is": 3,
+    "ADD(RIGHT, BLUE) makes two. I choose REMOVE(LEFT) because of that.": 10,
+    "<think>STOP or ADD(LEFT, BLUE), and 2 of them?</think>ADD(LEFT, BLACK)": 2,
+    "3 ADD(LEFT, BLUE)": 3,
+    "add left blue": 3,
+    "I add a blue block to the left box, which makes two": 3,
+    "stop": 0,
+    "I think that will do.\nStop.": 0,
+    "My answer is STOP": 0,
+}
+UNCLEAR_TOWER_REPLIES = (
+    "",
+    "no idea",
+    "13",
+    "-1",
+    "2.5",
+    "ADD(NORTH, BLUE)",
+    "ADD(3, 4, CIRCLE, BLUE, SMALL)",
+    "11 actions remain after this",
+    "exactly 2 blocks are needed.",
+    "do not STOP yet",
+    "I don't want to STOP",
+    "We must not choose action 4",
+    "Should I STOP?",
+    "ADD(LEFT, BLUE), then STOP",
+    "ADD(LEFT, BLUE). Then I will STOP.",
+    "ADD(LEFT, BLUE)\nSTOP",
+    "1. ADD(LEFT, BLUE)\n2. REMOVE(LEFT)",
+    "ADD(LEFT, BLUE) or ADD(RIGHT, BLUE)",
+    "action 4: ADD(LEFT, BLUE)",
+    "4 ADD(LEFT, BLUE)",
+    "add a block",
+    "add left blue then right black",
+    "we could stop here or go on",
 )
-def test_reply__names_an_action(make: Make, reply: str, action: int):
-    assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(action, understood=True)
 
 
-@pytest.mark.parametrize(
-    "reply", ["", "no idea", "13", "-1", "2.5", "ADD(NORTH, BLUE)", "ADD(3, 4, CIRCLE, BLUE, SMALL)"]
-)
-def test_reply__that_names_none_gives_the_default(make: Make, reply: str):
+@pytest.mark.parametrize("reply", TOWER_REPLIES)
+def test_reply__names_an_action(make: Make, reply: str):
+    assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(TOWER_REPLIES[reply], understood=True)
+
+
+@pytest.mark.parametrize("reply", UNCLEAR_TOWER_REPLIES)
+def test_reply__that_names_none_plainly_gives_the_default(make: Make, reply: str):
     env = TextObservation(make("TowerScratch"), default="REMOVE(RIGHT)")
     assert env.parse_action(reply) == Reply(12, understood=False)
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        "Add a small blue circle at column 3 row 4",
+        "Add a small blue circle at row 4, column 3.",
+        "add 3 4 small blue circle",
+        "ADD(3, 4, SMALL, BLUE, CIRCLE)",
+        "The 2 boxes at the right are done; ADD(3, 4, CIRCLE, BLUE, SMALL) makes 3 circles.",
+    ],
+)
+def test_reply__about_scatter_is_understood_in_words(make: Make, reply: str):
+    env = TextObservation(make("ScatterScratch"))
+    env.reset(seed=0)
+    number = make_appearance("scatter", RELEASED_GRID).encode(
+        env.unwrapped.dynamics.appearance.decode(env.parse_action(reply).action)  # pyright: ignore[reportAttributeAccessIssue]
+    )
+    assert describe(make_appearance("scatter", RELEASED_GRID).decode(number)) == "ADD(3, 4, CIRCLE, BLUE, SMALL)"
+
+
+@pytest.mark.parametrize(
+    "reply", ["4", "action 17", "add 3 small blue circles at row 4", "ADD(99, 4, CIRCLE, BLUE, SMALL)"]
+)
+def test_reply__in_scatter_takes_no_number_that_was_not_shown(make: Make, reply: str):
+    env = TextObservation(make("ScatterScratch"))
+    env.reset(seed=0)
+    assert env.parse_action(reply) == Reply(0, understood=False)
+    assert env.parse_action("0") == Reply(0, understood=True)
+
+
+def test_reply__before_the_first_reset_names_actions(make: Make):
+    assert TextObservation(make("ScatterScratch")).parse_action("remove 3 4").understood
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize("form", [describe, command_of])
+def test_reply__in_the_forms_of_names_and_of_play_is_every_action(appearance: str, form: Callable[[Any], str]):
+    known = make_appearance(appearance, RELEASED_GRID)
+    for number in range(0, known.action_count, 1 if known.action_count < 100 else 29):
+        assert parse_reply(form(known.decode(number)), known, -1) == Reply(number, understood=True)
+    assert parse_reply(form(STOP), known, -1) == Reply(0, understood=True)
+
+
+def test_scatter__names_cells_and_pixels_in_one_system(make: Make):
+    """What the text says of columns, rows and cells holds for the scene that ADD makes."""
+    env = TextObservation(make("ScatterScratch"))
+    text, _ = env.reset(seed=0)
+    assert (
+        "Cells (column, row) of 20 x 20 pixels: columns of the boxes LEFT 0-4, MIDDLE 7-11, RIGHT 14-18; columns 5-6"
+        " and 12-13 are separators, where nothing can be; rows 0-4 from the top."
+    ) in text
+    text, *_ = env.step(env.parse_action("ADD(8, 3, SQUARE, BLUE, SMALL)").action)
+    x, y = 20 * (8 - 7), 20 * 3
+    assert f"MIDDLE box:\n  small blue square of 10 x 10 pixels at ({x}, {y}), its centre in cell (8, 3)" in text
+
+
+@pytest.mark.parametrize(("rules", "last"), [("paper", "-1"), ("release", "-0.1")])
+def test_text__tells_the_rewards_of_its_rules(make: Make, rules: str, last: str):
+    text, _ = TextObservation(make("TowerScratch", rules=rules, horizon=7)).reset(seed=0)
+    assert f"the episode also ends with action 7, and if that is no STOP, its reward is {last}." in text
+
+
+def test_drawing__shows_shapes_colours_and_cells(make: Make):
+    env = TextObservation(make("ScatterScratch"), scene="drawing", legal_actions=False)
+    text, _ = env.reset(seed=0)
+    text, *_ = env.step(env.parse_action("ADD(8, 3, SQUARE, BLUE, MEDIUM)").action)
+    lines = text.splitlines()
+    rows = [number for number, line in enumerate(lines) if "BBBB" in line]
+    assert len(rows) == 2  # of 10 pixels each
+    assert lines[rows[0]].index("BBBB") == lines[rows[0] - 8].index("8") == 29
+    assert "Legal actions" not in text
+    assert text in env.observation_space
+
+
+def test_scene_style__must_be_known(make: Make):
+    with pytest.raises(ValueError, match="unknown scene 'picture'; choose from drawing, list"):
+        TextObservation(make("TowerScratch"), scene="picture")
+
+
+@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
+def test_instructions__tell_rewards_actions_and_the_answer(make: Make, configuration: str):
+    told = TextObservation(make(configuration)).instructions()
+    assert "Rewards: STOP +1" in told
+    assert "REMOVE(" in told
+    assert "Answer with one action" in told
+    assert ("separators" in told) is configuration.startswith("Scatter")
 
 
 def test_default__must_be_an_action(make: Make):
