@@ -125,31 +125,31 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         super().__init__(env)
         self.name = name
         self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
-        self._sides = sides
+        self.sides = sides  # by agent; SingleAgentView plays through them
         self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        return self._sides[agent].observation_space
+        return self.sides[agent].observation_space
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
         self._told = None
-        for side in self._sides.values():
+        for side in self.sides.values():
             side.start()
 
     def step(self, action: Any) -> None:
-        super().step(self._sides[self.agent_selection].action(action) if self.agents else action)
+        super().step(self.sides[self.agent_selection].action(action) if self.agents else action)
         self._told = None
 
     def observe(self, agent: str) -> Any:
         observation = super().observe(agent)
-        return None if observation is None else self._sides[agent].observation(observation)
+        return None if observation is None else self.sides[agent].observation(observation)
 
     @property
     def infos(self) -> dict[str, Info]:
         if self._told is None:
             look = {agent: partial(self.observe, agent) for agent in self.env.infos}
-            self._told = {agent: self._sides[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
+            self._told = {agent: self.sides[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
         return self._told
 
     def __str__(self) -> str:
@@ -163,22 +163,22 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
         super().__init__(env)
         self.name = name
         self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
-        self._sides = sides
+        self.sides = sides  # by agent; SingleAgentView plays through them
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        return self._sides[agent].observation_space
+        return self.sides[agent].observation_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
         observations, infos = super().reset(seed, options)
-        for side in self._sides.values():
+        for side in self.sides.values():
             side.start()
         return self._shown(observations, infos)
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
-        if self.agents and actions.keys() == self._sides.keys():  # else the game itself says what is wrong
-            actions = {agent: self._sides[agent].action(action) for agent, action in actions.items()}
+        if self.agents and actions.keys() == self.sides.keys():  # else the game itself says what is wrong
+            actions = {agent: self.sides[agent].action(action) for agent, action in actions.items()}
         observations, rewards, terminated, truncated, infos = super().step(dict(actions))
         shown, told = self._shown(observations, infos)
         return shown, rewards, terminated, truncated, told
@@ -186,8 +186,8 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
     def _shown(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        shown = {agent: self._sides[agent].observation(observation) for agent, observation in observations.items()}
-        return shown, {agent: self._sides[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()}
+        shown = {agent: self.sides[agent].observation(observation) for agent, observation in observations.items()}
+        return shown, {agent: self.sides[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()}
 
     def __str__(self) -> str:
         return f"{self.name}<{self.env}>"

@@ -5,12 +5,13 @@ A partner is a function of its `Seat`, which it may also read as its observation
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, SupportsIndex
+from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
+from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int8Array
@@ -18,6 +19,29 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import REJECT
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, STOP_ACTION, GameState, Intent, Role
+
+
+class Side(Protocol):
+    """What a wrapper of the game changes for one agent."""
+
+    @property
+    def observation_space(self) -> spaces.Dict: ...
+
+    def start(self) -> None:
+        """Called after each reset."""
+        ...
+
+    def observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """{"observation", "action_mask"} after the change, from those before it."""
+        ...
+
+    def info(self, info: dict[str, Any], look: Callable[[], Any]) -> dict[str, Any]:
+        """The info after the change; `look` gives the observation after it."""
+        ...
+
+    def action(self, action: Any) -> Any:
+        """The action beneath the wrapper."""
+        ...
 
 
 class PartnerError(ValueError):
@@ -31,6 +55,7 @@ class Seat:
     session: Session
     role: Role
     rng: np.random.Generator
+    sides: tuple[Side, ...] = ()  # of the wrappers that the agent acts through, the innermost first
 
     @property
     def game(self) -> Game:
@@ -44,7 +69,7 @@ class Seat:
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        return self.session.observe(self.role)
+        return seen_through(self.sides, self.session.observe(self.role))
 
     @property
     def observation(self) -> dict[str, Any]:
@@ -53,6 +78,8 @@ class Seat:
 
     @cached_property
     def action_mask(self) -> Int8Array:
+        if self.sides:
+            return self.full_observation["action_mask"]
         return self.game.legal_mask(self.state, self.role)
 
     def __getitem__(self, key: str) -> Any:
@@ -64,11 +91,25 @@ class Seat:
         return int(legal[self.rng.integers(len(legal))])
 
 
+def seen_through(sides: Iterable[Side], observation: AgentObservation) -> AgentObservation:
+    """What an agent sees through its sides of wrappers, the innermost first."""
+    for side in sides:
+        observation = side.observation(observation)
+    return observation
+
+
+def done_through(sides: Sequence[Side], action: Any) -> Any:
+    """The game's action that an agent's action comes to through its sides of wrappers, the innermost first."""
+    for side in reversed(sides):
+        action = side.action(action)
+    return action
+
+
 Partner = Callable[[Seat], SupportsIndex]
 
 
 def ask(partner: Partner, seat: Seat) -> int:
-    """The partner's action. Raises PartnerError naming the partner when it is not legal."""
+    """The partner's action, as the game takes it. Raises PartnerError naming the partner when it is not legal."""
     action = partner(seat)
     try:
         index = seat.game.checked(seat.role, action)
@@ -79,7 +120,7 @@ def ask(partner: Partner, seat: Seat) -> int:
         raise PartnerError(
             f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[seat.role]} now"
         )
-    return index
+    return done_through(seat.sides, index)
 
 
 @dataclass(frozen=True)

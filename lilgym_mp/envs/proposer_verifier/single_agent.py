@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any, SupportsFloat, SupportsIndex, cast
 
 import gymnasium as gym
@@ -10,12 +11,35 @@ from gymnasium import spaces
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, Seat, ask
+from lilgym_mp.envs.proposer_verifier.partners import (
+    SCRIPTED,
+    Partner,
+    Seat,
+    Side,
+    ask,
+    done_through,
+    seen_through,
+)
 from lilgym_mp.envs.proposer_verifier.session import RENDER_FPS, RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
-from lilgym_mp.envs.proposer_verifier.states import GameStep, Role
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, GameStep, Role
 
 MOST_DRAWS = 1_000  # games in a row that may end before the agent has had a turn
+
+
+def _sides_of(env: Any, agent: str) -> tuple[Side, ...]:
+    """The agent's sides of the wrappers around the game, the innermost first. Raises TypeError for others' wrappers."""
+    found: list[Side] = []
+    while env is not env.unwrapped:
+        sides = inspect.getattr_static(env, "sides", None)
+        if sides is None:
+            raise TypeError(
+                f"SingleAgentView would drop what {type(env).__name__} does; give it the game itself, or the game in"
+                " wrappers of lilgym_mp.wrappers, and put others around the view"
+            )
+        found += [sides[agent]] if sides else []
+        env = env.env
+    return tuple(reversed(found))
 
 
 class SingleAgentView(gym.Env[dict[str, Any], int]):
@@ -29,10 +53,12 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: any form of the game (`env`, `raw_env`, `parallel_env`); the view plays it, so let nobody else.
+        """`env`: any form of the game (`env`, `raw_env`, `parallel_env`), also in wrappers of this package, through
+        which both sides see and act; the view plays it, so let nobody else.
         `partner`: one of SCRIPTED by name, or any function of a Seat.
 
-        Raises TypeError for another environment or a partner that cannot be called, ValueError for unknown names.
+        Raises TypeError for another environment, one in others' wrappers, or a partner that cannot be called,
+        ValueError for unknown names.
         """
         game_env = getattr(env, "unwrapped", env)
         if not isinstance(game_env, GameAccess):
@@ -46,7 +72,12 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self.agent = agent
         self.render_mode = self.session.render_mode
         self._role = role_of(agent)
-        self.observation_space = spaces.Dict({key: part.space for key, part in self.session.parts[self._role].items()})
+        self._sides = tuple(_sides_of(env, name) for name in AGENTS)
+        own = self._sides[self._role]
+        seen = own[-1].observation_space["observation"] if own else None
+        self.observation_space = seen or spaces.Dict(
+            {key: part.space for key, part in self.session.parts[self._role].items()}
+        )
         self.action_space = cast("spaces.Space[int]", game_env.action_space(agent))
 
     def reset(
@@ -56,9 +87,11 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         super().reset(seed=seed)
         for skipped in range(MOST_DRAWS):
             infos = self.session.reset(seed if skipped == 0 else None, options)
+            for side in (*self._sides[0], *self._sides[1]):
+                side.start()
             self._partner_plays()
             if self.session.state.movers:
-                return self._observation(), infos[self._role] | {"skipped_games": skipped}
+                return self._observation(), self._info(infos[self._role]) | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MOST_DRAWS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
@@ -71,11 +104,14 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         for step in self._partner_plays():
             reward += step.rewards[self._role]
             info |= session.infos(step)[self._role]
-        return self._observation(), reward, step.terminated, step.truncated, info
+        return self._observation(), reward, step.terminated, step.truncated, self._info(info)
 
     def _play(self, action: SupportsIndex) -> GameStep:
         """The agent's turn, and the partner's too where both move at once."""
         session, role = self.session, self._role
+        if self._sides[role]:
+            session.game.checked(role, action)
+            action = done_through(self._sides[role], action)
         other = self._ask() if role.other in session.state.movers else None
         return session.play(action, other) if role is Role.PROPOSER else session.play(other, action)
 
@@ -89,14 +125,27 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         return steps
 
     def _ask(self) -> int:
-        return ask(self.partner, Seat(self.session, self._role.other, self.session.rng))
+        other = self._role.other
+        return ask(self.partner, Seat(self.session, other, self.session.rng, self._sides[other]))
 
-    def _observation(self) -> dict[str, Any]:
-        return self.session.see(self._role)
+    def _observation(self) -> Any:
+        sides = self._sides[self._role]
+        if not sides:
+            return self.session.see(self._role)
+        return seen_through(sides, self.session.observe(self._role))["observation"]
+
+    def _info(self, info: dict[str, Any]) -> dict[str, Any]:
+        sides = self._sides[self._role]
+        for count, side in enumerate(sides, 1):
+            info = side.info(info, lambda upto=sides[:count]: seen_through(upto, self.session.observe(self._role)))
+        return info
 
     def action_masks(self) -> np.ndarray:
         """(actions,) bool, a new array: the legal actions of the agent."""
-        return self.session.game.legal_mask(self.session.state, self._role).astype(bool)
+        session, role = self.session, self._role
+        if self._sides[role]:
+            return seen_through(self._sides[role], session.observe(role))["action_mask"].astype(bool)
+        return session.game.legal_mask(session.state, role).astype(bool)
 
     def render(self) -> UInt8Array | str | None:
         return self.session.render()

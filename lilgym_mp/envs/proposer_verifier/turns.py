@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, SupportsIndex
+from collections.abc import Mapping
+from typing import Any, ClassVar, SupportsIndex
 
 from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
@@ -79,6 +80,8 @@ def raw_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerif
 
 class StrictOrder(OrderEnforcingWrapper[str, AgentObservation, SupportsIndex | None]):
     """PettingZoo's checks of the order of calls; a step after the end is an error here, not a line in a log."""
+
+    sides: ClassVar[Mapping[str, Any]] = {}  # it changes nothing that an agent sees or does
 
     def step(self, action: SupportsIndex | None) -> None:
         if self._has_reset and not self.agents:

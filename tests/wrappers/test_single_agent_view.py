@@ -1,0 +1,96 @@
+"""SingleAgentView around a wrapped game: what the wrappers change holds for the view and for the partner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+
+from pettingzoo.utils import BaseWrapper
+
+from lilgym_mp.envs.proposer_verifier import ALWAYS_ACCEPT, RandomPartner, Seat, SingleAgentView, env, parallel_env
+from lilgym_mp.wrappers import action_mask_v0, flat_observation_v0, grid_planes_v0, stop_forcing_v0
+
+PROPOSER, VERIFIER = "proposer_0", "verifier_0"
+
+
+@pytest.mark.parametrize("make", [env, parallel_env])
+def test_flat_observation__is_what_the_view_shows(make: Any):
+    view = SingleAgentView(flat_observation_v0(grid_planes_v0(make())), PROPOSER, ALWAYS_ACCEPT)
+    observation, _ = view.reset(seed=0)
+    assert isinstance(observation, np.ndarray)
+    assert view.observation_space.contains(observation)
+    observation, *_ = view.step(int(np.flatnonzero(view.action_masks())[1]))
+    assert view.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("make", [env, parallel_env])
+def test_stop_forcing__leaves_stop_alone_legal_at_the_goal(make: Any):
+    view = SingleAgentView(stop_forcing_v0(make(reveal_truth=True)), PROPOSER, ALWAYS_ACCEPT)
+    generator = np.random.default_rng(0)
+    forced = 0
+    for seed in range(30):
+        _, info = view.reset(seed=seed)
+        ended = False
+        while not ended:
+            mask = view.action_masks()
+            if info["goal_reached"]:
+                forced += 1
+                assert np.flatnonzero(mask).tolist() == [0]
+            _, _, terminated, truncated, info = view.step(int(generator.choice(np.flatnonzero(mask))))
+            ended = terminated or truncated
+    assert forced > 3
+
+
+def test_stop_forcing__in_mode_replace_tells_so():
+    view = SingleAgentView(stop_forcing_v0(env(reveal_truth=True), mode="replace"), PROPOSER, ALWAYS_ACCEPT)
+    generator = np.random.default_rng(0)
+    for seed in range(50):
+        _, info = view.reset(seed=seed)
+        for _ in range(12):
+            reached = info["goal_reached"]
+            action = int(generator.choice(np.flatnonzero(view.action_masks())[1:]))
+            _, _, terminated, truncated, info = view.step(action)
+            assert info["forced_stop"] is reached
+            if terminated or truncated:
+                break
+        if reached:
+            assert info["outcome"] == "success"
+            return
+    pytest.fail("no goal was met")
+
+
+def test_action_mask__of_the_view_is_in_its_info():
+    view = SingleAgentView(action_mask_v0(stop_forcing_v0(env())), PROPOSER, ALWAYS_ACCEPT)
+    for seed in range(5):
+        _, info = view.reset(seed=seed)
+        assert info["action_mask"].tolist() == view.action_masks().tolist()
+
+
+def test_partner__acts_through_the_wrappers_too():
+    """Where the goal is reached, the proposer who plays against the agent may only STOP."""
+    game = stop_forcing_v0(env(protocol="audit", reveal_truth=True))
+    met: list[bool] = []
+
+    def proposer(seat: Seat) -> int:
+        if game.unwrapped.dynamics.goal_reached(seat.state.mdp):
+            met.append(np.flatnonzero(seat.action_mask).tolist() == [0] == np.flatnonzero(seat["action_mask"]).tolist())
+        return RandomPartner()(seat)
+
+    view = SingleAgentView(game, VERIFIER, proposer)
+    for seed in range(30):
+        view.reset(seed=seed)
+        for _ in range(12):
+            _, _, terminated, truncated, _ = view.step(int(np.flatnonzero(view.action_masks())[0]))
+            if terminated or truncated:
+                break
+    assert met
+    assert all(met)
+
+
+def test_other_wrappers__are_refused_not_dropped():
+    with pytest.raises(TypeError, match="SingleAgentView would drop what BaseWrapper does"):
+        SingleAgentView(BaseWrapper(env()), PROPOSER, ALWAYS_ACCEPT)
