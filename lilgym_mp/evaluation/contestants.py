@@ -30,12 +30,14 @@ def _same(policy: Policy) -> Callable[[Settings], Policy]:
     return lambda settings: policy
 
 
+_DRAWS = {"actions": "sampled"}
+
 # By name on the command line; see `policies` for what each does.
 BUILT_IN: Mapping[str, Contestant] = {
     "expert": Contestant("expert", ExpertPolicy.of, "knows the rules, the scene and the program", mask=False),
-    "random-legal": Contestant("random legal", _same(random_legal)),
-    "random-unmasked": Contestant("random unmasked", _same(random_unmasked), mask=False),
-    "random-type": Contestant("random type", RandomType.of),
+    "random-legal": Contestant("random legal", _same(random_legal), details=_DRAWS),
+    "random-unmasked": Contestant("random unmasked", _same(random_unmasked), mask=False, details=_DRAWS),
+    "random-type": Contestant("random type", RandomType.of, details=_DRAWS),
 }
 BASELINES = (BUILT_IN["random-legal"], BUILT_IN["random-unmasked"])
 

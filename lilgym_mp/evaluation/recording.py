@@ -7,7 +7,6 @@ import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from lilgym_mp import __version__
 from lilgym_mp.actions import Action, Stop
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
@@ -16,6 +15,7 @@ from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.contestants import Contestant
 from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.files import writable_directory
+from lilgym_mp.evaluation.report import software
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.rules import Dynamics, Outcome, State
@@ -61,7 +61,7 @@ class Recorder:
         details = contestant.details
         provenance = self._tasks.provenance
         return Header(
-            package=__version__,
+            package=software().get("lilgym-mp", "unknown"),
             settings=trial.settings,
             split=trial.split,
             agent=details.get("label", contestant.name),

@@ -1,0 +1,89 @@
+"""`lilgym-mp report`: every table and figure of the paper, and more, for the agents whose episodes were recorded."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import add_split
+from lilgym_mp.evaluation.episodes import SUFFIX
+
+AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "report",
+        help="tables and figures of the paper for recorded episodes",
+        description="Makes one page, DIR/index.html, with the paper's tables and figures and more for everything "
+        "recorded in the places; each item as CSV and Markdown, or SVG and PNG, too. A run whose episodes were not "
+        "recorded is played first, beside the expert and random play.",
+    )
+    parser.add_argument(
+        "places",
+        nargs="+",
+        type=Path,
+        metavar="DIR_OR_RUN",
+        help="directories or files that `evaluate --record` or `experiment` wrote, or directories of training runs",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the report goes")
+    parser.add_argument(
+        "--tags", type=Path, metavar="FILE", help="hand-made phenomena: JSON, statements with their lists"
+    )
+    parser.add_argument("--corpus", metavar="NAME", help="for runs that are played (default: that of their training)")
+    add_split(parser, "dev")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.report import make_report
+    from lilgym_mp.report.making import check_directory
+
+    check_directory(args.out)
+    unplayed = [place for place in args.places if is_unplayed(place)]
+    try:
+        with tempfile.TemporaryDirectory() as played:
+            if unplayed:
+                _play(unplayed, Path(played), args.corpus, args.split)
+            places = [place for place in args.places if place not in unplayed]
+            page = make_report(
+                [*places, *([Path(played)] if unplayed else [])], args.out, tags=args.tags, runs=unplayed
+            )
+    except ImportError as fault:
+        raise CommandError(str(fault)) from None
+    print(f"report: {page}")
+    return 0
+
+
+def is_unplayed(place: Path) -> bool:
+    """Whether the directory is of a training run with an agent and without recorded episodes."""
+    return (place / AGENT_FILE).is_file() and not any(place.rglob(f"*{SUFFIX}"))
+
+
+def _play(places: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:
+    """Records the runs, the expert and random play."""
+    from lilgym_mp.cli import make_parser
+
+    for corpus_name in dict.fromkeys(corpus or trained_on(place) for place in places):
+        own = [place for place in places if (corpus or trained_on(place)) == corpus_name]
+        words = [*map(str, own), "--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name]
+        args = make_parser().parse_args(["evaluate", *words, "--split", split, "--record", str(directory), "--optimal"])
+        args.run(args)
+
+
+def trained_on(place: Path) -> str:
+    """The corpus of a training run, by its description. Raises CommandError."""
+    file = place / RUN_FILE
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        identity = data.get("identity", data)
+        return str(identity["corpus"] if "corpus" in identity else identity["environment"]["corpus"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise CommandError(
+            f"{file}: does not say which corpus the run was trained on; name one with --corpus"
+        ) from None

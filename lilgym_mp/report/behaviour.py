@@ -1,0 +1,176 @@
+"""What agents do: rollout statistics, errors and where actions go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
+from lilgym_mp.appearances import InvalidReason
+from lilgym_mp.evaluation.episodes import RecordedEpisode
+from lilgym_mp.report import paper
+from lilgym_mp.report.drawing import Panel, bars, maps
+from lilgym_mp.report.gathering import Entry, Gathered
+from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.numbers import Spread, average, over_runs, share
+
+ADDS, REMOVES = (AddBlock, AddItem), (RemoveBlock, RemoveItem)
+KINDS: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}
+
+
+def stops(episode: RecordedEpisode) -> bool:
+    """Whether the agent ended the episode with STOP."""
+    return isinstance(episode.actions[-1], Stop)
+
+
+def count_of(episode: RecordedEpisode, kinds: tuple[type, ...]) -> int:
+    return sum(isinstance(action, kinds) for action in episode.actions)
+
+
+# By name: whether it is a share in per cent, and the number of a run's episodes.
+ROLLOUT: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
+    "without STOP (%)": lambda kept: share(kept, lambda episode: not stops(episode)),
+    "with an invalid action (%)": lambda kept: share(kept, lambda episode: episode.invalid_reason is not None),
+    "mean actions": lambda kept: average(kept, lambda episode: len(episode.actions)),
+    "mean ADD": lambda kept: average(kept, lambda episode: count_of(episode, ADDS)),
+    "mean REMOVE": lambda kept: average(kept, lambda episode: count_of(episode, REMOVES)),
+}
+
+
+def behaviour(found: Gathered) -> Iterator[Item]:
+    yield from figures_6_and_9(found)
+    yield from errors(found)
+    yield figure_10(found)
+
+
+def figures_6_and_9(found: Gathered) -> Iterator[Item]:
+    """Rollout statistics, the expert's among them."""
+    title = f"Rollout statistics on {found.main_split}"
+    rows: list[list[Cell]] = []
+    values: dict[str, dict[str, list[Spread | float | None]]] = {name: {} for name in ROLLOUT}
+    for agent in found.agents:
+        entries = [found.find(agent, name) for name in found.configurations]
+        for name, number in ROLLOUT.items():
+            values[name][agent] = [entry and over_runs(entry.runs, number) for entry in entries]
+        for entry in entries:
+            if entry is not None:
+                rows.append([agent, entry.configuration, *(over_runs(entry.runs, f) for f in ROLLOUT.values())])
+    panels = [Panel(name, found.configurations, series) for name, series in values.items()]
+    note = "An episode without STOP ends by an invalid action or the horizon. The last action, STOP too, is counted."
+    yield Chart("Figure 6 and Figure 9", title, bars(panels, ""), note)
+    yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT), rows)
+
+
+REASONS: Mapping[str, tuple[InvalidReason, ...]] = {
+    "separator": (InvalidReason.SEPARATOR,),
+    "nothing to remove": (InvalidReason.NOTHING_TO_REMOVE, InvalidReason.EMPTY_TOWER),
+    "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),
+    "on top": (InvalidReason.OVERLAP,),
+}
+DIRECT, EARLY, ERRONEOUS, LATE = "direct", "early", "erroneous", "not told"
+STOP_NOTE = (
+    "A wrong STOP is direct as the first action; early where edits were made and the expert needs fewer actions from"
+    " there than from the start; else erroneous. Early and erroneous can be told apart only where the expert was asked"
+    " (`--optimal`)."
+)
+
+
+def stop_kind(episode: RecordedEpisode) -> str | None:
+    """Which kind of wrong STOP ended the episode, None where none did."""
+    if episode.outcome != "wrong_stop":
+        return None
+    if len(episode.actions) == 1:
+        return DIRECT
+    if episode.actions_left is None or episode.optimal_actions is None:
+        return LATE
+    return EARLY if episode.actions_left < episode.optimal_actions else ERRONEOUS
+
+
+def error_kind(episode: RecordedEpisode) -> str | None:
+    """What went wrong: a reason, a kind of wrong STOP, or the horizon; None of a success."""
+    if episode.is_success:
+        return None
+    if (stop := stop_kind(episode)) is not None:
+        return f"{stop} stop"
+    if episode.invalid_reason is not None:
+        return next(name for name, reasons in REASONS.items() if episode.invalid_reason in reasons)
+    return "horizon"
+
+
+ERROR_KINDS = (*REASONS, f"{DIRECT} stop", f"{EARLY} stop", f"{ERRONEOUS} stop", f"{LATE} stop", "horizon")
+
+
+def errors(found: Gathered) -> Iterator[Item]:
+    """Failed episodes by what went wrong, in per cent of them; beside the 50 that the paper's authors read."""
+    rows: list[list[Cell]] = []
+    panels: list[Panel] = []
+    for configuration in found.configurations:
+        values: dict[str, list[Spread | float | None]] = {}
+        for entry in found.of(configuration):
+            failed = [e for run in entry.runs for e in run.episodes if not e.is_success]
+            kinds = [error_kind(episode) for episode in failed]
+            shares = [100 * kinds.count(kind) / len(failed) if failed else None for kind in ERROR_KINDS]
+            rows.append([entry.agent, configuration, len(failed), *shares])
+            if failed:
+                values[entry.agent] = list(shares)
+        rows += [list(row) for row in _published(configuration)]
+        if values:
+            panels.append(Panel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
+    title = f"Errors on {found.main_split}, in per cent of them"
+    note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), shares of all 50."
+    yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
+    if panels:
+        yield Chart("Section D.2", f"{title}, drawn", bars(panels, "% of errors", columns=1))
+
+
+def _published(configuration: str) -> Iterator[Sequence[Cell]]:
+    for (model, name), told in paper.ERRORS.items():
+        if name == configuration:
+            reasons = (told.separator, told.empty, told.does_not_fit, told.on_top)
+            shares: list[Cell] = [told.invalid * reason / 100 for reason in reasons]
+            kinds = (told.direct, told.early, told.erroneous)
+            shares += [None if kind is None else told.stops * kind / 100 for kind in kinds]
+            yield [f"{model} †", configuration, 50, *shares, None, None]
+
+
+def figure_10(found: Gathered) -> Item:
+    """Where Scatter actions go, by cell and type."""
+    title = f"Where actions go on {found.main_split}, in per cent of the agent's edits"
+    grid = found.header.settings.grid
+    entries = [
+        entry
+        for configuration in found.configurations
+        for entry in found.of(configuration)
+        if entry.header.settings.appearance == "scatter"
+    ]
+    if not entries or isinstance(grid, str):
+        why = "the grid is native" if entries else "no Scatter configuration was played"
+        return Lacking("Figure 10", title, f"{why}: there are no cells to map")
+    panels = [_maps(entry, grid) for entry in entries]
+    note = f"Cells of the grid {grid[0]} x {grid[1]}; each map has a scale of its own."
+    return Chart("Figure 10", title, maps(panels), note)
+
+
+def _maps(entry: Entry, grid: tuple[int, int]) -> list[tuple[str, list[list[float]]]]:
+    """The map of all edits, then of each type, of an entry."""
+    cells = {name: action_map(entry, grid, kinds) for name, kinds in KINDS.items()}
+    everything = [[sum(both) for both in zip(*rows, strict=True)] for rows in zip(*cells.values(), strict=True)]
+    total = sum(map(sum, everything)) or 1
+    shown = {"all": everything, **cells}
+    return [
+        (f"{entry.agent}, {entry.configuration}: {name}", [[100 * cell / total for cell in row] for row in counts])
+        for name, counts in shown.items()
+    ]
+
+
+def action_map(entry: Entry, grid: tuple[int, int], kinds: tuple[type, ...]) -> list[list[int]]:
+    """How many actions of those kinds went to each cell: a list a row of the grid."""
+    columns, rows = grid
+    counts = [[0] * columns for _ in range(rows)]
+    for run in entry.runs:
+        for episode in run.episodes:
+            for action in episode.actions:
+                if isinstance(action, kinds):
+                    placed: Any = action
+                    counts[placed.row][placed.column] += 1
+    return counts

@@ -1,0 +1,128 @@
+"""Accuracy by what statements say: phenomena, and whether training showed the statement or its form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from lilgym_mp.corpus.phenomena import Phenomenon
+from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.report import paper
+from lilgym_mp.report.drawing import Panel, bars
+from lilgym_mp.report.gathering import Gathered, ReportError
+from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.numbers import Spread, accuracy, over_runs
+
+Tags = Mapping[str, Sequence[str]]  # phenomena by statement, as people tagged them
+CHOICES = (*(phenomenon.value for phenomenon in Phenomenon), *paper.SYNTAX)
+# The paper's tables of phenomena, by configuration.
+ITEM = "Table 3, Table 5 and Table 6"
+SEEN = ("statement seen", "form seen", "new")
+
+
+def language(found: Gathered, tags: Tags | None) -> Iterator[Item]:
+    yield from by_phenomenon(found, tags)
+    yield from by_novelty(found)
+
+
+def read_tags(path: Path) -> Tags:
+    """Hand-made tags: a JSON object of statements, each with a list of phenomena. Raises ReportError."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as fault:
+        raise ReportError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    except ValueError as fault:
+        raise ReportError(f"{path}: no JSON: {fault}") from None
+    if not isinstance(data, dict):
+        raise ReportError(f"{path}: must be an object with a list of phenomena for each statement")
+    for statement, names in data.items():
+        if not isinstance(names, list):
+            raise ReportError(f"{path}: key {statement!r} must have a list of phenomena, not {names!r}")
+        for name in names:
+            if name not in CHOICES:
+                raise ReportError(
+                    f"{path}: key {statement!r} holds the unknown phenomenon {name!r}; choose from {', '.join(CHOICES)}"
+                )
+    return data
+
+
+def tagged(episode: RecordedEpisode, tags: Tags | None) -> Sequence[str] | None:
+    """The phenomena of the episode's statement: rule-made, or people's, None where they tagged it not."""
+    return episode.phenomena if tags is None else tags.get(episode.statement)
+
+
+def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
+    """Accuracy on the statements of each phenomenon, a table a configuration."""
+    made = "rule-made tags" if tags is None else "hand-made tags"
+    note = (
+        f"Tags are {'made by rules that read the program' if tags is None else 'from the file of hand-made tags'}; a"
+        f" statement may have several. † statements that the paper's authors tagged by hand on dev ({paper.SOURCE})."
+    )
+    if tags is None:
+        note += " No rule tells the two syntactic rows; they need hand-made tags (`--tags FILE`)."
+    for configuration in found.configurations:
+        entries = found.of(configuration)
+        first = entries[0].runs[0].episodes
+        rows: list[list[Cell]] = []
+        for name in CHOICES:
+            published = paper.STATEMENTS_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
+            if tags is None and name in paper.SYNTAX:
+                rows.append([name, None, None, published, *([None] * len(entries))])
+                continue
+            chosen = [episode for episode in first if name in (tagged(episode, tags) or ())]
+            rows.append(
+                [
+                    name,
+                    len({episode.statement for episode in chosen}),
+                    len(chosen) // entries[0].header.passes,
+                    published,
+                    *(_accuracy_of(entry.runs, name, tags) for entry in entries),
+                ]
+            )
+        columns = ("phenomenon", "statements", "start scenes", "statements †", *(entry.agent for entry in entries))
+        yield table(
+            ITEM, f"Accuracy (%) by phenomenon, {configuration} {found.main_split}, {made}", columns, rows, note
+        )
+
+
+def _accuracy_of(runs: Sequence[Recording], name: str, tags: Tags | None) -> Spread | None:
+    return over_runs(
+        runs, lambda kept: accuracy([episode for episode in kept if name in (tagged(episode, tags) or ())])
+    )
+
+
+def novelty(episode: RecordedEpisode) -> str:
+    """Whether training showed the statement, only its form, or neither."""
+    return SEEN[0] if episode.statement_seen else SEEN[1] if episode.form_seen else SEEN[2]
+
+
+def by_novelty(found: Gathered) -> Iterator[Item]:
+    """Accuracy on statements seen in training, on new ones of a form that was seen, and on those of a new form."""
+    title = f"Accuracy by statement seen, form seen, new, on {found.main_split}"
+    rows: list[list[Cell]] = []
+    panels: list[Panel] = []
+    for configuration in found.configurations:
+        values: dict[str, list[Spread | float | None]] = {}
+        for entry in found.of(configuration):
+            first = entry.runs[0].episodes
+            values[entry.agent] = [
+                over_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if novelty(e) == name]))
+                for name in SEEN
+            ]
+            starts = [sum(novelty(e) == name for e in first) // entry.header.passes for name in SEEN]
+            pairs = zip(starts, values[entry.agent], strict=True)
+            rows.append([entry.agent, configuration, *(cell for pair in pairs for cell in pair)])
+        panels.append(Panel(configuration, SEEN, values))
+    if not panels:
+        yield Lacking("Seen and new", title, "no configuration was played")
+        return
+    note = "Statement seen: word for word in training. Form seen: so with colours, shapes, sizes and numbers blanked."
+    yield Chart("Seen and new", title, bars(panels, "accuracy, %", top=109), note)
+    columns = (
+        "agent",
+        "configuration",
+        *(f"{head}{name}" for name in SEEN for head in ("start scenes, ", "accuracy (%), ")),
+    )
+    yield table("Seen and new", f"{title}, numbers", columns, rows, note)

@@ -1,0 +1,163 @@
+"""How well agents do: tasks and starts, accuracy, mean reward, and by target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.corpus.statistics import corpus_statistics
+from lilgym_mp.evaluation.episodes import RecordedEpisode
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.report import paper
+from lilgym_mp.report.drawing import Panel, bars
+from lilgym_mp.report.gathering import Entry, Gathered
+from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.numbers import Spread, accuracy, average, over_runs
+
+PAPER_NOTE = (
+    f"Rows marked † are the paper's ({paper.SOURCE}), on the official corpus: trained from rewards alone, actions"
+    " sampled, no mask. ± is the sample standard deviation over training runs."
+)
+
+
+def results(found: Gathered) -> Iterator[Item]:
+    yield rests_on(found)
+    yield table_1(found)
+    yield table_2(found)
+    yield from figure_3(found)
+    yield from figure_5(found)
+
+
+def rests_on(found: Gathered) -> Item:
+    """What every number of the report rests on."""
+    rows: list[list[Cell]] = []
+    for configuration in found.configurations:
+        for split in found.splits:
+            for agent in found.agents:
+                entry = found.find(agent, configuration, split)
+                if entry is not None:
+                    rows.append(_rests(entry))
+    note = (
+        "Accuracy is the share of episodes that end in success, one visit a pass to each start scene; seeds that a"
+        " learner has in one row and lacks in another are not made up for."
+    )
+    columns = (
+        *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
+        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision"),
+    )
+    return table("Basis", "What the numbers rest on", columns, rows, note)
+
+
+def _rests(entry: Entry) -> list[Cell]:
+    headers = [run.header for run in entry.runs]
+    header = headers[0]
+    seeds = [str(one.training_seed) for one in headers if one.training_seed is not None]
+    totals = {
+        key: sum(one.training[key] for one in headers) / len(headers)
+        for key in ("steps", "cpu_minutes")
+        if all(key in one.training for one in headers)
+    }
+    return [
+        *(entry.agent, entry.configuration, entry.split, len(headers), ", ".join(seeds) or None),
+        ", ".join(dict.fromkeys(str(one.seed) for one in headers)),
+        *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
+        "yes" if header.mask else "no",
+        round(totals["steps"]) if "steps" in totals else None,
+        totals.get("cpu_minutes"),
+        header.supervision,
+    ]
+
+
+def table_1(found: Gathered) -> Item:
+    """MDPs and start scenes of the corpus, by configuration and split."""
+    title = "Start scenes and contexts (MDPs) by split"
+    corpus = found.header.settings.corpus
+    try:
+        counts = corpus_statistics(corpus).counts
+    except CorpusError as fault:
+        return Lacking("Table 1", title, f"the corpus {corpus!r} is not at hand: {fault}")
+    names = {pair: name for name, pair in CONFIGURATIONS.items()}
+    rows = [
+        (
+            *(names[count.appearance, count.start], count.split, count.contexts, count.tasks),
+            *((None, None) if count.paper is None else (count.paper.contexts, count.paper.tasks)),
+        )
+        for count in counts
+    ]
+    columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
+    return table(
+        "Table 1", title, columns, rows, f"Corpus: {found.header.corpus}. † the paper's, of the official corpus."
+    )
+
+
+def table_2(found: Gathered) -> Item:
+    """Task completion beside the paper's."""
+    columns = [f"{name} {split}" for name in CONFIGURATIONS for split in ("dev", "test")]
+    shown = [(name, split) for name in CONFIGURATIONS for split in ("dev", "test")]
+    extra = [(name, split) for name in found.configurations for split in found.splits if split not in ("dev", "test")]
+    rows: list[list[Cell]] = []
+    for agent in found.agents:
+        entries = [found.find(agent, name, split) for name, split in (*shown, *extra)]
+        rows.append([agent, *(entry and over_runs(entry.runs, accuracy) for entry in entries)])
+    for model, cells in paper.ACCURACIES.items():
+        own: list[Cell] = [getattr(cells[name], split) for name, split in shown]
+        rows.append([f"{model} †", *own, *([None] * len(extra))])
+    heads = ("agent", *columns, *(f"{name} {split}" for name, split in extra))
+    return table("Table 2 and Table 4", "Task-completion accuracy (%)", heads, rows, PAPER_NOTE)
+
+
+def figure_3(found: Gathered) -> Iterator[Item]:
+    """Mean reward of everybody on the main split."""
+    panels: list[Panel] = []
+    rows: list[list[Cell]] = []
+    for configuration in found.configurations:
+        entries = found.of(configuration)
+        rewards = [over_runs(entry.runs, mean_reward) for entry in entries]
+        values: dict[str, list[Spread | float | None]] = {
+            entry.agent: [reward] for entry, reward in zip(entries, rewards, strict=True)
+        }
+        panels.append(Panel(configuration, [""], values))
+        rows += [[entry.agent, configuration, reward] for entry, reward in zip(entries, rewards, strict=True)]
+    title = f"Mean reward on {found.main_split}"
+    note = "The paper draws these numbers and prints none. An optimal expert's are the upper bound."
+    yield Chart("Figure 3", title, bars(panels, "mean reward"), note)
+    yield table("Figure 3", f"{title}, numbers", ("agent", "configuration", "mean reward"), rows)
+
+
+def mean_reward(episodes: Sequence[RecordedEpisode]) -> float | None:
+    return average(episodes, lambda episode: episode.reward)
+
+
+def figure_5(found: Gathered) -> Iterator[Item]:
+    """Accuracy by target value, FlipIt."""
+    title = f"Accuracy by target value on {found.main_split}"
+    configurations = [name for name in found.configurations if CONFIGURATIONS[name][1] == "flipit"]
+    if not configurations:
+        yield Lacking("Figure 5", title, "no FlipIt configuration was played")
+        return
+    panels: list[Panel] = []
+    rows: list[list[Cell]] = []
+    for configuration in configurations:
+        values: dict[str, list[Spread | float | None]] = {}
+        for entry in found.of(configuration):
+            first = entry.runs[0].episodes
+            values[entry.agent] = [
+                over_runs(entry.runs, lambda kept, target=target: accuracy([e for e in kept if e.target == target]))
+                for target in (True, False)
+            ]
+            starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]
+            published = paper.START_SCENES_BY_TARGET[configuration]
+            for index, target in enumerate(("True", "False")):
+                cells = (
+                    entry.agent,
+                    configuration,
+                    target,
+                    starts[index],
+                    published[index],
+                    values[entry.agent][index],
+                )
+                rows.append(list(cells))
+        panels.append(Panel(configuration, ["target True", "target False"], values))
+    yield Chart("Figure 5", title, bars(panels, "accuracy, %", top=109))
+    columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
+    yield table("Figure 5", f"{title}, numbers", columns, rows, f"† the paper's dev split ({paper.SOURCE}).")

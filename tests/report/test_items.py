@@ -1,0 +1,382 @@
+"""Every number of a report against a handful of episodes counted by hand, and the page that shows them."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.actions import Action, named
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, Recording, write_episodes
+from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.report import ReportError, make_report
+from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
+from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
+from lilgym_mp.report.gathering import Gathered, gather
+from lilgym_mp.report.items import Chart, Lacking, Table
+from lilgym_mp.report.language import by_novelty, by_phenomenon, read_tags
+from lilgym_mp.report.making import chapters
+from lilgym_mp.report.numbers import Spread, accuracy, by_statement, over_runs, paired_difference, spread
+from lilgym_mp.report.results import figure_5, mean_reward, table_2
+from lilgym_mp.scene import Scene
+
+SCATTER = Settings("ScatterFlipIt")
+ITEM = {"x_loc": 10, "y_loc": 10, "type": "circle", "color": "#0099ff", "size": 20}
+BLUE = Scene.from_json([[{**ITEM, "color": "#0099ff"}], [], []])
+HEADER = Header(
+    "0.1.0",
+    SCATTER,
+    "dev",
+    "mine",
+    "rewards alone",
+    "greedy",
+    False,
+    False,
+    0,
+    0,
+    1,
+    0,
+    6,
+    4,
+    "own",
+    "f" * 64,
+    True,
+    "runs/a",
+)
+
+
+def actions(*names: str) -> tuple[Action, ...]:
+    return tuple(map(named, names))
+
+
+def episode(outcome: str, *names: str, **changes: Any) -> RecordedEpisode:
+    last = 1.0 if outcome == "success" else -1.0
+    made = RecordedEpisode(
+        task=f"task-{outcome}-{len(names)}",
+        statement="There is a blue item.",
+        program="exist(filter_color(all_items, Color.BLUE))",
+        target=False,
+        statement_seen=False,
+        form_seen=False,
+        phenomena=("existence",),
+        tags=(),
+        outcome=outcome,
+        invalid_reason=None,
+        actions=actions(*names),
+        rewards=(*(-0.1,) * (len(names) - 1), last),
+        start=BLUE,
+        optimal_actions=2,
+    )
+    return replace(made, **changes)
+
+
+# Two successes of six; one of them takes an edit more than is needed.
+EPISODES = (
+    episode("success", "REMOVE(0, 0)", "STOP", statement_seen=True, form_seen=True),
+    episode("success", "ADD(0, 4, CIRCLE, BLUE, SMALL)", "REMOVE(0, 0)", "STOP", statement="No blue.", form_seen=True),
+    episode("wrong_stop", "STOP", statement="B", target=True, actions_left=2, phenomena=("negation", "existence")),
+    episode("wrong_stop", "REMOVE(0, 0)", "STOP", statement="B", actions_left=4, optimal_actions=5),
+    episode("wrong_stop", "REMOVE(0, 0)", "STOP", statement="C", actions_left=5, optimal_actions=5),
+    episode("invalid_action", "REMOVE(18, 4)", statement="C", target=True, invalid_reason="nothing_to_remove"),
+)
+
+
+def written(directory: Path, episodes: Sequence[RecordedEpisode] = EPISODES, **changes: Any) -> Path:
+    directory.mkdir(parents=True, exist_ok=True)
+    header = replace(HEADER, episodes=len(episodes), **changes)
+    name = f"{header.agent} {header.settings.configuration} {header.split} {header.training_seed} {header.seed}{SUFFIX}"
+    write_episodes(directory / name, header, episodes)
+    return directory / name
+
+
+@pytest.fixture
+def found(tmp_path: Path) -> Gathered:
+    written(tmp_path)
+    return gather([tmp_path])
+
+
+def runs(found: Gathered) -> tuple[Recording, ...]:
+    return found.entries[0].runs
+
+
+def rows(table: Any) -> list[tuple[Any, ...]]:
+    assert isinstance(table, Table)
+    return list(table.rows)
+
+
+def test_spread__one_success_in_three_times_591_is_as_the_paper_says():
+    assert str(spread([100 / 591, 0, 0])) == "0.06 ± 0.10"
+
+
+def test_spread__one_run_has_no_deviation_and_none_no_mean():
+    assert spread([50.0]) == Spread(50.0, None, 1)
+    assert spread([]) is None
+
+
+def test_accuracy__and_reward_are_counted_by_episode(found: Gathered):
+    assert over_runs(runs(found), accuracy) == Spread(pytest.approx(100 / 3), None, 1)
+    assert mean_reward(EPISODES) == pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6)
+
+
+def test_table_2__sets_ours_over_seeds_beside_the_papers(tmp_path: Path):
+    for seed, kept in enumerate((EPISODES, EPISODES[2:], EPISODES[:2])):
+        written(tmp_path, kept, training_seed=seed)
+    table = table_2(gather([tmp_path]))
+    (ours, *published) = rows(table)
+    assert isinstance(table, Table)
+    dev = table.columns.index("ScatterFlipIt dev")
+    assert ours[dev] == Spread(pytest.approx(400 / 9), pytest.approx(50.917508), 3)
+    assert ours[table.columns.index("TowerScratch dev")] is None
+    assert str(published[0][table.columns.index("ScatterFlipIt test")]) == "0.06 ± 0.10"
+
+
+def test_figure_5__parts_by_target(found: Gathered):
+    _, table = figure_5(found)
+    assert [(row[2], row[3], row[5]) for row in rows(table)] == [
+        ("True", 2, Spread(0.0, None, 1)),
+        ("False", 4, Spread(50.0, None, 1)),
+    ]
+
+
+def test_figures_6_and_9__rollout_statistics():
+    shares = {name: number(EPISODES) for name, number in ROLLOUT.items()}
+    assert shares == {
+        "without STOP (%)": pytest.approx(100 / 6),
+        "with an invalid action (%)": pytest.approx(100 / 6),
+        "mean actions": pytest.approx(11 / 6),
+        "mean ADD": pytest.approx(1 / 6),
+        "mean REMOVE": pytest.approx(5 / 6),
+    }
+
+
+def test_section_d2__errors_by_reason_and_by_kind_of_stop(found: Gathered):
+    assert [error_kind(kept) for kept in EPISODES] == [
+        *(None, None, "direct stop", "early stop", "erroneous stop", "nothing to remove"),
+    ]
+    assert error_kind(replace(EPISODES[3], actions_left=None)) == "not told stop"
+    assert error_kind(episode("horizon", *["REMOVE(0, 0)"] * 12)) == "horizon"
+    table = next(errors(found))
+    (ours, *published) = rows(table)
+    assert ours[:4] == ("mine", "ScatterFlipIt", 4, 0.0)
+    assert sum(ours[3:]) == pytest.approx(100)
+    assert sum(cell or 0 for cell in published[0][3:]) == pytest.approx(100)
+
+
+def test_figure_10__counts_actions_by_cell_and_type(found: Gathered):
+    removed = action_map(found.entries[0], (19, 5), REMOVES)
+    assert (removed[0][0], removed[4][18], sum(map(sum, removed))) == (4, 1, 5)
+    assert action_map(found.entries[0], (19, 5), ADDS)[4][0] == 1
+
+
+def test_tables_of_phenomena__are_rule_made_unless_a_file_is_given(found: Gathered, tmp_path: Path):
+    (table,) = by_phenomenon(found, None)
+    by_name = {row[0]: row[1:] for row in rows(table)}
+    assert by_name["existence"] == (4, 6, 192, Spread(pytest.approx(100 / 3), None, 1))
+    assert by_name["negation"] == (1, 1, 52, Spread(0.0, None, 1))
+    assert by_name["syntax: coordination"] == (None, None, 20, None)
+    assert "rule-made" in table.title
+    (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
+    (table,) = by_phenomenon(found, read_tags(tmp_path / "tags.json"))
+    by_name = {row[0]: row[1:] for row in rows(table)}
+    assert by_name["syntax: coordination"] == (1, 1, 20, Spread(100.0, None, 1))
+    assert "hand-made" in table.title
+
+
+def test_seen_and_new__part_the_accuracy(found: Gathered):
+    _, table = by_novelty(found)
+    assert rows(table)[0][2:] == (1, Spread(100.0, None, 1), 1, Spread(100.0, None, 1), 4, Spread(0.0, None, 1))
+
+
+def test_edits_needed__are_the_experts():
+    assert [edits_name(kept) for kept in EPISODES[:4]] == ["1", "1", "1", "4"]
+    assert edits_name(replace(EPISODES[0], optimal_actions=9)) == "6 or more"
+    assert edits_name(replace(EPISODES[0], optimal_actions=None)) is None
+
+
+def test_regret__extra_actions_and_shares_that_are_optimal(found: Gathered):
+    assert _regret(found.entries[0]) == (
+        Spread(0.5, None, 1),
+        Spread(50.0, None, 1),
+        Spread(pytest.approx(100 / 6), None, 1),
+    )
+
+
+def test_calibration__compares_how_probable_stop_was_with_whether_it_was_right(tmp_path: Path):
+    # Blue is there until it is removed, and must not be: STOP is wrong, then right.
+    kept = (
+        episode("success", "REMOVE(0, 0)", "STOP", stop_probabilities=(0.12, 0.97)),
+        episode("wrong_stop", "STOP", stop_probabilities=(0.18,)),
+    )
+    written(tmp_path, kept)
+    line = calibration_line(gather([tmp_path]).entries[0])
+    assert line is not None
+    assert line.xs == [pytest.approx(0.15), 0.97]
+    assert line.ys == [0.0, 1.0]
+
+
+def test_statements__are_what_is_drawn_again(found: Gathered, tmp_path: Path):
+    assert by_statement(runs(found)) == {"There is a blue item.": (1, 1), "No blue.": (1, 1), "B": (0, 2), "C": (0, 2)}
+    solved = [episode("success", "STOP", statement=kept.statement) for kept in EPISODES]
+    written(tmp_path / "other", solved, agent="other")
+    other = gather([tmp_path / "other"]).entries[0].runs
+    difference = paired_difference(other, runs(found))
+    assert difference is not None
+    assert difference.points == pytest.approx(200 / 3)
+    assert 0 <= difference.low <= difference.points <= difference.high <= 100
+    same = paired_difference(other, other)
+    assert same is not None
+    assert (same.points, same.low, same.high, same.p_value) == (0, 0, 0, 1)
+
+
+def test_chapters__name_every_item_as_the_paper_does(found: Gathered):
+    names = " ".join(item.item for _, items in chapters(found, None) for item in items)
+    for table in range(1, 7):
+        assert f"Table {table}" in names
+    for figure in (1, 2, 3, 4, 5, 6, 7, 9, 10):
+        assert f"Figure {figure}" in names
+    assert "Section D.2" in names
+
+
+def test_chapters__what_cannot_be_made_says_why(tmp_path: Path):
+    written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
+    lacking = {
+        item.item: item
+        for _, items in chapters(gather([tmp_path]), None)
+        for item in items
+        if isinstance(item, Lacking)
+    }
+    assert {
+        "Figure 1",
+        "Figure 4",
+        "Edits needed",
+        "Regret",
+        "Calibration of STOP",
+        "Horizon left at STOP",
+    } <= lacking.keys()
+    assert "--optimal" in lacking["Regret"].note
+
+
+def digests(directory: Path) -> dict[str, str]:
+    files = [path for path in directory.rglob("*") if path.is_file()]
+    return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
+    written(tmp_path / "kept")
+    pages = [make_report([tmp_path / "kept"], tmp_path / name) for name in ("one", "two", "one")]
+    assert digests(tmp_path / "one") == digests(tmp_path / "two")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept", "one", "two"]
+    page = pages[0].read_text()
+    assert "http" not in page.replace("http://www.w3.org", "")  # nothing from elsewhere
+    made = [item for _, items in chapters(gather([tmp_path / "kept"]), None) for item in items]
+    for item in made:
+        assert f'id="{item.name}"' in page
+        for suffix in {Table: ("tables/{}.csv", "tables/{}.md"), Chart: ("figures/{}.svg", "figures/{}.png")}.get(
+            type(item), ()
+        ):
+            assert (tmp_path / "one" / suffix.format(item.name)).stat().st_size
+    with next((tmp_path / "one" / "tables").glob("table-2*.csv")).open() as file:
+        first = next(csv.DictReader(file))
+    assert float(first["ScatterFlipIt dev mean"]) == pytest.approx(100 / 3)
+    assert (first["agent"], first["ScatterFlipIt dev sd"], first["ScatterFlipIt dev runs"]) == ("mine", "", "1")
+
+
+def test_report__statements_are_shown_as_text(tmp_path: Path):
+    written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
+    page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
+    assert "<b>mine" not in page
+    assert "&lt;b&gt;mine" in page
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"settings": replace(SCATTER, corpus="lilgym")}, "corpus is 'lilgym', but 'builtin' in"),
+        ({"settings": replace(SCATTER, rules="release")}, "rules is 'release', but 'paper' in"),
+        ({"tasks_sha256": "0" * 64}, "tasks_sha256 is 000000000000"),
+        ({}, "training_seed 0 and seed 0 are those of"),
+        ({"training_seed": None}, "training_seed is missing"),
+    ],
+)
+def test_report__what_does_not_belong_together_is_refused_naming_file_and_key(
+    tmp_path: Path, change: dict[str, Any], said: str
+):
+    written(tmp_path / "kept" / "a")
+    other = written(tmp_path / "kept" / "b", **change)
+    with pytest.raises(ReportError, match=said) as fault:
+        make_report([tmp_path / "kept"], tmp_path / "out")
+    assert str(other.parent) in str(fault.value) or "training_seed" in said
+    assert not (tmp_path / "out").exists()
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+@pytest.mark.parametrize(
+    ("prepare", "words", "said"),
+    [
+        (lambda place: (place / "empty").mkdir(), ["empty"], "empty is no run and no results"),
+        (lambda place: None, ["absent"], "absent: there is no such file"),
+        (lambda place: cut(written(place / "kept")), ["kept"], "cut short"),
+        (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or no file of recorded episodes"),
+        (lambda place: written(place / "kept"), ["kept", "--tags", "{}/no"], "no: cannot be read"),
+    ],
+)
+def test_report_command__bad_input_is_told_in_a_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], words: list[str], said: str
+):
+    prepare(tmp_path)
+    place, *options = words
+    command = ["report", str(tmp_path / place), *(word.format(tmp_path) for word in options)]
+    assert main([*command, "--out", str(tmp_path / "out")]) == USAGE_ERROR
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_report__an_unknown_phenomenon_in_hand_made_tags_is_named_with_the_choices(tmp_path: Path):
+    (tmp_path / "tags.json").write_text('{"A statement.": ["irony"]}')
+    with pytest.raises(ReportError, match=r"tags\.json.*'A statement\.'.*'irony'.*choose from existence"):
+        read_tags(tmp_path / "tags.json")
+
+
+def test_report__a_directory_with_something_else_is_left_alone(tmp_path: Path):
+    written(tmp_path / "kept")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "precious").write_text("x")
+    with pytest.raises(OutputError, match="holds something other than a report"):
+        make_report([tmp_path / "kept"], tmp_path / "out")
+    assert (tmp_path / "out" / "precious").read_text() == "x"
+
+
+def test_labels__runs_that_differ_by_more_than_the_seed_are_told_apart(tmp_path: Path):
+    written(tmp_path / "a", recipe={"width": 64, "seed": 0})
+    written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
+    written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
+    found = gather([tmp_path])
+    assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
+
+
+def test_report__of_random_play_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    import json
+
+    kept, results = tmp_path / "kept", tmp_path / "results.json"
+    words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
+    assert main(["evaluate", *words, "--record", str(kept), "--json", str(results)]) == 0
+    found = gather([kept])
+    for row in json.loads(results.read_text())["results"]:
+        entry = found.find(row["agent"], "TowerFlipIt")
+        assert entry is not None
+        assert over_runs(entry.runs, accuracy) == Spread(pytest.approx(100 * row["accuracy"]), None, 1)
+        assert over_runs(entry.runs, mean_reward) == Spread(pytest.approx(row["mean_reward"]), None, 1)
+        invalid = over_runs(entry.runs, ROLLOUT["with an invalid action (%)"])
+        assert invalid is not None
+        assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
