@@ -7,7 +7,7 @@ the truth and the target, else ADD or REMOVE, then the arguments that the type n
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -39,6 +39,21 @@ class Inputs(NamedTuple):
     cell_places: Tensor  # (C,) the item's box among the S * V
     offsets: Tensor  # (C, 2, 5) of items to cells
     scenes: Tensor  # (S, N, 3) the boxes of each scene, 0 to U - 1
+
+
+class Read(NamedTuple):
+    """S statements as the parts of the network attend to them."""
+
+    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each item layer, then for boxes, then for scenes
+    mask: Tensor  # (S, 1, 1, T) what hides the places without a word, to be added to scores
+
+
+class BoxesRead(NamedTuple):
+    """U boxes of each of S statements, V of them with their cells (Scatter)."""
+
+    vectors: Tensor  # (S, U, d)
+    cells: Tensor | None  # (S, V, 25, C) what the cells are like
+    legal: Tensor | None  # (S, V, 25, 10) logits of what is valid there: an ADD of each kind, a REMOVE
 
 
 class Outputs(NamedTuple):
@@ -74,11 +89,11 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
 
-    def forward(self, x: Tensor, words: Tensor, mask: Tensor) -> Tensor:
-        """`x` (S, N, d), `words` (S, T, d), `mask` (S, 1, 1, T) added to the scores."""
+    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor) -> Tensor:
+        """`x` (S, N, d), `key_value` (S, T, 2 d) what `self.key_value` makes of words, `mask` as in `Read`."""
         batch, count, width = x.shape
         query = self.query(self.norm(x)).view(batch, count, self.heads, -1).transpose(1, 2)
-        key, value = self.key_value(words).view(batch, -1, 2, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        key, value = key_value.view(batch, -1, 2, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
         found = torch.matmul(scores.softmax(-1).to(value.dtype), value)
         return x + self.out(found.transpose(1, 2).reshape(batch, count, width))
@@ -118,9 +133,9 @@ class ItemLayer(nn.Module):
         self.relating = Relating(width)
         self.feedforward = Feedforward(width)
 
-    def forward(self, x: Tensor, words: Tensor, mask: Tensor, inputs: Inputs) -> Tensor:
+    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, inputs: Inputs) -> Tensor:
         """`x` (S, M, d)."""
-        return self.feedforward(self.relating(self.reading(x, words, mask), inputs))
+        return self.feedforward(self.relating(self.reading(x, key_value, mask), inputs))
 
 
 class TextLayer(nn.Module):
@@ -130,7 +145,7 @@ class TextLayer(nn.Module):
         self.feedforward = Feedforward(width)
 
     def forward(self, x: Tensor, mask: Tensor) -> Tensor:
-        return self.feedforward(self.attention(x, self.attention.norm(x), mask))
+        return self.feedforward(self.attention(x, self.attention.key_value(self.attention.norm(x)), mask))
 
 
 class Text(nn.Module):
@@ -252,25 +267,48 @@ class ImitationNetwork(nn.Module):
 
     def forward(self, inputs: Inputs, targets: Tensor) -> Outputs:
         """`targets` (S, A) of the first A scenes of each statement: 1 to make it true, 0 false."""
-        words, mask = self.read(inputs.words)
-        items, boxes = self.boxes_read(inputs, words, mask)
-        scenes = inputs.scenes
-        sums = self.box_sum(boxes)
+        read = self.read(inputs.words)
+        return self.judged(read, self.boxes_read(inputs, read), inputs.scenes, targets)
+
+    def read(self, words: Tensor) -> Read:
+        """(S, T) words, read."""
+        mask = torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
+        x = self.text(words, mask)
+        layers = (cast("ItemLayer", layer).reading for layer in self.item_layers)
+        readers = (*layers, self.box_reading, self.scene_reading)
+        return Read(tuple(reader.key_value(x) for reader in readers), mask)
+
+    def boxes_read(self, inputs: Inputs, read: Read) -> BoxesRead:
+        """The boxes in the light of the words; those whose cells are asked for come first."""
+        known = self.item(inputs.features.to(read.key_values[0].dtype))
+        x = known + self.colour(inputs.colours).to(known.dtype)
+        for layer, key_value in zip(self.item_layers, read.key_values, strict=False):
+            x = layer(x, key_value, read.mask, inputs)
+        box = in_boxes(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
+        box = box.unflatten(0, inputs.by_box.shape[:2])
+        box = self.box_feedforward(self.box_reading(box, read.key_values[-2], read.mask))
+        if self.scatter is None:
+            return BoxesRead(box, None, None)
+        return BoxesRead(box, *self.scatter.cell_vectors(x, box, inputs))
+
+    def judged(self, read: Read, boxes: BoxesRead, scenes: Tensor, targets: Tensor) -> Outputs:
+        """What the network says of `scenes` (S, N, 3), made of the boxes; `targets` (S, A) as in `forward`."""
+        sums = self.box_sum(boxes.vectors)
         scene = self.scene_in(F.relu(chosen(sums, scenes).sum(2)))
-        scene = self.scene_feedforward(self.scene_reading(scene, words, mask))
-        again = chosen(self.box_again(boxes), scenes) + self.scene_to_box(scene)[:, :, None]
+        scene = self.scene_feedforward(self.scene_reading(scene, read.key_values[-1], read.mask))
+        again = chosen(self.box_again(boxes.vectors), scenes) + self.scene_to_box(scene)[:, :, None]
         scene = scene + self.again_sum(F.relu(again).sum(2))
         scene = self.dropout(self.scene_again(scene))
         truth = self.truth(scene).squeeze(-1)
         acting = scenes[:, : targets.shape[1]]
         seen = scene[:, : targets.shape[1]] + self.target(targets).to(scene.dtype)
-        each = chosen(self.act_box(boxes), acting) + self.act_scene(seen)[:, :, None]
+        each = chosen(self.act_box(boxes.vectors), acting) + self.act_scene(seen)[:, :, None]
         each = self.act_feedforward(each)  # (S, A, 3, d)
         whole = each.sum(2)
-        legal = None
         if self.scatter is not None:
-            cells, legal = self.scatter.cell_vectors(items, boxes, inputs)
-            adds, removes = self.scatter(each, chosen(cells, acting), chosen(legal, acting))
+            assert boxes.cells is not None
+            assert boxes.legal is not None
+            adds, removes = self.scatter(each, chosen(boxes.cells, acting), chosen(boxes.legal, acting))
         else:
             assert self.tower is not None
             adds, removes = self.tower(each)
@@ -280,24 +318,8 @@ class ImitationNetwork(nn.Module):
             adds.float(),
             removes.float(),
             self.steps(whole).float(),
-            None if legal is None else legal.float(),
+            None if boxes.legal is None else boxes.legal.float(),
         )
-
-    def read(self, words: Tensor) -> tuple[Tensor, Tensor]:
-        """(S, T, d) the words read, and (S, 1, 1, T) what hides the places without a word."""
-        mask = torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
-        return self.text(words, mask), mask
-
-    def boxes_read(self, inputs: Inputs, words: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """(S, M, d) the items and (S, U, d) the boxes, in the light of the words."""
-        known = self.item(inputs.features.to(words.dtype))
-        x = known + self.colour(inputs.colours).to(known.dtype)
-        for layer in self.item_layers:
-            x = layer(x, words, mask, inputs)
-        box = in_boxes(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
-        box = box.unflatten(0, inputs.by_box.shape[:2])
-        box = self.box_feedforward(self.box_reading(box, words, mask))
-        return x, box
 
 
 def chosen(vectors: Tensor, scenes: Tensor) -> Tensor:

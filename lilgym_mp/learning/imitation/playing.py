@@ -9,18 +9,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.arrays import Float32Array, Int64Array
 from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import STOP_HEAD, ActionLayout
 from lilgym_mp.learning.imitation.losses import log_policy
-from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
+from lilgym_mp.learning.imitation.network import BoxesRead, ImitationNetwork, Inputs, Read
 from lilgym_mp.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.task import Task
 
-MOST_GROUPS = 64  # statements that the network reads at once
+MOST_SCENES = 128  # that the network looks at together, and statements that it reads together
+MOST_PAIRS = 100_000  # of statements and boxes that are remembered
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +39,19 @@ class StopRule:
         return asdict(self)
 
 
+class _Statement(NamedTuple):
+    """What the network made of a statement: alike in every scene, hence calculated once."""
+
+    key_values: list[Tensor]  # (T, 2 d) each, as in `Read`
+    boxes: dict[int, int]  # by box in the table, its place among what was read of boxes
+
+
 class Player:
-    """Chooses actions for any number of statements and scenes."""
+    """Chooses actions for any number of statements and scenes.
+
+    Each statement, and each box in its light, is read once and remembered, until `forget`: to be called when the
+    network has changed.
+    """
 
     def __init__(self, network: ImitationNetwork, table: BoxTable, layout: ActionLayout, numbering: Numbering) -> None:
         self.network = network
@@ -45,46 +59,101 @@ class Player:
         self.layout = layout
         self.numbering = numbering
         self.reduced_precision = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forgets statements and boxes."""
+        self._statements: dict[str, _Statement] = {}
+        self._read: list[Tensor] = []  # (N, ...) the fields of `BoxesRead` for every pair of statement and box
+        self._pairs = 0
 
     @property
     def device(self) -> torch.device:
         return next(self.network.parameters()).device
 
+    @torch.no_grad()
     def log_probabilities(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
         """(B, heads) of B scenes, given as (B, 3) boxes by their index in the table."""
-        groups: dict[str, list[int]] = {}
-        for row, statement in enumerate(statements):
-            groups.setdefault(statement, []).append(row)
-        found = np.empty((len(statements), self.layout.heads), np.float32)
+        if self.network.training:
+            self.network.eval()
+        if self._pairs > MOST_PAIRS:
+            self.forget()
         self.table.describe()
-        ordered = sorted(groups, key=lambda statement: len(groups[statement]))  # groups of like size together
-        for first in range(0, len(ordered), MOST_GROUPS):
-            chosen = ordered[first : first + MOST_GROUPS]
-            rows = [np.array(groups[statement]) for statement in chosen]
-            self._fill(found, chosen, rows, boxes, targets)
-        return found
+        with precision(self.device, reduced=self.reduced_precision):
+            self._read_statements([one for one in dict.fromkeys(statements) if one not in self._statements])
+            self._read_boxes(statements, boxes)
+            found = [
+                self._judged(statements[first : first + MOST_SCENES], boxes[first:], targets[first:])
+                for first in range(0, len(statements), MOST_SCENES)
+            ]
+        return np.concatenate(found) if found else np.empty((0, self.layout.heads), np.float32)
 
-    def _fill(
-        self,
-        found: Float32Array,
-        statements: Sequence[str],
-        rows: Sequence[Int64Array],
-        boxes: Int64Array,
-        targets: Int64Array,
-    ) -> None:
-        most = max(map(len, rows))
-        places = np.stack([np.pad(row, (0, most - len(row)), mode="edge") for row in rows])  # (S, N)
-        distinct = Boxes.of(boxes[places], most)
-        device = self.device
-        inputs = Inputs(
-            words=torch.from_numpy(padded([self.numbering.numbers(statement) for statement in statements])).to(device),
-            **box_inputs(self.table, distinct, np.zeros(len(rows), np.int64), device),
-        )
-        wanted = torch.from_numpy(targets[places]).to(device)
-        self.network.eval()
-        with torch.no_grad(), precision(device, reduced=self.reduced_precision):
-            outputs = self.network(inputs, wanted)
-        found[places] = log_policy(outputs, wanted).cpu().numpy()
+    def _read_statements(self, statements: Sequence[str]) -> None:
+        numbers = {statement: self.numbering.numbers(statement) for statement in statements}
+        ordered = sorted(numbers, key=lambda statement: len(numbers[statement]))  # statements of like length together
+        for first in range(0, len(ordered), MOST_SCENES):
+            some = ordered[first : first + MOST_SCENES]
+            read = self.network.read(torch.from_numpy(padded([numbers[one] for one in some])).to(self.device))
+            for row, statement in enumerate(some):
+                count = len(numbers[statement])
+                kept = [key_value[row, :count].clone() for key_value in read.key_values]
+                self._statements[statement] = _Statement(kept, {})
+
+    def _read_boxes(self, statements: Sequence[str], boxes: Int64Array) -> None:
+        """Reads the boxes that are new to their statements."""
+        new: dict[str, dict[int, None]] = {}
+        for statement, row in zip(statements, boxes.tolist(), strict=True):
+            for box in row:
+                if box not in self._statements[statement].boxes:
+                    new.setdefault(statement, {})[box] = None
+        ordered = sorted(new, key=lambda statement: len(new[statement]))
+        for first in range(0, len(ordered), MOST_SCENES):
+            some = ordered[first : first + MOST_SCENES]
+            rows = [np.array(list(new[statement]), np.int64) for statement in some]
+            counts = np.array([len(row) for row in rows])
+            present = np.arange(counts.max()) < counts[:, None]
+            asked = Boxes(padded(rows), present, np.zeros((len(rows), 0, BOX_COUNT), np.int64), int(counts.max()))
+            orders = np.zeros(len(rows), np.int64)
+            words = torch.zeros((len(rows), 0), dtype=torch.int64)
+            inputs = Inputs(words=words, **box_inputs(self.table, asked, orders, self.device))
+            read = self.network.boxes_read(inputs, self._as_read(some))
+            self._keep([part[torch.from_numpy(present)] for part in read if part is not None])
+            places = iter(range(self._pairs - int(counts.sum()), self._pairs))
+            for statement in some:
+                self._statements[statement].boxes.update(zip(new[statement], places, strict=False))
+
+    def _keep(self, parts: Sequence[Tensor]) -> None:
+        """Adds what was read of some boxes to what is remembered, which doubles its room when it is full."""
+        count = len(parts[0])
+        room = len(self._read[0]) if self._read else 0
+        if self._pairs + count > room:
+            more = max(2 * room, self._pairs + count)
+            grown = [part.new_empty((more, *part.shape[1:])) for part in parts]
+            for new, old in zip(grown, self._read, strict=False):
+                new[: self._pairs] = old[: self._pairs]
+            self._read = grown
+        for kept, part in zip(self._read, parts, strict=True):
+            kept[self._pairs : self._pairs + count] = part
+        self._pairs += count
+
+    def _as_read(self, statements: Sequence[str]) -> Read:
+        known = [self._statements[statement].key_values for statement in statements]
+        key_values = tuple(pad_sequence(list(parts), batch_first=True) for parts in zip(*known, strict=True))
+        lengths = torch.tensor([len(parts[0]) for parts in known], device=self.device)
+        hidden = torch.arange(key_values[0].shape[1], device=self.device) >= lengths[:, None]
+        mask = torch.zeros(hidden.shape, device=self.device).masked_fill_(hidden, -1e4)
+        return Read(key_values, mask[:, None, None])
+
+    def _judged(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
+        """(B, heads) of the B statements with the first B scenes."""
+        rows = zip(statements, boxes.tolist(), strict=False)
+        places = torch.tensor([[self._statements[statement].boxes[box] for box in row] for statement, row in rows])
+        parts = [kept[places.to(self.device)] for kept in self._read]
+        read = BoxesRead(parts[0], *(parts[1:] or (None, None)))
+        scenes = torch.arange(BOX_COUNT, device=self.device).expand(len(places), 1, BOX_COUNT)
+        wanted = torch.from_numpy(targets[: len(places), None]).to(self.device)
+        outputs = self.network.judged(self._as_read(statements), read, scenes, wanted)
+        return log_policy(outputs, wanted)[:, 0].cpu().numpy()
 
 
 def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:

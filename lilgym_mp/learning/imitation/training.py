@@ -330,6 +330,7 @@ class _Run:
             tasks.append(Task("", lesson.statement, lesson.program.source, not lesson.program(start), start))
         rule = StopRule(never_first=self._settings.start == "flipit")
         rng = self._rng if self._rng.random() < 0.5 else None
+        self._player.forget()
         choose = chooser(self._player, self._dynamics.horizon, rule, rng)
         for lesson, episode in zip(lessons, play(self._player, self._dynamics, tasks, choose), strict=True):
             for scene in dict.fromkeys(episode.scenes[-3:]):
@@ -376,6 +377,7 @@ class _Run:
     def finish(self) -> ImitationAgent:
         """Chooses the rule for when to stop on the statements kept apart, and writes the agent."""
         self._save()
+        self._player.forget()
         rules: dict[str, StopRule] = {}
         shares: dict[str, float | None] = {}
         for name, tasks in self._tasks_apart.items():

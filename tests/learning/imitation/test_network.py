@@ -8,11 +8,12 @@ import torch
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.imitation.batches import Numbering
+from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import action_layout
 from lilgym_mp.learning.imitation.lessons import Explorer
-from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.losses import log_policy
+from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
 from lilgym_mp.learning.imitation.playing import Player
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
@@ -39,8 +40,30 @@ def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower 
     boxes = player.table.indices(scenes)
     together = player.log_probabilities(statements, boxes, targets)
     for row in range(7):
+        player.forget()
         alone = player.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
         np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
+
+
+@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
+def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance: Tower | Scatter):
+    player, explorer = player_of(appearance)
+    scene = Scene.empty()
+    scenes = [scene := explorer.edited(scene) for _ in range(6)]
+    targets = np.array([0, 1, 1, 0, 1, 0])
+    boxes = player.table.indices(scenes)
+    step_by_step = [
+        player.log_probabilities(STATEMENTS[:1], boxes[row : row + 1], targets[row : row + 1])[0] for row in range(6)
+    ]
+    distinct = Boxes.of(boxes[None], 6)
+    inputs = Inputs(
+        words=torch.from_numpy(player.numbering.numbers(STATEMENTS[0]))[None],
+        **box_inputs(player.table, distinct, np.zeros(1, np.int64), torch.device("cpu")),
+    )
+    with torch.no_grad():
+        wanted = torch.from_numpy(targets)[None]
+        at_once = log_policy(player.network.eval()(inputs, wanted), wanted)[0]
+    np.testing.assert_allclose(np.stack(step_by_step), at_once.numpy(), atol=1e-4)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
