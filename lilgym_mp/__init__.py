@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
 
+__all__ = ["action_masks", "load_agent"]
 __version__ = "0.1.0"
 
 # In a checkout `wrappers` and `data` lie beside the package, not in it (pyproject.toml: package-dir).
 if not Path(__file__).with_name("wrappers").is_dir():
     __path__.append(str(Path(__file__).resolve().parents[1]))
 
+from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
 
 register_all()

@@ -10,12 +10,17 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.arrays import Int16Array, UInt8Array
+from lilgym_mp.choices import choose
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.corpus.statement_arrays import StatementArrays
 from lilgym_mp.render import image_shape
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
 from lilgym_mp.task import Task
 
 MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
+TEXT, ARRAYS = "text", "arrays"
+FORMS = {form: form for form in (TEXT, ARRAYS)}  # of observations: with the statement as text, or only arrays
 EMPTY = -1  # in every field of an item array's slot without an item
 PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
 
@@ -38,10 +43,19 @@ def statement_space(tasks: Iterable[Task]) -> spaces.Text:
     return spaces.Text(max(MAX_STATEMENT_LENGTH, longest), min_length=0, charset="".join(sorted(characters)))
 
 
-def observation_space(image_size: str, tasks: Iterable[Task]) -> spaces.Dict:
-    return spaces.Dict(
-        {"image": image_space(image_size), "statement": statement_space(tasks), "target": spaces.Discrete(2)}
-    )
+def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementArrays | None = None) -> spaces.Dict:
+    """Of observations in the form "text"; given `arrays`, of those in the form "arrays"."""
+    if arrays is None:
+        statement, target = statement_space(tasks), spaces.Discrete(2)
+    else:
+        statement = spaces.Box(0, len(arrays.vocabulary) - 1, (arrays.length,), np.int64)
+        target = spaces.Box(0, 1, (1,), np.int64)
+    return spaces.Dict({"image": image_space(image_size), "statement": statement, "target": target})
+
+
+def statement_arrays(observation: str, tasks: TaskSet) -> StatementArrays | None:
+    """What the observation form called `observation` shows statements by; None for texts. Raises ValueError."""
+    return StatementArrays(tasks) if choose("observation", observation, FORMS) == ARRAYS else None
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:

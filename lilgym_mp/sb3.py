@@ -11,8 +11,13 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+
+try:
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+except ModuleNotFoundError as missing:
+    message = f'lilgym_mp.sb3 needs {missing.name}, which comes with the extra sb3: pip install "lilgym-mp[sb3]"'
+    raise ModuleNotFoundError(message, name=missing.name) from missing
 
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
@@ -46,6 +51,7 @@ class BatchVecEnv(VecEnv):
             raise ValueError(f"SB3 needs autoreset_mode={AutoresetMode.SAME_STEP!r}, not {mode!r}")
         space = venv.single_observation_space
         self._tokens: Tokens | None = None
+        self._outermost = venv  # kept: before Gymnasium 1.3 a wrapper that nobody holds closes what it wraps
         if isinstance(venv, VectorEnvWrapper) and isinstance(venv.transformation, Tokens):
             self._tokens, venv = venv.transformation, venv.env
         self.venv = venv

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections import Counter
 from pathlib import Path
 
@@ -41,6 +42,10 @@ def _directory_or_skip(fixture: str) -> Path:
 
 
 def pytest_configure() -> None:
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # as under `nohup ... &`: commands under test would inherit it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for variable, contents in SOURCES.values():
         named = os.environ.get(variable)
         if named and not Path(named).is_dir():

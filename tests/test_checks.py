@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from checks.corrupt_files import MISDEEDS, corrupt_corpora
@@ -27,3 +31,18 @@ def test_corrupt_corpora__are_told_in_printable_words() -> None:
     for misdeed in MISDEEDS:
         if misdeed not in ("gzip", "flip", "odd value"):
             assert f"{misdeed}: told" in found
+
+
+def test_children__heed_an_interrupt_that_the_shell_had_ignored():
+    """As under `nohup make test &`."""
+    code = """
+import signal, subprocess, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+from tests.conftest import pytest_configure
+pytest_configure()
+child = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+subprocess.run([sys.executable, "-c", child], check=True)
+"""
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -12,10 +13,14 @@ from gymnasium import spaces
 from lilgym_mp.actions import STOP, ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.choices import choose
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
 from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Transformation
+
+NUMBERS, SLOTS = "numbers", "slots"
+MASKS = {form: form for form in (NUMBERS, SLOTS)}  # what masks have a flag for
 
 
 class _Form(NamedTuple):
@@ -31,9 +36,10 @@ class ArrayForm(Transformation):
     changes_actions = True
     speaks_of_actions = True
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, *, masks: str) -> None:
         super().__init__(world)
         world.numbered_actions()
+        self._by_slots = choose("masks", masks, MASKS) == SLOTS
         self._appearance = world.dynamics.appearance
         self._forms = _forms(self._appearance)
         self._sizes = 1 + np.max([form.last for form in self._forms], axis=0)
@@ -57,6 +63,25 @@ class ArrayForm(Transformation):
                 numbers[rows] = first_number + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
         return (numbers if known.all() else self._one_by_one(arrays)), {}
 
+    def legal(self, moment: Moment) -> BoolArray:
+        legal = moment.legal()
+        if not self._by_slots:
+            return legal
+        values = self._slot_values
+        flags = [
+            np.stack([legal[:, values[:, slot] == value].any(axis=1) for value in range(size)], axis=1)
+            for slot, size in enumerate(self._sizes)
+        ]
+        for slot in flags:
+            slot[~slot.any(axis=1)] = True  # no legal action uses the slot: what stands there is ignored
+        return np.concatenate(flags, axis=1)
+
+    @cached_property
+    def _slot_values(self) -> Int64Array:
+        """(actions, slots) the array form of each action, -1 where unused."""
+        appearance = self._appearance
+        return np.array([appearance.to_array(appearance.decode(n)) for n in range(appearance.action_count)])
+
     def _one_by_one(self, arrays: Batch) -> Int64Array:
         """The slow way, which explains what is wrong."""
         return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
@@ -75,14 +100,16 @@ class MultiDiscreteActions(EnvWrapper[ArrayForm]):
     """Takes actions in the released array form: [type, box, colour] for Tower, [type, x, y, shape, colour, size] for
     Scatter, MultiDiscrete; slots that a type leaves unused may hold anything, -1 as in the release included.
 
-    `action_masks()` stays one flag for each numbered action: masks slot by slot cannot say which combinations are
-    legal. Raises ActionError in `step` for an array of another shape or a value out of range.
+    `masks="numbers"`: `action_masks()` stays one flag for each numbered action. `masks="slots"`, what MaskablePPO
+    takes: (sum of slot sizes,), one flag for each value of each slot, false where no legal action has it; combinations
+    of such values may still be illegal. Raises ValueError for other `masks`, ActionError in `step` for an array of
+    another shape or a value out of range.
     """
 
     does = ArrayForm
 
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
+    def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
+        super().__init__(env, masks=masks)
 
 
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)

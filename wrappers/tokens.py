@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -13,16 +12,20 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.statement_arrays import (
+    default_length,
+    refuse_longer,
+    statement_rows,
+    statements_of,
+    training_statements,
+)
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
 from lilgym_mp.wrappers.moment import Moment, World
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 STATEMENT = "statement"  # the observation's part
-VOCABULARY_SPLIT = "train"
-ROOM = 1.25  # the default length is this many times the longest statement of the vocabulary's split
-LENGTH_STEP = 4  # rounded up to a multiple of this
 
 
 class Tokens(Format):
@@ -43,22 +46,13 @@ class Tokens(Format):
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
         if vocabulary is None:
-            vocabulary = Vocabulary.from_statements(_statements(_training_tasks(world.tasks)))
+            vocabulary = Vocabulary.from_statements(training_statements(world.tasks))
         self.vocabulary = vocabulary
-        self.length = default_length(_statements(_training_tasks(world.tasks))) if length is None else length
+        self.length = default_length(training_statements(world.tasks)) if length is None else length
         if isinstance(self.length, bool) or not isinstance(self.length, int) or self.length < 1:
             raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
         if not truncate:
-            self._refuse_longer(_statements(world.tasks))
-
-    def _refuse_longer(self, statements: Iterable[str]) -> None:
-        longest = max(statements, key=lambda statement: len(words(statement)))
-        count = len(words(longest))
-        if count > self.length:
-            raise ValueError(
-                f"the statement {longest!r} has {count} words, length is {self.length}: choose length={count} or more,"
-                " or truncate=True to cut what is longer"
-            )
+            refuse_longer(statements_of(world.tasks), self.length)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
@@ -73,29 +67,7 @@ class Tokens(Format):
     @cached_property
     def _by_task(self) -> Int64Array:
         """(tasks, length) the word numbers of each task's statement."""
-        encoded = {
-            statement: self.vocabulary.encode(statement, self.length) for statement in _statements(self.world.tasks)
-        }
-        return np.stack([encoded[task.statement] for task in self.world.tasks])
-
-
-def default_length(statements: Iterable[str]) -> int:
-    """The longest statement's number of words, with room for somewhat longer ones."""
-    longest = max(len(words(statement)) for statement in statements)
-    return LENGTH_STEP * math.ceil(longest * ROOM / LENGTH_STEP)
-
-
-def _training_tasks(tasks: TaskSet) -> TaskSet:
-    """The training split of the corpus that `tasks` come from."""
-    origin = tasks.provenance
-    if origin.split == VOCABULARY_SPLIT:
-        return tasks
-    return load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
-
-
-def _statements(tasks: TaskSet) -> list[str]:
-    """Every statement once, in file order."""
-    return list({task.statement: None for task in tasks})
+        return statement_rows(self.world.tasks, self.vocabulary, self.length)
 
 
 class TokenizedStatement(EnvWrapper[Tokens]):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import cast, overload
+from typing import SupportsIndex, cast, overload
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import FaultLog
@@ -70,19 +71,22 @@ class TaskSet(Sequence[Task]):
         """Every task's id, in file order."""
         return tuple(self._numbers)
 
-    def by_id(self, task_id: str) -> Task:
-        """The task called `task_id`. Raises ValueError naming it, the set, and ids that look like it."""
+    def by_id(self, task_id: str | SupportsIndex) -> Task:
+        """The task called `task_id`, "1757" or 1757. Raises ValueError naming it, the set, and ids much like it."""
         return self._tasks[self.number(task_id)]
 
-    def number(self, task_id: str) -> int:
-        """The place of the task called `task_id`. Raises ValueError as `by_id` does."""
-        number = self._numbers.get(task_id) if isinstance(cast("object", task_id), str) else None
+    def number(self, task_id: str | SupportsIndex) -> int:
+        """The place of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
+        called: object = task_id
+        if isinstance(called, SupportsIndex) and not isinstance(called, bool):
+            called = str(operator.index(called))
+        number = self._numbers.get(called) if isinstance(called, str) else None
         if number is None:
             close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")
         return number
 
-    def tags(self, task_id: str) -> tuple[str, ...]:
+    def tags(self, task_id: str | SupportsIndex) -> tuple[str, ...]:
         """What the corpus tells of the task's statement, such as "unseen form"; empty where it tells nothing."""
         return self._tags.get(self.by_id(task_id).id, ())
 

@@ -20,7 +20,8 @@ from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, refuse_copyi
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
-from lilgym_mp.observation import Observation, observation_space
+from lilgym_mp.envs.window import RENDER_FPS
+from lilgym_mp.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.render import frame, text
 from lilgym_mp.rules import Dynamics, State
 
@@ -36,7 +37,11 @@ Infos = dict[str, Any]
 class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     """What the batched and the worker environment have in common: all but who steps the environments."""
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     dynamics: Dynamics
     tasks: TaskSet
@@ -50,7 +55,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self.copy = checked_flag("copy", copy)
         self.dynamics = settings.dynamics()
         self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
-        self.single_observation_space = observation_space(settings.image_size, settings.tasks())
+        self._arrays = statement_arrays(settings.observation, settings.tasks())
+        self.single_observation_space = observation_space(settings.image_size, settings.tasks(), self._arrays)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
         self._autoreset = settings.autoreset
@@ -99,6 +105,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._targets = np.array([task.target for task in tasks], np.int64)
         self._statements = np.array([task.statement for task in tasks], object)
         self._task_ids = np.array(tasks.ids, object)
+        if self._arrays is not None:
+            self._arrays.play(tasks)
         self._seeds: list[int | None] = [None] * self.num_envs
         self._is_started = False  # whether a reset has begun an episode in every environment
 
@@ -135,8 +143,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError("reset_mask chooses no environment; leave it out to reset all")
         return np.flatnonzero(mask)
 
-    def _task_numbers(self, task: str | Sequence[str | None] | None) -> Sequence[int | None]:
-        if task is None or isinstance(task, str):
+    def _task_numbers(self, task: str | int | Sequence[str | int | None] | None) -> Sequence[int | None]:
+        if task is None or isinstance(task, str | int | np.integer):
             task = [task] * self.num_envs
         if not is_list(task) or len(task) != self.num_envs:
             given = len(task) if is_list(task) else repr(task)
@@ -214,6 +222,12 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def _observe(self) -> Observations:
         block = self._block
+        if self._arrays is not None:
+            return {
+                "image": self._images(),
+                "statement": self._arrays.rows.take(block.task, axis=0),
+                "target": self._targets.take(block.task)[:, None],
+            }
         return {
             "image": self._images(),
             "statement": tuple(self._statements.take(block.task).tolist()),
@@ -273,9 +287,13 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
         return LastAction(int(block.action[number]), self.dynamics.step_results[verdict], invalid)
 
-    def _last_observation(self, number: int) -> Observation:
-        task = self.tasks[int(self._block.last_task[number])]
+    def _last_observation(self, number: int) -> Observation | dict[str, Any]:
+        task_number = int(self._block.last_task[number])
+        task = self.tasks[task_number]
         image = self._block.last_image[number].copy()
+        if self._arrays is not None:
+            target = np.array([task.target], np.int64)
+            return {"image": image, "statement": self._arrays.rows[task_number].copy(), "target": target}
         return {"image": image, "statement": task.statement, "target": int(task.target)}
 
     @property
@@ -301,6 +319,11 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     def actions(self) -> Int64Array:
         """(N,) a new array: the actions of the last step."""
         return self._block.action.copy()
+
+    @property
+    def horizon(self) -> int:
+        """Actions an episode may have."""
+        return self.dynamics.horizon
 
     @property
     def item_capacity(self) -> int:

@@ -24,7 +24,7 @@ from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, block_forms
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
-from lilgym_mp.observation import item_capacity
+from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, Outcome, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
@@ -46,6 +46,7 @@ class Settings:
     num_envs: int
     autoreset: AutoresetMode
     evaluation: bool  # every task of the split once, instead of at random
+    observation: str  # its form: "text" or "arrays"
 
     @classmethod
     def of(
@@ -62,6 +63,7 @@ class Settings:
         image_size: str = "half",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         evaluation: bool = False,
+        observation: str = TEXT,
     ) -> Settings:
         """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
@@ -80,6 +82,7 @@ class Settings:
             int(num_envs),
             autoreset_mode,
             checked_flag("evaluation", evaluation),
+            choose("observation", observation, FORMS),
         )
         settings.forms()
         return settings

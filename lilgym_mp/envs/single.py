@@ -16,17 +16,17 @@ from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.corpus.statement_arrays import StatementArrays
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
-from lilgym_mp.envs.window import Window
-from lilgym_mp.observation import Observation, observation_space
+from lilgym_mp.envs.window import RENDER_FPS, Window
+from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.render import Canvas, frame, text
 from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-RENDER_FPS = 4
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 RESET_OPTIONS = ("task",)
 
@@ -53,9 +53,11 @@ class LilGymEnv(gym.Env[Observation, int]):
         grid: tuple[int, int] | str = RELEASED_GRID,
         image_size: str = "half",
         render_mode: str | None = None,
+        observation: str = TEXT,
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
-        "native". `horizon`: actions an episode, None for the rule set's.
+        "native". `horizon`: actions an episode, None for the rule set's. `observation`: "text", or "arrays" for
+        learners that take no texts: "statement" as word numbers, int64 (L,), and "target" as int64 (1,).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
@@ -64,7 +66,9 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._canvas = Canvas(image_size)
         self.tasks = load_tasks(corpus, appearance, start, split)
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
-        self.observation_space = cast("spaces.Space[Observation]", observation_space(image_size, self.tasks))
+        self._arrays = statement_arrays(observation, self.tasks)
+        space = observation_space(image_size, self.tasks, self._arrays)
+        self.observation_space = cast("spaces.Space[Observation]", space)
         self._state: State | None = None
         self._last: tuple[int, Transition] | None = None  # the last action's number, and what came of it
         self._action_count = self.dynamics.appearance.action_count
@@ -131,11 +135,27 @@ class LilGymEnv(gym.Env[Observation, int]):
 
     def _observe(self, state: State) -> Observation:
         task = state.task
+        if self._arrays is not None:
+            return self._observe_arrays(state, self._arrays)
         return {
             "image": self._canvas.show(state.scene).copy(),
             "statement": task.statement,
             "target": 1 if task.target else 0,  # int() takes a call
         }
+
+    def _observe_arrays(self, state: State, arrays: StatementArrays) -> Any:
+        task = state.task
+        return {
+            "image": self._canvas.show(state.scene).copy(),
+            "statement": arrays.rows[self.tasks.number(task.id)].copy(),
+            "target": np.array([task.target], np.int64),
+        }
+
+    @property
+    def horizon(self) -> int:
+        """Actions an episode may have. `spec.max_episode_steps` stays None: the environment itself ends the episode,
+        and `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
+        return self.dynamics.horizon
 
     @property
     def state(self) -> State:
@@ -176,6 +196,8 @@ class LilGymEnv(gym.Env[Observation, int]):
         """
         self.tasks = change(self.tasks)
         self._draws = []
+        if self._arrays is not None:
+            self._arrays.play(self.tasks)
 
     def evaluation_tasks(self) -> tuple[str, ...]:
         """Every task id of the split, in file order."""

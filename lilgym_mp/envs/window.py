@@ -9,6 +9,8 @@ from gymnasium.error import DependencyNotInstalled
 
 from lilgym_mp.arrays import UInt8Array
 
+RENDER_FPS = 4  # frames a second of every environment
+
 
 class Window:
     """Shows frames, one every 1 / `fps` seconds."""

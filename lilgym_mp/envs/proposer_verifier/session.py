@@ -25,11 +25,10 @@ from lilgym_mp.envs.proposer_verifier.states import (
 )
 from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.envs.window import Window
+from lilgym_mp.envs.window import RENDER_FPS, Window
 from lilgym_mp.render import frame, text
 from lilgym_mp.rules import State
 
-RENDER_FPS = 4
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 NOBODY_ERRS = (False, False)
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}

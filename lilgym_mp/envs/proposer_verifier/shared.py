@@ -11,8 +11,9 @@ from gymnasium import spaces
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.proposer_verifier.session import RENDER_FPS, RENDER_MODES, Session
+from lilgym_mp.envs.proposer_verifier.session import RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+from lilgym_mp.envs.window import RENDER_FPS
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
 from lilgym_mp.rules import Dynamics

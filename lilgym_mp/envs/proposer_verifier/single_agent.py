@@ -20,9 +20,10 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     done_through,
     seen_through,
 )
-from lilgym_mp.envs.proposer_verifier.session import RENDER_FPS, RENDER_MODES, Session
+from lilgym_mp.envs.proposer_verifier.session import RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, GameStep, Role
+from lilgym_mp.envs.window import RENDER_FPS
 
 MOST_DRAWS = 1_000  # games in a row that may end before the agent has had a turn
 

@@ -1,0 +1,187 @@
+"""What people write first with Gymnasium and Stable-Baselines3 works as they write it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import lilgym_mp
+from lilgym_mp.corpus import TaskSet, words, write_corpus
+from lilgym_mp.scene import Scene
+from lilgym_mp.wrappers import FlatObservation, MultiDiscreteActions, StopForcing, stop_forcing_v0
+from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
+
+TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
+
+
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_arrays__are_the_same_observations_as_arrays(id: str):
+    plain, arrays = gym.make(id), gym.make(id, observation="arrays")
+    (told, _), (shown, _) = plain.reset(seed=3), arrays.reset(seed=3)
+    assert shown in arrays.observation_space
+    assert (shown["image"] == told["image"]).all()
+    assert shown["target"].tolist() == [told["target"]]
+    vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
+    assert vocabulary.decode(shown["statement"]) == words(told["statement"])
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_arrays__of_a_batch_equal_those_of_single_environments(mode: AutoresetMode):
+    count = 5
+    batch = gym.make_vec(TOWER, num_envs=count, observation="arrays", autoreset_mode=mode)
+    makers = [lambda: gym.make(TOWER, observation="arrays")] * count
+    singles = gym.vector.SyncVectorEnv(makers, autoreset_mode=mode)
+    assert batch.single_observation_space == singles.single_observation_space
+    (seen, _), (expected, _) = batch.reset(seed=1), singles.reset(seed=1)
+    generator = np.random.default_rng(0)
+    for _ in range(12):
+        for name, part in expected.items():
+            assert np.array_equal(seen[name], part)
+        actions = generator.integers(13, size=count)
+        seen, _, terminated, truncated, infos = batch.step(actions)
+        expected, _, _, _, expected_infos = singles.step(actions)
+        ended = terminated | truncated
+        if mode is AutoresetMode.SAME_STEP and ended.any():
+            first = int(np.flatnonzero(ended)[0])
+            for name, part in expected_infos["final_obs"][first].items():
+                assert np.array_equal(infos["final_obs"][first][name], part)
+        if mode is AutoresetMode.DISABLED and ended.any():
+            seen, _ = batch.reset(options={"reset_mask": ended})
+            expected, _ = singles.reset(options={"reset_mask": ended})
+
+
+def test_arrays__flatten():
+    env = FlatObservation(gym.make(TOWER, observation="arrays", image_size="half"))
+    assert env.reset(seed=0)[0] in env.observation_space
+
+
+def test_observation__must_be_known():
+    with pytest.raises(ValueError, match="unknown observation 'pictures'; choose from arrays, text"):
+        gym.make(TOWER, observation="pictures")
+    with pytest.raises(ValueError, match="unknown observation 'pictures'; choose from arrays, text"):
+        gym.make_vec(TOWER, num_envs=2, observation="pictures")
+
+
+def test_ppo__learns_from_the_line_everyone_writes_first():
+    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    from stable_baselines3 import PPO
+
+    model = PPO("MultiInputPolicy", gym.make(TOWER, observation="arrays"), n_steps=16, batch_size=16, n_epochs=1)
+    model.learn(16)
+
+
+def test_sb3_wrappers__work_over_arrays():
+    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+
+    made = DummyVecEnv([lambda: gym.make(TOWER, observation="arrays")] * 2)
+    env = VecFrameStack(VecNormalize(made, norm_obs_keys=["target", "statement"]), 2)
+    observations: Any = env.reset()
+    assert observations["statement"].shape[-1] == 2 * made.observation_space["statement"].shape[0]  # pyright: ignore[reportIndexIssue]
+    env.step(np.array([1, 2]))
+
+
+def test_maskable_ppo__learns_multi_discrete_actions_with_masks_by_slots():
+    pytest.importorskip("sb3_contrib", reason="needs the extra sb3")
+    from sb3_contrib import MaskablePPO
+
+    env = MultiDiscreteActions(gym.make(TOWER, observation="arrays"), masks="slots")
+    MaskablePPO("MultiInputPolicy", env, n_steps=16, batch_size=16, n_epochs=1).learn(16)
+
+
+@pytest.mark.parametrize("id", [TOWER, SCATTER])
+def test_masks_by_slots__allow_just_the_values_of_legal_actions(id: str):
+    env = MultiDiscreteActions(gym.make(id), masks="slots")
+    env.reset(seed=0)
+    base: Any = env.unwrapped
+    arrays = np.array([base.decode_action(number) for number in np.flatnonzero(base.action_masks()).tolist()])
+    flags = np.split(env.action_masks(), np.cumsum(env.action_space.nvec)[:-1])  # pyright: ignore[reportAttributeAccessIssue]
+    for slot, allowed in enumerate(flags):
+        assert set(np.flatnonzero(allowed).tolist()) == set(arrays[:, slot].tolist()) - {-1}
+
+
+def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
+    env = MultiDiscreteActions(StopForcing(gym.make(TOWER)), masks="slots")
+    base: Any = env.unwrapped
+    for seed in range(200):
+        env.reset(seed=seed)
+        legal = np.flatnonzero(base.action_masks())
+        env.step(base.decode_action(int(legal[-1])))
+        if base.goal_reached():
+            assert env.action_masks().tolist() == [True, False, False] + [True] * 6
+            return
+    pytest.fail("no goal was met")
+
+
+def test_action_masks__are_those_of_the_whole_stack():
+    env = gym.wrappers.TimeLimit(StopForcing(gym.make(TOWER)), 100)
+    env.reset(seed=0)
+    assert (lilgym_mp.action_masks(env) == env.env.action_masks()).all()  # pyright: ignore[reportAttributeAccessIssue]
+    envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=3))
+    envs.reset(seed=0)
+    assert lilgym_mp.action_masks(envs).shape == (3, 13)
+    with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):
+        lilgym_mp.action_masks(gym.make("CartPole-v1"))
+
+
+@pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 5}, 5)])
+def test_horizon__is_told(settings: dict[str, Any], horizon: int):
+    assert gym.make(TOWER, **settings).get_wrapper_attr("horizon") == horizon
+    assert gym.make_vec(TOWER, num_envs=2, **settings).unwrapped.horizon == horizon  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_metadata__of_vector_environments_tells_the_frame_rate():
+    assert gym.make_vec(TOWER, num_envs=2).metadata["render_fps"] == gym.make(TOWER).metadata["render_fps"]
+
+
+def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
+    blue = {"id": "17", "appearance": "tower", "split": "train", "statement": "Blue is here."}
+    program = {"program": "exist(filter_color(all_items, Color.BLUE))"}
+    starts = {"starts": [{"id": "1757", "label": False, "scene": Scene.empty().to_json()}]}
+    path = tmp_path / "own.jsonl"
+    write_corpus(path, "own", "MIT", [{**blue, **program, **starts}])
+    env = gym.make(TOWER, corpus=path)
+    tasks: TaskSet = env.unwrapped.tasks  # pyright: ignore[reportAttributeAccessIssue]
+    assert tasks.by_id(1757) is tasks.by_id("1757") is tasks.by_id(np.int64(1757))
+    assert env.reset(options={"task": 1757})[1]["task"] == "1757"
+    envs = gym.make_vec(TOWER, num_envs=2, corpus=path)
+    assert envs.reset(options={"task": 1757})[1]["task"].tolist() == ["1757", "1757"]
+    with pytest.raises(ValueError, match="no task 1758 in corpus"):
+        tasks.by_id(1758)
+    with pytest.raises(ValueError, match="no task True in corpus"):
+        tasks.by_id(True)
+
+
+def test_workers__stay_open_where_wrappers_close_what_they_wrap(monkeypatch: pytest.MonkeyPatch):
+    """Gymnasium 1.1 to 1.2.2 closes a vector environment when a wrapper of it is collected."""
+    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    from lilgym_mp.sb3 import make_vec_env
+
+    monkeypatch.setattr(VectorEnvWrapper, "__del__", lambda self: self.close(), raising=False)
+    env = make_vec_env(TOWER, 2, "workers", num_workers=2)
+    try:
+        env.reset()
+        env.step(np.zeros(2, np.int64))
+    finally:
+        env.close()
+
+
+def test_sb3__without_its_extra_names_it(tmp_path: Path):
+    (tmp_path / "stable_baselines3.py").write_text(
+        "raise ModuleNotFoundError('No module named stable_baselines3', name='stable_baselines3')\n"
+    )
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import lilgym_mp.sb3"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert 'pip install "lilgym-mp[sb3]"' in done.stderr.splitlines()[-1]
+
+
+def test_module__runs_as_the_command():
+    done = subprocess.run([sys.executable, "-m", "lilgym_mp", "--version"], capture_output=True, text=True, check=False)
+    assert done.stdout.split()[0] == "lilgym-mp"
