@@ -47,7 +47,7 @@ demo: install  ## train an agent for a few minutes and evaluate it
 	$(BIN)/lilgym-mp demo $(ARGS)
 
 test: install  ## every test, with ruff and the import contract among them
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 lint: style types imports  ## ruff, pyright and the import contract
 

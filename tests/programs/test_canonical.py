@@ -16,7 +16,7 @@ from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
 
-SCENES = 120
+SCENES = 40
 
 
 def canonical(source: str) -> str:
