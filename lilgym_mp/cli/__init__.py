@@ -21,7 +21,10 @@ from lilgym_mp.terminal import printable
 from lilgym_mp_command import INTERRUPTED
 
 # Modules of this package, in the order of --help.
-COMMANDS = ("demo", "play", "train", "evaluate", "report", "explain", "solve", "demos", "data", "program", "bench")
+COMMANDS = (
+    *("demo", "play", "train", "evaluate", "report", "experiment"),
+    *("explain", "solve", "demos", "data", "program", "bench"),
+)
 
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code of what the machine refused

@@ -69,6 +69,7 @@ def add_parser(subparsers: Any) -> None:
         "--optimal", action="store_true", help="with --record: ask the expert how many actions each start needs"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there as JSON")
+    parser.add_argument("--alone", action="store_true", help="play the agents without random play beside them")
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     add_device(parser)
     add_settings(parser)
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None and writable_file(args.json).exists() and not args.force:
         raise OutputError(f"{args.json} exists; --force overwrites it")
     agents = [contestant for place in args.agents for contestant in agent_contestants(place, args)]
-    policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents else [])
+    policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
     trials = [Trial(settings, args.split, args.seed, args.passes) for settings in _settings(args, agents)]
     _check_record(args, [*agents, *policies], trials)
     results: list[Result] = []

@@ -159,7 +159,7 @@ def _simplified_call(node: Call, scope: Scope) -> Node:
         return Comparison(_given(arguments[0]), (_COMPARISONS[name],), (_given(arguments[1]),))
     if name in ("equal", "equal_color", "equal_shape", "equal_size"):
         return _equality(node, arguments, scope)
-    if name in _FILTERS and isinstance(arguments[1], Constant):
+    if name in _FILTERS and isinstance(arguments[1], Constant) and _is_look(arguments[1].value):
         return _filtered(_given(arguments[0]), arguments[1].value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
@@ -439,6 +439,10 @@ def _call(name: str, *arguments: Node | None) -> Call:
     word = WORDS[name]
     rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(arguments))
     return Call(word, (*arguments, *rest))
+
+
+def _is_look(value: object) -> bool:
+    return isinstance(value, Enum) and value in LOOK_TESTS
 
 
 def _look_test(value: object, item: Node) -> Call:

@@ -96,7 +96,7 @@ def gather(places: Sequence[Path], runs: Sequence[Path] = ()) -> Gathered:
     a file that is damaged.
     """
     files = list(dict.fromkeys(file for place in places for file in _files(place)))
-    recordings = [read_episodes(file) for file in files]
+    recordings = _distinct(read_episodes(file) for file in files)
     _check_same(recordings)
     return Gathered(tuple(_entries(recordings)), tuple(_curves([*places, *runs])))
 
@@ -114,6 +114,15 @@ def _files(place: Path) -> list[Path]:
             " record some with: lilgym-mp evaluate RUN --record DIR, or name a run that `lilgym-mp train` finished"
         )
     return found
+
+
+def _distinct(recordings: Iterable[Recording]) -> list[Recording]:
+    """The recordings without those that hold the same as an earlier one, as simple policies played twice do."""
+    kept: list[Recording] = []
+    for recording in recordings:
+        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in kept):
+            kept.append(recording)
+    return kept
 
 
 def _check_same(recordings: Sequence[Recording]) -> None:

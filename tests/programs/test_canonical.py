@@ -174,3 +174,7 @@ def test_tokens__forms_without_tokens_are_refused():
         prefix_tokens(parse("exist(all_items[1:])"))
     with pytest.raises(PrefixError, match="#21"):
         prefix_tokens(parse("count(all_items) == 21"))
+
+
+def test_canonical__a_filter_by_what_is_no_colour_is_left_as_it_is():
+    assert canonical("exist(filter_color(all_items, Side.LEFT))") == "exist(filter_color(all_items, Side.LEFT))"

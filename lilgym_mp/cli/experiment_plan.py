@@ -1,0 +1,201 @@
+"""What an experiment's file asks for: every run with its commands, checked before any of them begins."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import option
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.contestants import BUILT_IN
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.recipe import Recipe
+
+PARSE_AND_PLAN, IMITATION, PPO = "parse-and-plan", "imitation", "ppo"
+RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: Recipe}
+# By learner, options of its training beside the recipe, with their defaults.
+BUDGETS: Mapping[str, Mapping[str, Any]] = {PARSE_AND_PLAN: {}, IMITATION: {"minutes": 10.0}, PPO: {"steps": 200_000}}
+ENVIRONMENT = ("rules", "horizon", "grid")
+KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
+LEARNER_KEYS = ("name", "learner", "configurations", "seeds", "actions")
+POLICIES_RUN = "policies"
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A training run with its evaluation, or the evaluation of simple policies."""
+
+    name: str  # of its directories and log
+    train: tuple[str, ...]  # words after `lilgym-mp`, but for --out and --threads; empty where nothing is trained
+    evaluate: tuple[tuple[str, ...], ...]  # one command a split, but for the run's directory and --record
+    budget: tuple[str, float] | None = None  # the entry of the progress that grows to this number
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """What makes the run that run, as JSON has it."""
+        return [list(self.train), *map(list, self.evaluate)]
+
+
+class _File:
+    """Faults with the file's name before them."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def fault(self, key: str, message: str) -> CommandError:
+        return CommandError(f"{self.path}: {key}: {message}")
+
+    def known(self, where: str, given: Mapping[str, Any], choices: Sequence[str]) -> None:
+        for key in given:
+            if key not in choices:
+                raise self.fault(f"{where}{key}", f"unknown key; choose from {', '.join(choices)}")
+
+    def some(self, key: str, values: Any, choices: Sequence[Any] | None, kind: type) -> list[Any]:
+        """A list that holds something, each once, all of them choices."""
+        if not isinstance(values, list) or not values:
+            raise self.fault(key, f"must be a list with something in it, not {values!r}")
+        for value in values:
+            if type(value) is not kind or (choices is not None and value not in choices):
+                named = ", ".join(map(str, choices or ()))
+                offered = f"choose from {named}" if choices else f"must be of type {kind.__name__}"
+                raise self.fault(key, f"unknown value {value!r}; {offered}")
+        if len(set(values)) < len(values):
+            raise self.fault(key, f"the same value twice in {values}")
+        return values
+
+
+def read_plan(path: Path) -> list[PlannedRun]:
+    """The runs that the file asks for. Raises CommandError naming file, key and choices."""
+    file = _File(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as fault:
+        raise CommandError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+        raise CommandError(f"{path}: no TOML: {fault}") from None
+    file.known("", data, KEYS)
+    known = list(CONFIGURATIONS)
+    common = {
+        "splits": file.some("splits", data.get("splits", ["dev"]), list(SPLITS), str),
+        "configurations": file.some("configurations", data.get("configurations", known), known, str),
+        "seeds": _seeds(file, "seeds", data.get("seeds", [0])),
+    }
+    environment = _environment(file, data, common["configurations"])
+    evaluated = [*environment, *(["--optimal"] if data.get("optimal", False) else [])]
+    learners = data.get("learners", [])
+    if not isinstance(learners, list) or not learners or not all(isinstance(one, dict) for one in learners):
+        raise file.fault("learners", "must be one or several tables [[learners]]")
+    runs: list[PlannedRun] = []
+    for index, learner in enumerate(learners):
+        runs += _learner_runs(file, f"learners[{index}].", learner, common, environment, evaluated)
+    if len({run.name for run in runs}) < len(runs):
+        raise file.fault("learners", "two have the same name; give each a name of its own")
+    if "policies" in data:
+        policies = file.some("policies", data["policies"], sorted(BUILT_IN), str)
+        words = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluated)
+        runs.append(PlannedRun(POLICIES_RUN, (), tuple((*words, "--split", split) for split in common["splits"])))
+    return runs
+
+
+def _seeds(file: _File, key: str, values: Any) -> list[int]:
+    seeds = file.some(key, values, None, int)
+    if min(seeds) < 0:
+        raise file.fault(key, f"must be at least 0, not {min(seeds)}")
+    return seeds
+
+
+def _environment(file: _File, data: Mapping[str, Any], configurations: Sequence[str]) -> list[str]:
+    """The environment as options, once it can be made."""
+    corpus = data.get("corpus", "builtin")
+    if not isinstance(corpus, str):
+        raise file.fault("corpus", f"must be a text, not {corpus!r}")
+    if not isinstance(data.get("optimal", False), bool):
+        raise file.fault("optimal", f"must be true or false, not {data['optimal']!r}")
+    given = {key: data[key] for key in ENVIRONMENT if key in data}
+    grid = given.get("grid")
+    settings = {**given, **({"grid": tuple(grid)} if isinstance(grid, list) else {})}
+    try:
+        for name in configurations:
+            Settings(name, corpus, **settings).make("dev")
+    except (ValueError, TypeError) as fault:
+        raise file.fault(", ".join(["corpus", *given]), str(fault)) from None
+    shown = {**given, **({"grid": "x".join(map(str, grid))} if isinstance(grid, list) else {})}
+    return ["--corpus", corpus, *(word for key, value in shown.items() for word in (f"--{key}", str(value)))]
+
+
+def _learner_runs(
+    file: _File,
+    where: str,
+    learner: Mapping[str, Any],
+    common: Mapping[str, Any],
+    environment: Sequence[str],
+    evaluated: Sequence[str],
+) -> Iterator[PlannedRun]:
+    kind = learner.get("learner")
+    if not isinstance(kind, str) or kind not in RECIPES:
+        raise file.fault(f"{where}learner", f"unknown learner {kind!r}; choose from {', '.join(RECIPES)}")
+    recipe = [field.name for field in fields(RECIPES[kind]) if field.name != "seed"]
+    file.known(where, learner, (*LEARNER_KEYS, *BUDGETS[kind], *recipe))
+    name = learner.get("name", kind)
+    if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
+        raise file.fault(f"{where}name", f"must be of letters, digits and -, _, +, not {name!r}")
+    every = common["configurations"]
+    configurations = file.some(f"{where}configurations", learner.get("configurations", every), every, str)
+    if kind == PARSE_AND_PLAN and "configurations" in learner:
+        raise file.fault(f"{where}configurations", "one agent plays all configurations here; leave the key out")
+    seeds = _seeds(file, f"{where}seeds", learner.get("seeds", common["seeds"]))
+    manners = file.some(f"{where}actions", learner.get("actions", ["greedy"]), ["greedy", "sampled"], str)
+    options = {key: value for key, value in learner.items() if key not in LEARNER_KEYS}
+    for configuration in (None,) if kind == PARSE_AND_PLAN else configurations:
+        budget = _checked_options(file, where, kind, configuration, options)
+        for seed in seeds:
+            words = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed)]
+            words += environment[:2] if kind == PARSE_AND_PLAN else environment
+            played = [configuration] if configuration else every
+            test = ("evaluate", "--name", name, "--actions", *manners, "--configuration", *played, *evaluated)
+            yield PlannedRun(
+                "-".join([name, *([configuration] if configuration else []), str(seed)]),
+                (*words, *_flags(options)),
+                tuple((*test, "--split", split) for split in common["splits"]),
+                budget,
+            )
+
+
+def _checked_options(
+    file: _File, where: str, kind: str, configuration: str | None, options: Mapping[str, Any]
+) -> tuple[str, float]:
+    """The learner's budget, once its options make a recipe."""
+    budgets = {key: options.get(key, default) for key, default in BUDGETS[kind].items()}
+    for key, value in budgets.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
+            raise file.fault(f"{where}{key}", f"must be a number above 0, not {value!r}")
+    rest = {key: value for key, value in options.items() if key not in budgets}
+    defaults = {field.name: field.default for field in fields(RECIPES[kind])}
+    for key, value in rest.items():
+        wanted = type(defaults[key])
+        if type(value) is not wanted and not (wanted is float and type(value) is int):
+            raise file.fault(f"{where}{key}", f"must be of type {wanted.__name__}, not {value!r}")
+    try:
+        if kind == IMITATION and configuration:
+            default_recipe(CONFIGURATIONS[configuration][0], **rest)
+        else:
+            RECIPES[kind](**rest)
+    except ValueError as fault:
+        raise file.fault(where.rstrip("."), str(fault)) from None
+    if kind == IMITATION:
+        return "cpu_seconds", 60 * budgets["minutes"]
+    return ("steps", budgets["steps"]) if kind == PPO else ("step", options.get("steps", defaults["steps"]))
+
+
+def _flags(options: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in options.items():
+        if isinstance(value, bool):
+            yield f"--{'' if value else 'no-'}{option(key)}"
+        else:
+            yield from (f"--{option(key)}", str(value))

@@ -1,0 +1,175 @@
+"""Carrying out an experiment's runs: each a sequence of commands of its own process, with a log, several at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from enum import StrEnum
+from pathlib import Path
+
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.experiment_plan import PlannedRun
+from lilgym_mp.evaluation.files import writable_directory, write_json
+
+RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+PATIENCE = 30.0  # seconds that interrupted runs have to save
+
+
+class Standing(StrEnum):
+    WAITING = "waiting"
+    TRAINING = "training"
+    EVALUATING = "evaluating"
+    FINISHED = "finished"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+
+
+class Attempt:
+    """One run on its way."""
+
+    def __init__(self, planned: PlannedRun, directory: Path, threads: int) -> None:
+        self.planned = planned
+        self.run = directory / RUNS / planned.name
+        self.episodes = directory / EPISODES / planned.name
+        self.log = directory / LOGS / f"{planned.name}.log"
+        self.marker = directory / FINISHED / f"{planned.name}.json"
+        self.threads = threads
+        self.standing = Standing.WAITING
+        self.began: float | None = None
+        self.seconds = 0.0
+        self.fault = ""
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = threading.Event()
+
+    def done_before(self) -> bool:
+        """Whether the run was finished earlier. Raises CommandError when it was made by other commands."""
+        if not self.marker.exists():
+            return False
+        try:
+            made = json.loads(self.marker.read_text(encoding="utf-8"))
+            commands, seconds = made["commands"], float(made["seconds"])
+        except (ValueError, KeyError, TypeError) as fault:
+            raise CommandError(f"{self.marker}: damaged: {fault!r}; delete it to evaluate the run again") from None
+        if commands != self.planned.commands:
+            raise CommandError(
+                f"{self.marker}: the run {self.planned.name} was made with other options: {commands[0]},"
+                f" not {self.planned.commands[0]}; choose another directory with --out"
+            )
+        self.standing, self.seconds = Standing.FINISHED, seconds
+        return True
+
+    def carry_out(self) -> None:
+        """Trains, goes on training or leaves that out, then evaluates; never raises."""
+        self.began = time.monotonic()
+        try:
+            if self.planned.train:
+                self._train()
+            self._evaluate()
+        except _Failed as fault:
+            self.fault = str(fault)
+            self.standing = Standing.INTERRUPTED if self._stopped.is_set() else Standing.FAILED
+        except OSError as fault:
+            self.fault, self.standing = f"{fault.filename}: {fault.strerror}", Standing.FAILED
+        else:
+            self.seconds = round(time.monotonic() - self.began, 1)
+            write_json(self.marker, {"commands": self.planned.commands, "seconds": self.seconds})
+            self.standing = Standing.FINISHED
+
+    def _train(self) -> None:
+        self.standing = Standing.TRAINING
+        trained = self.run / "trained"  # left once training has ended
+        if trained.exists():
+            return
+        resumed = (self.run / "checkpoint.pt").exists()
+        if self.run.exists() and not resumed:
+            shutil.rmtree(self.run)
+        place = ["--out", str(self.run), "--threads", str(self.threads)]
+        self._call([*self.planned.train, *place, *["--resume"] * resumed])
+        trained.touch()
+
+    def _evaluate(self) -> None:
+        self.standing = Standing.EVALUATING
+        agent = [str(self.run), "--alone", "--threads", str(self.threads)] if self.planned.train else []
+        for words in self.planned.evaluate:
+            first, *rest = words
+            self._call([first, *agent[:1], *rest, *agent[1:], "--record", str(self.episodes), "--force"])
+
+    def _call(self, words: Sequence[str]) -> None:
+        """Raises _Failed with the last line of the log."""
+        if self._stopped.is_set():
+            raise _Failed("not begun")
+        environment = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
+        with self.log.open("ab") as log:
+            log.write(f"$ lilgym-mp {' '.join(words)}\n".encode())
+            log.flush()
+            command = [sys.executable, "-m", "lilgym_mp", *words]
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
+            )
+            code = self._process.wait()
+        if code:
+            lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise _Failed(f"exit code {code}: {lines[-1] if lines else ''}")
+
+    def stop(self) -> None:
+        """Asks the run's process to save and end."""
+        self._stopped.set()
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+
+    @property
+    def share_done(self) -> float | None:
+        """Of the training, by its progress; None where nothing is known."""
+        if self.standing is not Standing.TRAINING or self.planned.budget is None:
+            return None
+        key, whole = self.planned.budget
+        try:
+            with (self.run / "progress.jsonl").open("rb") as file:
+                file.seek(max(0, file.seek(0, os.SEEK_END) - 4096))
+                last = json.loads(file.read().splitlines()[-1])
+            return min(1.0, last[key] / whole)
+        except (OSError, ValueError, IndexError, KeyError, TypeError):
+            return None
+
+
+class _Failed(Exception):
+    """A command that did not succeed."""
+
+
+def attempts(plan: Sequence[PlannedRun], directory: Path, threads: int) -> list[Attempt]:
+    """Every run of the plan, those finished before marked so. Raises CommandError, OutputError."""
+    for name in (RUNS, EPISODES, LOGS, FINISHED):
+        writable_directory(directory / name)
+    made = [Attempt(planned, directory, threads) for planned in plan]
+    for attempt in made:
+        attempt.done_before()
+    return made
+
+
+def carry_out(made: Sequence[Attempt], jobs: int, watch: Callable[[], object], every: float) -> None:
+    """Carries out what is not finished, `jobs` at a time; calls `watch` every so many seconds.
+
+    A KeyboardInterrupt is passed on when the runs have saved.
+    """
+    todo = [attempt for attempt in made if attempt.standing is not Standing.FINISHED]
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        waiting: set[Future[None]] = {pool.submit(attempt.carry_out) for attempt in todo}
+        try:
+            while waiting:
+                _, waiting = wait(waiting, timeout=every, return_when=FIRST_COMPLETED)
+                watch()
+        except KeyboardInterrupt:
+            for attempt in todo:
+                attempt.stop()
+            wait(waiting, timeout=PATIENCE)
+            watch()
+            raise
