@@ -20,6 +20,7 @@ CONTRACTIONS = (
     ("arent", "are not"),
     ("dont", "do not"),
 )
+LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # as a statement's first word
 SHORTEST = 3  # letters of a word that is repaired
 LONG = 7  # letters from which on two slips are repaired
 LONGEST = 30  # letters: no longer word is looked at
@@ -35,7 +36,8 @@ def normalised_words(statement: str, known: Collection[str], *, unknown: str | N
 
     A word that is not among `known` (lower case) becomes the known word that it nearly is: two known words typed
     as one, else the only nearest one, at most one slip away (two from 7 letters on; a slip is a letter too many, too
-    few, wrong, or changing places with the next). Other words stay, or become `unknown` where that is given.
+    few, wrong, or changing places with the next). A first word such as "ll" gets back the "a" that it has lost: many
+    official statements begin so. Other words stay, or become `unknown` where that is given.
     """
     speller = _speller(known if isinstance(known, frozenset) else frozenset(known))
     words: list[str] = []
@@ -55,7 +57,8 @@ def _plain_words(statement: str) -> list[str]:
     for short, long in CONTRACTIONS:
         text = text.replace(short, long)
     text = _POSSESSIVE.sub("", _IS.sub(r"\1 is", _NOT.sub(" not", text)))
-    return _WORD.findall(text)
+    words: list[str] = _WORD.findall(text)
+    return [LOST_FIRST_LETTER.get(word, word) for word in words[:1]] + words[1:]
 
 
 @lru_cache(maxsize=8)

@@ -58,6 +58,21 @@ def test_normalised_words__absurd_lengths_are_passed_through() -> None:
     assert len(normalised_words("qzfw yelow " * 5_000, KNOWN)) == 10_000
 
 
+@pytest.mark.parametrize(
+    ("statement", "words"),
+    [
+        ("ll the boxes are gray.", "all the boxes are gray"),
+        ("T least 2 boxes", "at least 2 boxes"),
+        ("tleast 2 boxes", "at least 2 boxes"),
+        ("we ll t", "we ll t"),
+        ("", ""),
+    ],
+)
+def test_first_word__gets_the_letter_back_that_it_has_lost(statement: str, words: str) -> None:
+    known = {"all", "at", "least", "the", "boxes", "are", "gray", "we"}
+    assert normalised_words(statement, known) == words.split()
+
+
 def test_plain_words__repairs_nothing():
     assert plain_words("There are Three blck blocks, isn't it?") == [
         "there",
