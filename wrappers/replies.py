@@ -185,14 +185,15 @@ def _scatter_action(verb: str, words: list[str]) -> Action | None:
     looks = [word for word in words if not word.isdecimal()]
     if len(numbers) != 2:
         return None
+    column, row = numbers
     if verb == "REMOVE":
-        return None if looks else RemoveItem(*numbers)
+        return None if looks else RemoveItem(column, row)
     kinds: tuple[type[IntEnum], ...] = (Shape, Colour, Size)
     found = [[word for word in looks if word in kind.__members__] for kind in kinds]
     if len(looks) != len(kinds) or any(len(words) != 1 for words in found):
         return None
     (shape,), (colour,), (size,) = found
-    return AddItem(*numbers, Shape[shape], Colour[colour], Size[size])
+    return AddItem(column, row, Shape[shape], Colour[colour], Size[size])
 
 
 def _numbered(text: str, count: int, shown: Collection[int]) -> Iterator[_Mention]:
