@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = ("README.md", "docs/fidelity.md", "docs/perception.md", "docs/augmentation.md", "docs/vectorised.md")
+DOCUMENTS = (
+    "README.md",
+    *(f"docs/{name}.md" for name in ("fidelity", "perception", "augmentation", "vectorised", "language_models")),
+)
 
 
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")

@@ -120,7 +120,7 @@ def test_import_contract__holds(installed_form: Path):
         ("task.py", "import lilgym_mp.wrappers", "Imports go downwards only"),
         ("scene.py", "import gymnasium", "The core needs the standard library and NumPy only"),
         ("wrappers/__init__.py", "import torch", "Torch and Stable-Baselines3 from the learning layer on"),
-        ("wrappers/__init__.py", "import transformers", "Transformers in learning only"),
+        ("wrappers/__init__.py", "import transformers", "Transformers in learning and in its agent only"),
         ("wrappers/__init__.py", "import pettingzoo", "PettingZoo in the proposer-verifier game only"),
         ("corpus/__init__.py", "import shapely", "Shapely in scripts and tests only"),
     ],

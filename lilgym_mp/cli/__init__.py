@@ -23,7 +23,7 @@ from lilgym_mp_command import INTERRUPTED
 # Modules of this package, in the order of --help.
 COMMANDS = (
     *("demo", "play", "train", "evaluate", "report", "experiment"),
-    *("explain", "solve", "demos", "data", "program", "bench"),
+    *("explain", "solve", "demos", "data", "program", "llm", "bench"),
 )
 
 PROGRAM = "lilgym-mp"

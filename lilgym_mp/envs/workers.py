@@ -320,12 +320,14 @@ class WorkerVectorEnv(LilGymVectorEnv):
         cannot be started, as in a daemonic process. Belongs to the process that made it: a child that was forked from
         it can only `close` its own hold on it.
         """
+        # First, as Gymnasium before 1.3 closes what could not be made, too.
+        self._workers: list[_Worker] = []
+        self._owner = os.getpid()
+        self._dismissal: weakref.finalize[Any, Any] | None = None  # once there is something to dismiss
         checked = Settings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)
-        self._workers: list[_Worker] = []
-        self._owner = os.getpid()
         self._count = 0
         pages = PAGES if copy and count > 1 else 0
         size = _control_size(count) + block_size(checked.forms()) + _pages_form(checked, pages).size
@@ -515,8 +517,9 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the workers and gives the memory back."""
-        _dismiss(self._workers, self._shared, self._owner)
-        self._dismissal.detach()
+        if self._dismissal is not None:
+            _dismiss(self._workers, self._shared, self._owner)
+            self._dismissal.detach()
 
 
 def _dismiss(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:

@@ -300,3 +300,11 @@ def test_auto__keeps_few_environments_in_one_process() -> None:
     assert checked_worker_count("auto", 1) == 1
     assert checked_worker_count("auto", 64) == 1
     assert checked_worker_count("auto", 100_000) == usable_cores()
+
+
+def test_close__of_what_could_not_be_made_does_nothing():
+    """Gymnasium before 1.3 closes whatever is collected."""
+    env = WorkerVectorEnv.__new__(WorkerVectorEnv)
+    with pytest.raises(ValueError, match="unknown split 'tran'"):
+        WorkerVectorEnv.__init__(env, "lilgym_mp/TowerScratch-v0", 2, split="tran")
+    env.close()

@@ -1,0 +1,140 @@
+"""A language model's episodes: what it is told, what it answers, and what comes of that."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from lilgym_mp.actions import describe
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.llm.agents import Answer, LanguageAgent, Message
+from lilgym_mp.llm.summary import progression
+from lilgym_mp.rules import State
+from lilgym_mp.solver import Solver
+from lilgym_mp.wrappers import TextObservation
+
+NOT_UNDERSTOOD = "That does not decide for one action. Write the name of one legal action on the last line."
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One answer."""
+
+    answer: str
+    understood: bool
+    action: str | None  # its name, where the answer was acted upon
+    seconds: float
+    prompt_tokens: int | None
+    completion_tokens: int | None
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What an agent made of one task; `messages` is the whole conversation."""
+
+    task: str
+    statement: str
+    target: bool
+    outcome: str
+    reward: float  # the sum over the episode
+    progression: float
+    actions: list[str]
+    turns: list[Turn]
+    messages: list[Message]
+
+    @property
+    def is_success(self) -> bool:
+        return self.outcome == "success"
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass
+class Player:
+    """Plays the tasks of one configuration with an agent.
+
+    `history`: of how many past observations the agent is reminded (its conversation so far, shortened). `retries`:
+    how often it is asked again when an answer decides for no action; then the default, STOP, is taken.
+    """
+
+    settings: Settings
+    agent: LanguageAgent
+    split: str = "dev"
+    scene: str = "list"
+    legal_actions: bool = True
+    retries: int = 1
+    history: int = 12
+    env: TextObservation = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming what is wrong with a setting."""
+        if self.retries < 0 or self.history < 0:
+            raise ValueError(f"retries and history must be 0 or more, not {self.retries} and {self.history}")
+        env = self.settings.make(self.split)
+        self.env = TextObservation(env, scene=self.scene, legal_actions=self.legal_actions)
+        self._dynamics = env.dynamics
+        self._solver = Solver(env.dynamics)
+
+    def task_ids(self) -> Sequence[str]:
+        """Every task of the split, in file order."""
+        return self.env.get_wrapper_attr("evaluation_tasks")()
+
+    def play(self, task_id: str, seed: int = 0) -> Episode:
+        """One episode. Raises ValueError for an unknown task, and what the agent raises."""
+        text, _ = self.env.reset(seed=seed, options={"task": task_id})
+        start = self._state()
+        if (begin := getattr(self.agent, "begin", None)) is not None:
+            begin(self.env, seed)
+        talk: list[Message] = [{"role": "system", "content": self.env.instructions()}]
+        turns: list[Turn] = []
+        actions: list[str] = []
+        total, ended, info = 0.0, False, dict[str, Any]()
+        while not ended:
+            talk.append({"role": "user", "content": text})
+            action = self._decided(talk, turns)
+            actions.append(describe(self._dynamics.appearance.decode(action)))
+            text, reward, terminated, truncated, info = self.env.step(action)
+            total, ended = total + float(reward), terminated or truncated
+        success = bool(info["is_success"])
+        task = start.task
+        return Episode(
+            task=task.id,
+            statement=task.statement,
+            target=task.target,
+            outcome=str(info["outcome"]),
+            reward=round(total, 6),
+            progression=progression(self._solver, start, self._state(), success=success),
+            actions=actions,
+            turns=turns,
+            messages=talk,
+        )
+
+    def _state(self) -> State:
+        return self.env.get_wrapper_attr("state")
+
+    def _decided(self, talk: list[Message], turns: list[Turn]) -> int:
+        """The action that the agent decides for, asked again up to `retries` times."""
+        for attempt in range(self.retries + 1):
+            began = time.perf_counter()
+            told = self.agent.answer(self._recent(talk))
+            seconds = time.perf_counter() - began
+            answer = Answer(told) if isinstance(told, str) else told
+            reply = self.env.parse_action(answer.text)
+            acts = reply.understood or attempt == self.retries
+            name = describe(self._dynamics.appearance.decode(reply.action)) if acts else None
+            tokens = answer.prompt_tokens, answer.completion_tokens
+            turns.append(Turn(answer.text, reply.understood, name, round(seconds, 6), *tokens))
+            talk.append({"role": "assistant", "content": answer.text})
+            if acts:
+                return reply.action
+            talk.append({"role": "user", "content": NOT_UNDERSTOOD})
+        raise AssertionError("the last attempt acts")
+
+    def _recent(self, talk: Sequence[Message]) -> list[Message]:
+        """The instructions, and the conversation from `history` questions before the last one on."""
+        asked = [place for place, message in enumerate(talk) if message["role"] == "user"]
+        first = asked[max(0, len(asked) - 1 - self.history)]
+        return [talk[0], *talk[first:]]

@@ -1,0 +1,270 @@
+"""Language models as agents: who answers, what is kept of it, and how it is counted."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+from lilgym_mp.cli import main
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.llm import BalrogEnv, HTTPAgent, Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.llm import agents as agents_module
+from lilgym_mp.llm.agents import AgentError, Answer, Message
+from lilgym_mp.solver import Solver
+
+TOWER = Settings("TowerFlipIt")
+
+
+class Scripted:
+    """Gives these answers, then STOP."""
+
+    def __init__(self, *answers: str) -> None:
+        self.answers = list(answers)
+        self.heard: list[list[Message]] = []
+
+    def answer(self, messages: Sequence[Message]) -> Answer:
+        self.heard.append(list(messages))
+        return Answer(self.answers.pop(0) if self.answers else "STOP", 10, 2)
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+@pytest.mark.parametrize("scene", ["list", "drawing"])
+def test_expert__succeeds_through_text(configuration: str, scene: str):
+    player = Player(Settings(configuration), make_agent("expert"), scene=scene)
+    episodes = [player.play(task) for task in player.task_ids()[:5]]
+    assert [episode.outcome for episode in episodes] == ["success"] * 5
+    assert all(episode.progression == 1 for episode in episodes)
+
+
+def test_random__plays_legal_actions_and_by_its_seed():
+    player = Player(TOWER, make_agent("random"), legal_actions=False)
+    task = player.task_ids()[0]
+    first, again, other = player.play(task, 1), player.play(task, 1), player.play(task, 2)
+    assert first.actions == again.actions
+    assert first.actions != other.actions
+    assert first.outcome != "invalid_action"
+
+
+def test_unclear_answers__are_asked_again_and_then_stop():
+    agent = Scripted("hm", "ADD(LEFT, BLUE)", "what?", "whatever")
+    player = Player(Settings("TowerScratch"), agent, retries=1)
+    episode = player.play(player.task_ids()[0])
+    assert [turn.understood for turn in episode.turns] == [False, True, False, False]
+    assert [turn.action for turn in episode.turns] == [None, "ADD(LEFT, BLUE)", None, "STOP"]
+    assert episode.actions == ["ADD(LEFT, BLUE)", "STOP"]
+    assert "Rewards: STOP +1" in agent.heard[0][0]["content"]
+    assert [message["role"] for message in agent.heard[1]] == ["system", "user", "assistant", "user"]
+
+
+def test_history__bounds_what_the_agent_is_told():
+    agent = Scripted(*["ADD(LEFT, BLUE)", "REMOVE(LEFT)"] * 3)
+    player = Player(TOWER, agent, history=0)
+    player.play(player.task_ids()[0])
+    assert {len(messages) for messages in agent.heard} == {2}
+
+
+def test_progression__is_the_share_of_the_experts_way():
+    player = Player(Settings("ScatterScratch"), make_agent("random"))
+    solver = Solver(player.env.get_wrapper_attr("dynamics"))
+    for task in player.task_ids():
+        player.env.reset(options={"task": task})
+        start = player.env.get_wrapper_attr("state")
+        solution = solver.solve_from(start)
+        if solution.steps < 4:
+            continue
+        assert progression(solver, start, start, success=False) == 0
+        state = start
+        for done, action in enumerate(solution.actions[:-1], 1):
+            state = solver.dynamics.step(state, action).state
+            assert progression(solver, start, state, success=False) == pytest.approx(done / solution.steps)
+        assert progression(solver, start, state, success=True) == 1
+        return
+    pytest.fail("no task needs three edits")
+
+
+def test_interval__is_wilsons():
+    low, high = wilson_interval(8, 10)
+    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert wilson_interval(0, 5)[0] == 0
+    with pytest.raises(ValueError, match="0 successes in 0 episodes have no share"):
+        wilson_interval(0, 0)
+
+
+def test_summary__counts_answers_tokens_and_outcomes():
+    player = Player(TOWER, Scripted("hm", "hm", "ADD(LEFT, BLUE)"), retries=1)
+    episodes = [player.play(task) for task in player.task_ids()[:3]]
+    summary = summarise(episodes)
+    assert summary.answers == sum(len(episode.turns) for episode in episodes)
+    assert summary.misunderstood == 2
+    assert summary.prompt_tokens == 10 * summary.answers
+    assert sum(summary.outcomes.values()) == 3
+    assert summary.success_low <= summary.success <= summary.success_high
+
+
+@contextmanager
+def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """A server of OpenAI's chat protocol on loopback; `reply` has the request and its number."""
+    requests: list[dict[str, Any]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            requests.append({"path": self.path, "key": self.headers.get("Authorization"), **body})
+            status, content = reply(body, len(requests))
+            data = content if isinstance(content, bytes) else json.dumps(content).encode()
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, format: str, *args: Any) -> None: ...
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}/v1", requests
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def chat(text: str) -> dict[str, Any]:
+    usage = {"prompt_tokens": 7, "completion_tokens": 3}
+    return {"choices": [{"message": {"role": "assistant", "content": text}}], "usage": usage}
+
+
+def test_http__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MY_KEY", "secret")
+    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+        agent = HTTPAgent(url, "tiny", key_variable="MY_KEY", max_tokens=5)
+        assert agent.answer([{"role": "user", "content": "Well?"}]) == Answer("STOP", 7, 3)
+    (request,) = requests
+    assert request["path"] == "/v1/chat/completions"
+    assert request["key"] == "Bearer secret"
+    assert request["model"] == "tiny"
+    assert request["messages"] == [{"role": "user", "content": "Well?"}]
+
+
+def test_http__asks_a_busy_server_again(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(agents_module, "FIRST_PAUSE_SECONDS", 0.001)
+    with served(lambda body, number: (200, chat("ok")) if number > 2 else (503, {})) as (url, requests):
+        assert HTTPAgent(url, "tiny").answer([]) == Answer("ok", 7, 3)
+    assert len(requests) == 3
+
+
+@pytest.mark.parametrize(
+    ("status", "content", "message"),
+    [
+        (401, {"error": "no key"}, "HTTP 401"),
+        (200, {"error": "odd"}, "no choices"),
+        (200, b"<html>", "2 attempts"),
+    ],
+)
+def test_http__tells_what_went_wrong(status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(agents_module, "FIRST_PAUSE_SECONDS", 0.001)
+    with served(lambda body, number: (status, content)) as (url, _), pytest.raises(AgentError, match=message):
+        HTTPAgent(url, "tiny", retries=1).answer([])
+
+
+def test_command__plays_over_http_and_writes_transcripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with served(lambda body, number: (200, chat("I take ADD(LEFT, BLUE)"))) as (url, _):
+        command = ["llm", "TowerFlipIt", "--agent", "http", "--option", f"url={url}", "model=tiny", "--episodes", "2"]
+        assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    transcripts = [json.loads(line) for line in (tmp_path / "out" / "transcripts.jsonl").read_text().splitlines()]
+    assert len(transcripts) == 2
+    assert transcripts[0]["messages"][0]["role"] == "system"
+    assert transcripts[0]["turns"][0]["prompt_tokens"] == 7
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["episodes"] == 2
+    assert summary["settings"]["agent"] == "http"
+    assert "95 % interval" in capsys.readouterr().out
+
+
+def test_command__does_not_overwrite_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1", "--out", str(tmp_path)]
+    assert main(command) == 0
+    assert main(command) == 2
+    assert "--force overwrites it" in capsys.readouterr().err
+    assert main([*command, "--force"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, http, random, transformers"),
+        (["--agent", "json:Nothing"], "json:Nothing"),
+        (["--agent", "http"], "cannot be made with the options"),
+        (["--agent", "http", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
+        (["--agent", "json:loads"], "cannot be made with the options"),
+        (["--agent", "collections:OrderedDict"], "has no method answer"),
+        (["--agent", "expert", "--episodes", "0"], "--episodes must be at least 1, not 0"),
+    ],
+)
+def test_command__says_what_is_wrong(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["llm", "TowerFlipIt", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_own_agent__is_named_by_module_and_class(capsys: pytest.CaptureFixture[str]):
+    assert main(["llm", "TowerFlipIt", "--agent", "lilgym_mp.llm.agents:ExpertAgent", "--episodes", "1"]) == 0
+    assert "100.0%" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
+def test_balrog__is_played_by_action_names(configuration: str):
+    from lilgym_mp.solver import Expert
+
+    env = BalrogEnv(gym.make(f"lilgym_mp/{configuration}-v0"))
+    shown, _ = env.reset(seed=0)
+    assert set(shown) == {"text", "image"}
+    assert shown["image"].size == (380, 100)
+    assert "STOP" in env.language_action_space
+    assert "Rewards:" in env.get_instruction_prompt()
+    assert env.get_stats()["progression"] == 0
+    assert env.check_action_validity("nonsense") == "STOP"
+    assert env.failed_candidates == ["nonsense"]
+    from lilgym_mp.actions import describe
+
+    expert, ended = Expert(env), False
+    while not ended:
+        name = describe(env.get_wrapper_attr("dynamics").appearance.decode(expert.act()))
+        assert env.check_action_validity(f"I choose {name}") == name
+        _, _, terminated, truncated, _ = env.step(name)
+        ended = terminated or truncated
+    assert env.get_stats() == {"progression": 1.0, "success": True}
+
+
+def test_transformers__generates_from_a_local_directory(tmp_path: Path):
+    transformers = pytest.importorskip("transformers", reason="needs the extra transformers")
+    tokenizers = pytest.importorskip("tokenizers", reason="needs the extra transformers")
+    words = {"<eos>": 0, "STOP": 1, "ADD": 2, "the": 3}
+    backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
+    backend.pre_tokenizer = tokenizers.pre_tokenizers.Whitespace()
+    transformers.PreTrainedTokenizerFast(tokenizer_object=backend, eos_token="<eos>").save_pretrained(tmp_path)
+    config = transformers.GPT2Config(
+        vocab_size=4, bos_token_id=0, eos_token_id=0, n_embd=8, n_layer=1, n_head=1, n_positions=4_096
+    )
+    transformers.GPT2LMHeadModel(config).save_pretrained(tmp_path)
+    agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 3})
+    answer = agent.answer([{"role": "user", "content": "STOP the"}])
+    assert isinstance(answer, Answer)
+    assert answer.prompt_tokens == 6  # user : STOP the assistant :
+    assert 1 <= (answer.completion_tokens or 0) <= 3
+    player = Player(TOWER, agent)
+    assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
+
+
+def test_transformers__names_a_directory_that_is_not_there(tmp_path: Path):
+    pytest.importorskip("transformers", reason="needs the extra transformers")
+    with pytest.raises(AgentError, match="no such directory"):
+        make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
