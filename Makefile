@@ -22,7 +22,7 @@ endif
 
 help:  ## this list
 	@echo "make TARGET [PYTHON=python3.11] [ARGS=...]"
-	@sed -n 's/^\([a-z-]*\):[^#]*## /  \1\t/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):[^#]*## /  \1\t/p' $(MAKEFILE_LIST) | expand -t 16
 
 install: $(STAMP)  ## set up .venv with everything that developers need
 
