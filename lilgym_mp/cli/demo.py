@@ -25,8 +25,8 @@ from lilgym_mp.evaluation.settings import Settings
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-PARSER_STEPS = 1_600
-IMITATION_MINUTES = 1.25  # of processor time
+PARSER_STEPS = 1_700
+IMITATION_MINUTES = 1.5  # of processor time
 FILMED = 9  # episodes of each agent
 PLACE = Path("runs") / "demo"
 POLL_SECONDS = 0.2
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
     seed = str(args.seed)
     parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
-    parsing += ["--generated", "0.3", "--generated-pairs", "6000", "--held-out", "40"]
+    parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
     return [
         Learner(

@@ -33,6 +33,10 @@ GROUPS = (
 )
 
 
+class WordError(TypeError):
+    """A function that cannot become a word; says why."""
+
+
 class KindError(Exception):
     """An argument of the wrong kind."""
 
@@ -316,17 +320,30 @@ def word(
     steps_each: int = 2,
     growth: Callable[..., Growth] | None = None,
 ) -> Callable[[Function], Function]:
-    """Makes the decorated function a word; `name` is for words that would hide a built-in of Python."""
-    assert group in GROUPS, group
+    """Makes the decorated function a word; `name` is for words that would hide a built-in of Python.
+
+    Raises WordError for an unknown group or reach, a name that is taken, an argument that is annotated with none of
+    the kinds above or may be any number of arguments, and a function without a docstring or annotated result.
+    """
+    for what, value, choices in (("group", group, GROUPS), ("reach", reach, get_args(Reach))):
+        if value not in choices:
+            raise WordError(f"unknown {what} {value!r}; choose from {', '.join(choices)}")
 
     def declare(function: Function) -> Function:
         called = name or cast("Any", function).__name__
+        if called in WORDS:
+            raise WordError(f"there is a word {called} already, in {WORDS[called].function.__module__}")
+        if not inspect.getdoc(function):
+            raise WordError(f"the word {called} needs a docstring: it is what the documentation says of it")
         hints = get_type_hints(function, include_extras=True)
+        if "return" not in hints:
+            raise WordError(f"the word {called} needs an annotation of its result")
         parameters = tuple(
-            Parameter(given.name, _kind(hints[given.name]), given.default, given.kind.name == "KEYWORD_ONLY")
+            Parameter(
+                given.name, _kind(called, given, hints.get(given.name)), given.default, given.kind is given.KEYWORD_ONLY
+            )
             for given in inspect.signature(function).parameters.values()
         )
-        assert called not in WORDS, called
         result = _result_name(hints["return"])
         plain = _by_position(function, parameters)
         WORDS[called] = Word(called, plain, group, parameters, result, reach, steps_each, growth)
@@ -347,9 +364,20 @@ def _by_position(function: Callable[..., Any], parameters: tuple[Parameter, ...]
     return functools.update_wrapper(call, function)
 
 
-def _kind(annotation: Any) -> Kind:
+def _kind(word: str, parameter: inspect.Parameter, annotation: Any) -> Kind:
+    """The kind that the parameter is annotated with."""
+    if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+        raise WordError(f"the word {word} cannot take any number of arguments, as {parameter} does")
     parts = (part for union in (annotation, *get_args(annotation)) for part in get_args(union))
-    return next(part for part in parts if isinstance(part, Kind))
+    kind = next((part for part in parts if isinstance(part, Kind)), None)
+    if kind is None:
+        kinds = ", ".join(sorted(name for name, value in globals().items() if _names_kind(value)))
+        raise WordError(f"argument {parameter.name!r} of the word {word} must be annotated with one of {kinds}")
+    return kind
+
+
+def _names_kind(value: object) -> bool:
+    return any(isinstance(part, Kind) for part in get_args(value))
 
 
 def _result_name(annotation: Any) -> str:
