@@ -15,7 +15,7 @@ from lilgym_mp.cli.options import add_configuration, add_settings, add_split, sa
 from lilgym_mp.cli.solve import add_solving, dynamics_of, solve_split
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import writable_file, write_whole
+from lilgym_mp.evaluation.files import fresh_file, write_whole
 from lilgym_mp.solver.action_sets import action_sets, explored, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
 
@@ -30,6 +30,7 @@ def add_parser(subparsers: Any) -> None:
     add_configuration(parser)
     add_split(parser, "train")
     parser.add_argument("--out", type=Path, metavar="FILE", help="an npz file; docs/solver.md lists its arrays")
+    parser.add_argument("--force", action="store_true", help="overwrite what --out names")
     parser.add_argument("--minari", metavar="NAME", help='a Minari dataset, such as "lilgym/tower-expert-v0"')
     parser.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the draws (default: 0)")
@@ -103,7 +104,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.out is not None:
         if args.out.suffix != ".npz":
             raise CommandError(f"--out must name a file that ends in .npz, not {str(args.out)!r}")
-        writable_file(args.out)
+        fresh_file(args.out, force=args.force)
 
 
 def _write_npz(found: dict[str, Any], about: dict[str, Any], path: Path) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
 from lilgym_mp.evaluation.files import writable_file
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.terminal import shows_colours
 
 if TYPE_CHECKING:
     from lilgym_mp.cli.session import Session
@@ -37,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     if args.gif is not None:
         writable_file(args.gif)
     env = Settings(**said_settings(args)).make(args.split)
-    session = Session(env, print, coloured=_shows_colours())
+    session = Session(env, print, coloured=shows_colours())
     try:
         session.begin(seed=args.seed, task_id=args.task)
         _converse(session)
@@ -49,19 +51,26 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _shows_colours() -> bool:
-    return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-
-
 def _converse(session: Session) -> None:
     """Reads commands until the person or the input ends."""
     interactive = sys.stdin.isatty()
+    if interactive:
+        with suppress(ImportError):  # what gives `input` editing and a history, where the system has it
+            import_module("readline")
     while not session.is_over:
-        print("> ", end="", flush=True)
-        line = sys.stdin.readline()
-        if not line:
+        try:
+            line = input("> ") if interactive else _read_line()
+        except EOFError:
             print()
             return
-        if not interactive:
-            print(line.rstrip("\n"))
         session.answer(line)
+
+
+def _read_line() -> str:
+    """The next line of what is no terminal, shown as if it had been typed. Raises EOFError at the end."""
+    print("> ", end="", flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise EOFError
+    print(line.rstrip("\n"))
+    return line

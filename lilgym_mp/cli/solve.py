@@ -10,18 +10,26 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.appearances import make_appearance
+from lilgym_mp.actions import Action, describe
+from lilgym_mp.appearances import Scatter, make_appearance
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_settings, said
 from lilgym_mp.cli.progress import Progress
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import writable_file, write_json
+from lilgym_mp.evaluation.files import fresh_file, write_json
+from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.render import frame, text
+from lilgym_mp.ruler import ruled
 from lilgym_mp.rules import Dynamics, make_dynamics
-from lilgym_mp.solver import Status
+from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table
+from lilgym_mp.task import Task
+from lilgym_mp.terminal import shows_colours
 
 MOST_LISTED = 20  # unsolved tasks shown; the results file has all
 
@@ -43,6 +51,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
     parser.add_argument("--out", type=Path, metavar="FILE", help="every task's solution as JSON")
+    parser.add_argument("--force", action="store_true", help="overwrite what --out or --gif names")
+    parser.add_argument("--task", nargs="+", metavar="ID", help="only these tasks, with their solutions")
+    parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: film the solutions")
     parser.add_argument("--replay", action="store_true", help="play each solution in the environment as well")
     add_solving(parser)
     add_settings(parser)
@@ -62,9 +74,13 @@ def run(args: argparse.Namespace) -> int:
     if args.limit is not None and args.limit < 1:
         raise CommandError(f"--limit must be at least 1, not {args.limit}")
     if args.out is not None:
-        writable_file(args.out)
+        fresh_file(args.out, force=args.force)
     shared = said(args, [field.name for field in fields(Settings) if field.name != "configuration"])
     chosen = [Settings(name, **shared) for name in args.configurations or CONFIGURATIONS]
+    if args.task is not None:
+        return _run_tasks(chosen, args)
+    if args.show or args.gif is not None:
+        raise CommandError("--show and --gif go with --task ID")
     summaries: dict[str, Summary] = {}
     records: list[dict[str, Any]] = []
     unsolved: list[str] = []
@@ -88,6 +104,53 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.out, {"summaries": {name: s._asdict() for name, s in summaries.items()}, "tasks": records})
         print(f"\nsolutions: {args.out}")
     return 0
+
+
+def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
+    """The named tasks' solutions, action by action."""
+    if len(chosen) != 1 or len(args.split) != 1:
+        raise CommandError("--task goes with one CONFIGURATION and one --split")
+    if args.out is not None or args.replay or args.limit is not None:
+        raise CommandError("--task takes no --out, --replay or --limit")
+    if args.gif is not None:
+        fresh_file(args.gif, force=args.force)
+    (settings,), (split,) = chosen, args.split
+    dynamics, solver = dynamics_of(settings), Solver(dynamics_of(settings), args.budget)
+    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+    frames: list[UInt8Array] = []
+    for task in [tasks.by_id(task_id) for task_id in args.task]:
+        solution = solver.solve_from(dynamics.start(task))
+        print(f'{task.id}: make "{task.statement}" {str(task.target).lower()}')
+        print(f"  program: {task.program}")
+        if not solution.solved:
+            print(f"  {solution.status}: {solution.reason}")
+            continue
+        proof = "proven shortest" if solution.proven_optimal else f"at least {solution.least_edits} edits are needed"
+        print(f"  {solution.steps} actions, {proof}")
+        frames += _shown_actions(dynamics, task, solution.actions, show=args.show)
+    if args.gif is not None:
+        if not frames:
+            raise CommandError("there is no solution to film")
+        save_gif(args.gif, frames)
+        print(f"film: {args.gif}")
+    return 0
+
+
+def _shown_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> list[UInt8Array]:
+    """Prints each action, with `show` the scene before it; gives the frames of a film."""
+    state, last = dynamics.start(task), None
+    frames = [frame(state.scene, caption(state, dynamics, None))]
+    for number, action in enumerate(actions, 1):
+        if show:
+            drawn = text(state.scene, [], coloured=shows_colours())
+            appearance = dynamics.appearance
+            print(ruled(drawn, appearance.grid) if isinstance(appearance, Scatter) else drawn)
+        transition = dynamics.step(state, action)
+        print(f"  {number}. {describe(action)}: reward {transition.reward:+.1f}")
+        last = LastAction(dynamics.appearance.encode(action), transition.result, transition.invalid)
+        state = transition.state
+        frames.append(frame(state.scene, caption(state, dynamics, last)))
+    return frames
 
 
 def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:

@@ -33,6 +33,13 @@ def writable_file(path: Path) -> Path:
     return path
 
 
+def fresh_file(path: Path, *, force: bool) -> Path:
+    """`path` as `writable_file` gives it, if there is no such file yet or `force` is said. Raises OutputError."""
+    if path.is_file() and not force:
+        raise OutputError(f"{path} exists; --force overwrites it")
+    return writable_file(path)
+
+
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Lets `write` make a file beside `path`, which then takes its place in one move."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+import os
+import select
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -190,3 +193,28 @@ def test_ruled__fine_grids_are_numbered_here_and_there():
     counted = [int(number) for number in numbers.split()]
     assert counted == sorted(counted)
     assert counted[0] == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
+def test_play__edits_lines_in_a_terminal():
+    """What is typed wrong is taken back by backspaces, and the up arrow brings the last line."""
+    pytest.importorskip("readline")
+    parent, child = os.openpty()
+    command = [sys.executable, "-m", "lilgym_mp", "play", "TowerScratch", "--seed", "1"]
+    with subprocess.Popen(
+        command, stdin=child, stdout=child, stderr=child, env={**os.environ, "TERM": "xterm"}
+    ) as play:
+        os.close(child)
+        shown = b""
+        for typed in (b"hellp\x7f\x7fp\n", b"\x1b[A\n", b"quit\n"):
+            while not shown.endswith(b"> "):
+                assert select.select([parent], [], [], 120)[0], shown
+                shown += os.read(parent, 4096)
+            os.write(parent, typed)
+            shown += b"|"
+        with suppress(OSError):
+            while chunk := os.read(parent, 4096):
+                shown += chunk
+        assert play.wait(60) == 0
+    os.close(parent)
+    assert shown.count(b"add BOX COLOUR") == 2

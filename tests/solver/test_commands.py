@@ -10,7 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lilgym_mp.actions import describe
+from lilgym_mp.appearances import make_appearance
 from lilgym_mp.cli import main
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.rules import make_dynamics
 from lilgym_mp.solver import Solution, Solver
 from lilgym_mp.task import Task
 
@@ -117,3 +121,46 @@ def test_demos__say_what_minari_needs(monkeypatch: pytest.MonkeyPatch, capsys: C
     monkeypatch.setattr("lilgym_mp.cli.demos.find_spec", lambda name: None)
     assert main(["demos", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
     assert 'pip install "lilgym-mp[minari]"' in capsys.readouterr().err
+
+
+def test_solve__shows_named_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):
+    task, *_ = load_tasks(corpus, "scatter", "flipit", "dev")
+    film = tmp_path / "film.gif"
+    command = ["solve", "ScatterFlipIt", "--corpus", corpus, "--task", task.id, "--show", "--gif", str(film)]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    solution = Solver(make_dynamics(make_appearance("scatter"))).solve(task)
+    assert task.statement in told
+    assert task.program in told
+    for number, action in enumerate(solution.actions, 1):
+        assert f"  {number}. {describe(action)}: reward" in told
+    assert told.count("+--------------------+  +") == 2 * solution.steps
+    assert film.read_bytes().startswith(b"GIF8")
+    assert main(command) == 2
+    assert "--force overwrites it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["TowerFlipIt", "--show"], "--show and --gif go with --task ID"),
+        (["--task", "1"], "--task goes with one CONFIGURATION"),
+        (["TowerFlipIt", "--task", "1", "--limit", "3"], "--task takes no"),
+        (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
+    ],
+)
+def test_solve__says_what_does_not_go_with_tasks(corpus: str, arguments: list[str], message: str, capsys: Captured):
+    assert main(["solve", "--corpus", corpus, *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["solve", "demos"])
+def test_results__are_not_overwritten_unasked(command: str, corpus: str, tmp_path: Path, capsys: Captured):
+    out = tmp_path / "results.npz"
+    out.write_text("precious")
+    line = [command, "TowerScratch", "--corpus", corpus, "--jobs", "1", "--split", "dev", "--out", str(out)]
+    assert main(line) == 2
+    assert f"{out} exists; --force overwrites it" in capsys.readouterr().err
+    assert out.read_text() == "precious"
+    assert main([*line, "--force"]) == 0
+    assert out.read_bytes() != b"precious"

@@ -8,6 +8,7 @@ from typing import Any, SupportsIndex
 
 from gymnasium import spaces
 
+from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
@@ -45,6 +46,7 @@ class GameAccess:
         both = {AGENTS[role]: session.spaces(role) for role in Role}
         self.observation_spaces = {agent: observation for agent, (observation, _) in both.items()}
         self.action_spaces = {agent: action for agent, (_, action) in both.items()}
+        self._numbers_by_name: dict[Role, dict[str, int]] = {}  # of those roles whose actions have been read
         self.state_space = image_space(session.world.image_size)
 
     def observation_space(self, agent: str) -> spaces.Dict:
@@ -89,3 +91,20 @@ class GameAccess:
     def describe_action(self, agent: str, action: SupportsIndex) -> str:
         """An action as people write it, such as "ADD(LEFT, BLUE)", "accept" or "reject, word 2"."""
         return self.session.game.describe(role_of(agent), action)
+
+    def read_action(self, agent: str, name: str) -> int:
+        """The number of the action that `describe_action` calls `name`, in any case. Raises ActionError."""
+        game, role = self.session.game, role_of(agent)
+        if role not in self._numbers_by_name:
+            count = game.action_counts[role]
+            self._numbers_by_name[role] = {_bare(game.describe(role, number)): number for number in range(count)}
+        number = self._numbers_by_name[role].get(_bare(name))
+        if number is None:
+            examples = ", ".join(repr(game.describe(role, action)) for action in (0, game.action_counts[role] - 1))
+            raise ActionError(f"{name!r} names no action of {agent}; names look like {examples}")
+        return number
+
+
+def _bare(name: str) -> str:
+    """A name of an action without what may differ in writing it: case and blanks."""
+    return "".join(name.split()).upper()

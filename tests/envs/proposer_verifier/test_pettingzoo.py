@@ -309,3 +309,14 @@ def test_registry__makes_both_forms(kind: Any, base: type):
     game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
     assert isinstance(game, base)
     assert game.unwrapped.session.game.protocol.name == "audit"
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_read_action__undoes_describe_action(protocol: str):
+    game = raw_env(protocol=protocol, message_size=2)
+    for agent in AGENTS:
+        for action in range(game.action_space(agent).n):
+            assert game.read_action(agent, game.describe_action(agent, action)) == action
+    assert game.read_action(PROPOSER, "add( left,blue )") == ADD_BLUE * 3
+    with pytest.raises(ActionError, match="'fly' names no action of proposer_0; names look like 'STOP', "):
+        game.read_action(PROPOSER, "fly")
