@@ -11,7 +11,7 @@ from typing import Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_split
-from lilgym_mp.evaluation.episodes import SUFFIX
+from lilgym_mp.evaluation.episodes import SUFFIX, read_header
 
 AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
 
@@ -45,24 +45,32 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.report.making import check_directory
 
     check_directory(args.out)
-    unplayed = [place for place in args.places if is_unplayed(place)]
+    runs = [place for place in args.places if is_run_alone(place)]
+    places = [place for place in args.places if place not in runs]
+    recorded = recorded_runs(places)
+    unplayed = [place for place in runs if place.resolve() not in recorded]
     try:
         with tempfile.TemporaryDirectory() as played:
             if unplayed:
                 _play(unplayed, Path(played), args.corpus, args.split)
-            places = [place for place in args.places if place not in unplayed]
-            page = make_report(
-                [*places, *([Path(played)] if unplayed else [])], args.out, tags=args.tags, runs=unplayed
-            )
+                places.append(Path(played))
+            page = make_report(places, args.out, tags=args.tags, runs=runs)
     except ImportError as fault:
         raise CommandError(str(fault)) from None
     print(f"report: {page}")
     return 0
 
 
-def is_unplayed(place: Path) -> bool:
+def is_run_alone(place: Path) -> bool:
     """Whether the directory is of a training run with an agent and without recorded episodes."""
     return (place / AGENT_FILE).is_file() and not any(place.rglob(f"*{SUFFIX}"))
+
+
+def recorded_runs(places: Sequence[Path]) -> set[Path]:
+    """The directories of the agents whose episodes are recorded in the places. Raises EpisodesError."""
+    files = [file for place in places if place.is_dir() for file in sorted(place.rglob(f"*{SUFFIX}"))]
+    headers = map(read_header, [*files, *(place for place in places if place.is_file())])
+    return {Path(header.run).resolve() for header in headers if header is not None and header.run is not None}
 
 
 def _play(places: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:

@@ -67,11 +67,11 @@ REASONS: Mapping[str, tuple[InvalidReason, ...]] = {
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),
     "on top": (InvalidReason.OVERLAP,),
 }
-DIRECT, EARLY, ERRONEOUS, LATE = "direct", "early", "erroneous", "not told"
+DIRECT, EARLY, ERRONEOUS, LATER = "direct", "early", "erroneous", "later"
 STOP_NOTE = (
     "A wrong STOP is direct as the first action; early where edits were made and the expert needs fewer actions from"
-    " there than from the start; else erroneous. Early and erroneous can be told apart only where the expert was asked"
-    " (`--optimal`)."
+    " there than from the start; else erroneous. A later STOP is one of these two where the expert was not asked"
+    " (--optimal) or knows no solution."
 )
 
 
@@ -82,7 +82,7 @@ def stop_kind(episode: RecordedEpisode) -> str | None:
     if len(episode.actions) == 1:
         return DIRECT
     if episode.actions_left is None or episode.optimal_actions is None:
-        return LATE
+        return LATER
     return EARLY if episode.actions_left < episode.optimal_actions else ERRONEOUS
 
 
@@ -97,7 +97,7 @@ def error_kind(episode: RecordedEpisode) -> str | None:
     return "horizon"
 
 
-ERROR_KINDS = (*REASONS, f"{DIRECT} stop", f"{EARLY} stop", f"{ERRONEOUS} stop", f"{LATE} stop", "horizon")
+ERROR_KINDS = (*REASONS, f"{DIRECT} stop", f"{EARLY} stop", f"{ERRONEOUS} stop", f"{LATER} stop", "horizon")
 
 
 def errors(found: Gathered) -> Iterator[Item]:

@@ -182,7 +182,16 @@ def comparisons(found: Gathered) -> Iterator[Item]:
                 for other in entries[place + 1 :]:
                     difference = paired_difference(entry.runs, other.runs)
                     if difference is not None:
-                        pairs.append([entry.agent, other.agent, configuration, split, *difference])
+                        pairs.append(
+                            [
+                                entry.agent,
+                                other.agent,
+                                configuration,
+                                split,
+                                *difference[:3],
+                                f"{difference.p_value:.4f}",
+                            ]
+                        )
     note = f"95 % bootstrap intervals: statements are drawn {RESAMPLES:,} times, with their start scenes and runs."
     columns = ("agent", "configuration", "split", "accuracy (%)", "from (%)", "to (%)")
     yield table("Confidence intervals", "Accuracy with intervals over statements", columns, rows, note)

@@ -57,19 +57,35 @@ def _draw_bars(axes: Any, panel: Panel, colours: Mapping[str, str], unit: str, t
     for place, (name, values) in enumerate(panel.values.items()):
         xs = [index + (place - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
         heights = [_mean(value) for value in values]
-        drawn = axes.bar(xs, heights, width * 0.92, color=colours[name])
+        axes.bar(xs, heights, width * 0.92, color=colours[name])
         for x, value in zip(xs, values, strict=True):
             if isinstance(value, Spread) and value.deviation:
                 axes.errorbar(x, value.mean, value.deviation, color=INK, linewidth=1, capsize=2)
-        if labelled:
-            texts = ["" if value is None else _short(_mean(value)) for value in values]
-            axes.bar_label(drawn, texts, fontsize=7, padding=2, color=INK)
+        for x, value in zip(xs, values, strict=True) if labelled else ():
+            if value is not None:
+                _label(axes, x, value)
     style(axes, panel.title, unit)
     axes.set_xticks(range(len(panel.categories)), labels=panel.categories, fontsize=8)
     axes.grid(visible=False, axis="x")
     axes.margins(y=0.12)
     if top is not None:
         axes.set_ylim(0, top)
+
+
+def _label(axes: Any, x: float, value: Spread | float) -> None:
+    """A bar's value at its end, clear of the deviation."""
+    height, deviation = _mean(value), (value.deviation or 0.0) if isinstance(value, Spread) else 0.0
+    below = height < 0
+    axes.annotate(
+        _short(height),
+        (x, height - deviation if below else height + deviation),
+        (0, -2 if below else 2),
+        textcoords="offset points",
+        fontsize=7,
+        color=INK,
+        ha="center",
+        va="top" if below else "bottom",
+    )
 
 
 def _mean(value: Spread | float | None) -> float:

@@ -149,7 +149,10 @@ def test_experiment__smoke_file_runs_once_goes_on_and_is_reported_on(
     assert main(command) == 0
     changed = {path.parts[-2] for path, when in before.items() if path.stat().st_mtime_ns != when}
     assert changed == {"policies", "logs", "finished"}
-    assert main(["report", str(place), "--out", str(tmp_path / "report")]) == 0
+    capsys.readouterr()
+    run = place / "runs" / "ppo-TowerScratch-0"  # recorded already, so not played again
+    assert main(["report", str(place / "episodes"), str(run), "--out", str(tmp_path / "report")]) == 0
+    assert "episodes:" not in capsys.readouterr().out
     page = (tmp_path / "report" / "index.html").read_text()
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page

@@ -160,7 +160,7 @@ def test_section_d2__errors_by_reason_and_by_kind_of_stop(found: Gathered):
     assert [error_kind(kept) for kept in EPISODES] == [
         *(None, None, "direct stop", "early stop", "erroneous stop", "nothing to remove"),
     ]
-    assert error_kind(replace(EPISODES[3], actions_left=None)) == "not told stop"
+    assert error_kind(replace(EPISODES[3], actions_left=None)) == "later stop"
     assert error_kind(episode("horizon", *["REMOVE(0, 0)"] * 12)) == "horizon"
     table = next(errors(found))
     (ours, *published) = rows(table)

@@ -17,7 +17,7 @@ from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.imitation.batches import Numbering
 from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import action_layout
+from lilgym_mp.learning.imitation.layout import STOP_HEAD, action_layout
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
@@ -126,6 +126,7 @@ class _ImagePolicy:
         self._horizon = horizon
         self._sampled = sampled
         self._player = self._fresh()
+        self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
 
     def _fresh(self) -> Player:
         agent = self._agent
@@ -138,6 +139,7 @@ class _ImagePolicy:
         player = self._player
         scenes = [read_scene(image, self._appearance.name) for image in observations.images]
         found = player.log_probabilities(observations.statements, player.table.indices(scenes), observations.targets)
+        self.stop_probabilities = np.exp(found[:, STOP_HEAD])
         heads = decide(found, observations.steps, self._horizon, self._rule, rng if self._sampled else None)
         return player.layout.action_of[heads]
 
