@@ -301,7 +301,7 @@ def test_report__statements_are_shown_as_text(tmp_path: Path):
         ({"settings": replace(SCATTER, corpus="lilgym")}, "corpus is 'lilgym', but 'builtin' in"),
         ({"settings": replace(SCATTER, rules="release")}, "rules is 'release', but 'paper' in"),
         ({"tasks_sha256": "0" * 64}, "tasks_sha256 is 000000000000"),
-        ({}, "training_seed 0 and seed 0 are those of"),
+        ({"run": "runs/b"}, "training_seed 0 and seed 0 are those of"),
         ({"training_seed": None}, "training_seed is missing"),
     ],
 )
