@@ -185,3 +185,25 @@ def test_sb3__without_its_extra_names_it(tmp_path: Path):
 def test_module__runs_as_the_command():
     done = subprocess.run([sys.executable, "-m", "lilgym_mp", "--version"], capture_output=True, text=True, check=False)
     assert done.stdout.split()[0] == "lilgym-mp"
+
+
+def test_batched_games__work_without_pettingzoo():
+    code = """
+import importlib.util, sys
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "pettingzoo" else found(name, *rest)
+sys.modules["pettingzoo"] = None
+from lilgym_mp.envs import proposer_verifier
+games = proposer_verifier.BatchedGames(2, protocol="veto")
+observations, infos = games.reset(seed=0)
+print(sorted(observations))
+try:
+    proposer_verifier.env
+except ImportError as fault:
+    print(fault)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines() == [
+        "['proposer_0', 'verifier_0']",
+        'env needs pettingzoo: pip install "lilgym-mp[pettingzoo]"; BatchedGames does not',
+    ], done.stderr

@@ -1,15 +1,13 @@
-"""A proposer and a verifier act on one MDP: PettingZoo environments, partners, measures. Needs pettingzoo.
+"""A proposer and a verifier act on one MDP: PettingZoo environments, partners, measures.
 
-docs/proposer_verifier.md tells the protocols, the settings and what was measured.
+Without pettingzoo all is there but PettingZoo's two forms. docs/proposer_verifier.md tells the protocols, the settings
+and what was measured.
 """
 
 from __future__ import annotations
 
-try:
-    import pettingzoo
-except ImportError as missing:
-    message = 'the proposer-verifier game needs pettingzoo: pip install "lilgym-mp[pettingzoo]"'
-    raise ImportError(message, name=missing.name) from missing
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, NoReturn
 
 from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, LastObservations
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
@@ -21,7 +19,6 @@ from lilgym_mp.envs.proposer_verifier.metrics import (
     play_games,
     summarise,
 )
-from lilgym_mp.envs.proposer_verifier.parallel import ProposerVerifierParallel, parallel_env
 from lilgym_mp.envs.proposer_verifier.partners import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
@@ -41,8 +38,14 @@ from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Intent, Role
-from lilgym_mp.envs.proposer_verifier.turns import ProposerVerifierTurns, env, raw_env
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
+
+HAS_PETTINGZOO = find_spec("pettingzoo") is not None
+if TYPE_CHECKING or HAS_PETTINGZOO:
+    import pettingzoo
+
+    from lilgym_mp.envs.proposer_verifier.parallel import ProposerVerifierParallel, parallel_env
+    from lilgym_mp.envs.proposer_verifier.turns import ProposerVerifierTurns, env, raw_env
 
 __all__ = [
     "AGENTS",
@@ -99,4 +102,13 @@ def _register() -> None:
             pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
 
 
-_register()
+if HAS_PETTINGZOO:
+    _register()
+else:
+
+    def __getattr__(name: str) -> NoReturn:
+        """Says why PettingZoo's forms are not there."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        message = f'{name} needs pettingzoo: pip install "lilgym-mp[pettingzoo]"; BatchedGames does not'
+        raise ImportError(message, name="pettingzoo")
