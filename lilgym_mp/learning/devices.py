@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 
 from lilgym_mp.choices import choose
@@ -20,3 +23,17 @@ def chosen_device(name: str) -> torch.device:
     if name == "cuda" and not available:
         raise DeviceError("device cuda was asked for, but PyTorch finds no CUDA device here; choose cpu or auto")
     return torch.device("cuda" if name != "cpu" and available else "cpu")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Has torch calculate in one thread: networks as small as the parser's lose time by sharing their work."""
+    before = torch.get_num_threads()
+    if before == 1:
+        yield
+        return
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

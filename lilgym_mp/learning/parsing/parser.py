@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.generator import Stock
+from lilgym_mp.learning.devices import one_thread
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import program_of, reading_of
@@ -98,7 +99,9 @@ class Parser:
         if found is None:
             if len(self._parses) >= KEPT_STATEMENTS:
                 self._parses.clear()
-            found = self._parses[key] = self._parse(statement, appearance, beam_width)
+            with one_thread():
+                found = self._parse(statement, appearance, beam_width)
+            self._parses[key] = found
         return found
 
     def _parse(self, statement: str, appearance: str, beam_width: int) -> Parse:

@@ -16,7 +16,7 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluat
 from lilgym_mp.evaluation.comparison import Trial
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
-from lilgym_mp.learning.parsing import training
+from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.calibration import Forecast, fitted, reliability
@@ -406,6 +406,21 @@ def test_shipped_agent__plays_every_configuration_from_pixels_far_better_than_ch
         outcomes.append(planner.outcome(planner.plan(seen, task.statement, task.target), task))
     assert Outcome.INVALID_ACTION not in outcomes
     assert outcomes.count(Outcome.SUCCESS) >= 0.8 * len(some)
+
+
+def test_parser__calculates_in_one_thread_and_leaves_the_number_as_it_was(
+    trained: Path, monkeypatch: pytest.MonkeyPatch
+):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    seen: list[int] = []
+    monkeypatch.setattr(parser, "beam_search", lambda *_: seen.append(torch.get_num_threads()) or [])
+    torch.set_num_threads(2)
+    try:
+        agent.parser.parse("there is something that nobody has said", "tower")
+        assert (seen, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(1)
 
 
 def test_load_agent__an_unknown_one_is_refused_with_the_choices():
