@@ -119,11 +119,9 @@ def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
 
 
 def print_reliability(forecasts: Sequence[Forecast]) -> None:
-    rows = [("stated", "tasks", "mean stated", "came true")]
+    rows = [("mean stated", "came true", "tasks")]
     for found in reliability(forecasts):
-        rows.append(
-            ("", f"{found.forecasts}", f"{100 * found.stated:.0f} %", f"{100 * found.came_true:.0f} %"),
-        )
+        rows.append((f"{100 * found.stated:.0f} %", f"{100 * found.came_true:.0f} %", f"{found.forecasts}"))
     print(aligned(rows))
 
 

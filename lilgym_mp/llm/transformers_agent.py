@@ -15,7 +15,7 @@ class TransformersAgent:
     def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu") -> None:
         """Raises AgentError without the library, or for a directory that holds no model."""
         try:
-            import transformers
+            import transformers  # pyright: ignore[reportMissingImports]
         except ImportError:
             message = 'the agent "transformers" needs its extra: pip install "lilgym-mp[transformers]"'
             raise AgentError(message) from None
@@ -24,7 +24,9 @@ class TransformersAgent:
             raise AgentError(f"{directory}: no such directory; save a model and its tokenizer there first")
         try:
             self._tokenizer: Any = library.AutoTokenizer.from_pretrained(directory, local_files_only=True)
-            model: Any = library.AutoModelForCausalLM.from_pretrained(directory, local_files_only=True)
+            model: Any = library.AutoModelForCausalLM.from_pretrained(
+                directory, local_files_only=True, use_safetensors=True
+            )
         except (OSError, ValueError) as fault:
             raise AgentError(f"{directory}: {fault}") from None
         self._model: Any = model.to(device).eval()
