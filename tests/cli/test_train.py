@@ -280,7 +280,7 @@ def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path:
     headers = [read_episodes(path).header for path in (tmp_path / "kept").iterdir()]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {
         *(("mine", actions, mask) for actions in ("greedy", "sampled") for mask in (True, False)),
-        ("random type", "greedy", False),
+        ("random type", "sampled", False),
     }
     assert {header.training_seed for header in headers if header.agent == "mine"} == {0}
     assert main([str(word) for word in command]) == USAGE_ERROR  # the files exist
