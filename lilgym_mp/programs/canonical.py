@@ -6,7 +6,7 @@ where those parts cannot raise an error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
@@ -84,24 +84,8 @@ def _with_canonical_parts(node: Node, scope: Scope) -> Node:
             return _rewritten_lambda(node, scope, OTHER)
         case Call(word=word, arguments=arguments):
             return Call(word, _rewritten_arguments(word, arguments, scope))
-        case Member(of=of):
-            return replace(node, of=inner(of))
-        case Logic(operands=operands):
-            return replace(node, operands=tuple(map(inner, operands)))
-        case Not(operand=operand):
-            return Not(inner(operand))
-        case Comparison(left=left, rights=rights):
-            return replace(node, left=inner(left), rights=tuple(map(inner, rights)))
-        case Arithmetic(left=left, right=right):
-            return replace(node, left=inner(left), right=inner(right))
-        case Subscript(of=of, index=index):
-            return Subscript(inner(of), inner(index))
-        case Slice(of=of, start=start, stop=stop, step=step):
-            return Slice(inner(of), *(None if part is None else inner(part) for part in (start, stop, step)))
-        case Display(elements=elements):
-            return replace(node, elements=tuple(map(inner, elements)))
         case _:
-            return node
+            return _with_parts(node, inner)
 
 
 def _rewritten_arguments(word: Word, arguments: Sequence[Node | None], scope: Scope) -> tuple[Node | None, ...]:
@@ -453,6 +437,29 @@ def _look_test(value: object, item: Node) -> Call:
 # Names of variables
 
 
+def _with_parts(node: Node, changed: Callable[[Node], Node]) -> Node:
+    """The node with `changed` of each of its parts; calls and lambdas, whose parts differ in kind, as they are."""
+    match node:
+        case Member(of=of):
+            return replace(node, of=changed(of))
+        case Logic(operands=operands):
+            return replace(node, operands=tuple(map(changed, operands)))
+        case Not(operand=operand):
+            return Not(changed(operand))
+        case Comparison(left=left, rights=rights):
+            return replace(node, left=changed(left), rights=tuple(map(changed, rights)))
+        case Arithmetic(left=left, right=right):
+            return replace(node, left=changed(left), right=changed(right))
+        case Subscript(of=of, index=index):
+            return Subscript(changed(of), changed(index))
+        case Slice(of=of, start=start, stop=stop, step=step):
+            return Slice(changed(of), *(None if part is None else changed(part) for part in (start, stop, step)))
+        case Display(elements=elements):
+            return replace(node, elements=tuple(map(changed, elements)))
+        case _:
+            return node
+
+
 def _named_by_depth(node: Node, names: Mapping[str, Variable], depth: int) -> Node:
     """The node with its variables named by how many lambdas are around theirs."""
 
@@ -467,21 +474,5 @@ def _named_by_depth(node: Node, names: Mapping[str, Variable], depth: int) -> No
             return Lambda(name, _named_by_depth(body, {**names, parameter: Variable(name)}, depth + 1))
         case Call(word=word, arguments=arguments):
             return Call(word, tuple(None if part is None else inner(part) for part in arguments))
-        case Member(of=of):
-            return replace(node, of=inner(of))
-        case Logic(operands=operands):
-            return replace(node, operands=tuple(map(inner, operands)))
-        case Not(operand=operand):
-            return Not(inner(operand))
-        case Comparison(left=left, rights=rights):
-            return replace(node, left=inner(left), rights=tuple(map(inner, rights)))
-        case Arithmetic(left=left, right=right):
-            return replace(node, left=inner(left), right=inner(right))
-        case Subscript(of=of, index=index):
-            return Subscript(inner(of), inner(index))
-        case Slice(of=of, start=start, stop=stop, step=step):
-            return Slice(inner(of), *(None if part is None else inner(part) for part in (start, stop, step)))
-        case Display(elements=elements):
-            return replace(node, elements=tuple(map(inner, elements)))
         case _:
-            return node
+            return _with_parts(node, inner)
