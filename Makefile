@@ -18,7 +18,7 @@ endif
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-matrix lint style types imports bench clean
+.PHONY: help install demo test lint style types imports bench clean
 
 help:  ## this list
 	@echo "make TARGET [PYTHON=python3.11] [ARGS=...]"
@@ -48,18 +48,6 @@ demo: install  ## train an agent for a few minutes and evaluate it
 
 test: install  ## every test, with ruff and the import contract among them
 	@$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
-
-MATRIX := oldest newest
-MATRIX_oldest := 'gymnasium==1.1.*' 'numpy==2.0.*' 'pettingzoo==1.25.*'
-MATRIX_newest := --upgrade gymnasium numpy pettingzoo
-
-test-matrix: $(MATRIX:%=test-on-%)  ## the tests with the oldest and the newest supported libraries, each in an environment of its own
-
-test-on-%:
-	@test -x build/matrix/$*/bin/python || $(PYTHON) -m venv build/matrix/$*
-	@build/matrix/$*/bin/python -m pip install --quiet --editable '.[test,pettingzoo,sb3,charts]' $(MATRIX_$*)
-	@build/matrix/$*/bin/python -m pip list 2>/dev/null | grep -iE '^(gymnasium|numpy|pettingzoo|stable_baselines3) '
-	@build/matrix/$*/bin/python -m pytest $(ARGS)
 
 lint: style types imports  ## ruff, pyright and the import contract
 

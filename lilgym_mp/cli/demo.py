@@ -37,7 +37,7 @@ PARSE_AND_PLAN, IMITATION = "parse and plan", "imitation"
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = subparsers.add_parser(
         "demo",
-        help="train two agents in about two minutes, and see what they do",
+        help="train two agents in about three minutes, and see what they do",
         description=f"Trains an agent that parses and plans, and a network by imitation of the expert, on the builtin "
         f"corpus; evaluates both on {SPLIT} of {CONFIGURATION} beside an untrained network, random play and the "
         "expert; and films them.",
