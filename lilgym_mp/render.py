@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.arrays import BoolArray, UInt8Array
@@ -33,8 +33,6 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-
-Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
@@ -414,36 +412,6 @@ def _taken(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
             break
         first += 1
     return before[first] if before[first + 1 :] == after[first:] else None
-
-
-FRAME_SCALE = 2  # native pixels are this wide in a frame
-CAPTION_HEIGHT = 88
-CAPTION_FONT_PIXELS = 17
-CAPTION_MARGIN = 10
-PAPER_RGB = (255, 255, 255)
-INK_RGB = (30, 30, 30)
-
-
-def frame(scene: Scene, lines: Sequence[str]) -> UInt8Array:
-    """(288, 760, 3) a picture for people: the scene, enlarged, above lines of text, cut to the width."""
-    width, height = IMAGE_WIDTH * FRAME_SCALE, IMAGE_HEIGHT * FRAME_SCALE
-    image = Image.new("RGB", (width, height + CAPTION_HEIGHT), PAPER_RGB)
-    image.paste(Image.fromarray(draw(scene)).resize((width, height), Image.Resampling.NEAREST))
-    pen = ImageDraw.Draw(image)
-    font = ImageFont.load_default(CAPTION_FONT_PIXELS)
-    for number, line in enumerate(lines):
-        text = _fitted(line, width - 2 * CAPTION_MARGIN, pen, font)
-        pen.text((CAPTION_MARGIN, height + 8 + number * (CAPTION_FONT_PIXELS + 8)), text, fill=INK_RGB, font=font)
-    return np.asarray(image)
-
-
-def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:
-    """The line, or as much of its beginning as fits with an ellipsis."""
-    if pen.textlength(line, font=font) <= width:
-        return line
-    while line and pen.textlength(line + "...", font=font) > width:
-        line = line[:-1]
-    return line + "..."
 
 
 TEXT_CELL = (5, 10)  # width and height in native pixels of one character

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp import render
 from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.render import Canvas, box_blits, draw, frame, image_shape, text
+from lilgym_mp.render import Canvas, box_blits, draw, image_shape, text
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.scenes import (
     LARGE,
@@ -341,22 +341,6 @@ def test_canvas__a_buffer_with_gaps_is_refused():
 
 
 # For people
-
-
-def test_frame__shows_the_scene_enlarged_above_the_lines():
-    shown = scene([circle(0, 70, LARGE, B)], [square(40, 80)])
-    plain, captioned = frame(shown, []), frame(shown, ["Some line.", "Another."])
-    assert (captioned.shape, captioned.dtype) == ((288, 760, 3), np.uint8)
-    assert np.array_equal(captioned[:200], draw(shown).repeat(2, axis=0).repeat(2, axis=1))
-    assert np.all(plain[200:] == 255)
-    assert (captioned[200:] < 128).any()
-
-
-def test_frame__a_long_line_is_cut_within_the_picture():
-    written = frame(Scene.empty(), ["word " * 100])
-    assert (written[200:, :740] < 128).any()
-    assert np.all(written[200:, 752:] == 255)
-    assert not np.array_equal(written, frame(Scene.empty(), ["word " * 5]))
 
 
 def test_text__draws_the_boxes_with_characters():

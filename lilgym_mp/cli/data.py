@@ -236,16 +236,16 @@ def _check(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     from PIL import Image
 
-    from lilgym_mp import render
     from lilgym_mp.cli.data_report import task_lines, task_text
     from lilgym_mp.evaluation.files import write_whole
+    from lilgym_mp.frames import frame
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)
     print(task_text(task, tasks, coloured=not args.plain and sys.stdout.isatty()))
     if args.image:
         try:
-            picture = Image.fromarray(render.frame(task.start, task_lines(task, tasks)[1:4]))
+            picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
             write_whole(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
         except OSError as fault:
             raise _cannot_write(fault) from None

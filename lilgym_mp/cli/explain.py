@@ -13,7 +13,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, Moment, film_moments
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.render import draw
+from lilgym_mp.frames import smooth_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
@@ -109,7 +109,10 @@ def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[Mo
     task = f'"{statement}" Make it {str(target).lower()}.'
     scenes = scenes_of(plan, planner)
     captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
-    moments = [Moment(draw(scene), task, caption, PENDING_RGB) for scene, caption in zip(scenes, captions, strict=True)]
+    moments = [
+        Moment(smooth_picture(scene, 1), task, caption, PENDING_RGB)
+        for scene, caption in zip(scenes, captions, strict=True)
+    ]
     likely = plan.success_probability >= 0.5
     stop = f"{len(plan.actions)}. STOP, a success with a probability of {100 * plan.success_probability:.0f} %"
-    return [*moments, Moment(draw(scenes[-1]), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]
+    return [*moments, Moment(smooth_picture(scenes[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]

@@ -12,7 +12,8 @@ from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import VERBS, CommandFault, chosen, command_help, command_of, legal_commands, parsed
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.render import frame, text
+from lilgym_mp.frames import frame
+from lilgym_mp.render import text
 from lilgym_mp.ruler import ruled
 
 
@@ -95,7 +96,7 @@ class Session:
         self._say("\n".join([picture, *self._lines(), *prompt]))
 
     def _film(self) -> None:
-        self._frames.append(frame(self._env.scene, self._lines()))
+        self._frames.append(frame(self._env.scene, self._lines(), self._env.dynamics.appearance))
 
     def _hint(self) -> None:
         from lilgym_mp.solver import Expert

@@ -23,7 +23,8 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.render import frame, text
+from lilgym_mp.frames import frame
+from lilgym_mp.render import text
 from lilgym_mp.ruler import ruled
 from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.solver import Solver, Status
@@ -139,7 +140,7 @@ def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
 def _shown_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> list[UInt8Array]:
     """Prints each action, with `show` the scene before it; gives the frames of a film."""
     state, last = dynamics.start(task), None
-    frames = [frame(state.scene, caption(state, dynamics, None))]
+    frames = [frame(state.scene, caption(state, dynamics, None), dynamics.appearance)]
     for number, action in enumerate(actions, 1):
         if show:
             drawn = text(state.scene, [], coloured=shows_colours())
@@ -149,7 +150,7 @@ def _shown_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
         print(f"  {number}. {describe(action)}: reward {transition.reward:+.1f}")
         last = LastAction(dynamics.appearance.encode(action), transition.result, transition.invalid)
         state = transition.state
-        frames.append(frame(state.scene, caption(state, dynamics, last)))
+        frames.append(frame(state.scene, caption(state, dynamics, last), dynamics.appearance))
     return frames
 
 

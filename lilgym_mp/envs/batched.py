@@ -21,8 +21,9 @@ from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
 from lilgym_mp.envs.window import RENDER_FPS
+from lilgym_mp.frames import frame
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
-from lilgym_mp.render import frame, text
+from lilgym_mp.render import text
 from lilgym_mp.rules import Dynamics, State
 
 RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
@@ -374,7 +375,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return np.array([appearance.encode(appearance.from_array(action)) for action in actions], np.int64)
 
     def render(self) -> tuple[UInt8Array | str, ...] | None:
-        """A frame (288, 760, 3) or a text for each environment, by render mode."""
+        """A frame (304, 784, 3) or a text for each environment, by render mode."""
         if self.render_mode is None:
             return None
         frames: list[UInt8Array | str] = []

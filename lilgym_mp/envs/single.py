@@ -18,11 +18,12 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import StatementArrays
 from lilgym_mp.envs.caption import LastAction, caption
-from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import RENDER_FPS, Window
+from lilgym_mp.frames import frame
 from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
-from lilgym_mp.render import Canvas, frame, text
+from lilgym_mp.render import Canvas, text
 from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
@@ -54,15 +55,18 @@ class LilGymEnv(gym.Env[Observation, int]):
         image_size: str = "half",
         render_mode: str | None = None,
         observation: str = TEXT,
+        render_cells: bool = False,
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
         "native". `horizon`: actions an episode, None for the rule set's. `observation`: "text", or "arrays" for
         learners that take no texts: "statement" as word numbers, int64 (L,), and "target" as int64 (1,).
+        `render_cells`: pictures for people show the grid's cells with column and row numbers (Tower: names of boxes).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
+        self._marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
         self._canvas = Canvas(image_size)
         self.tasks = load_tasks(corpus, appearance, start, split)
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
@@ -204,15 +208,15 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.tasks.ids
 
     def render(self) -> UInt8Array | str | None:
-        """By render mode: an (288, 760, 3) picture with a caption, a text, or None after showing a window."""
+        """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
         if self.render_mode == "ansi":
             return text(self.scene, self._lines())
         if self.render_mode == "rgb_array":
-            return frame(self.scene, self._lines())
+            return frame(self.scene, self._lines(), self._marked)
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window(RENDER_FPS)
-            self._window.show(frame(self.scene, self._lines()))
+            self._window.show(frame(self.scene, self._lines(), self._marked))
         return None
 
     def _lines(self) -> list[str]:

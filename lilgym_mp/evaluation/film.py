@@ -15,7 +15,7 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.files import write_whole
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.render import draw
+from lilgym_mp.frames import smooth_picture
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
 
 FRAME_SECONDS = 0.7
@@ -35,7 +35,7 @@ PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (190, 190, 190), (0, 140, 60), (200, 40,
 class Moment(NamedTuple):
     """One frame of an episode."""
 
-    picture: UInt8Array  # (100, 380, 3)
+    picture: UInt8Array  # (100, 380, 3), drawn for people
     task: str  # what is to be done
     caption: str  # what was just done, or how it ended
     rgb: tuple[int, int, int]  # of caption and border
@@ -46,14 +46,14 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
     env.reset(options={"task": episode.task_id})
     appearance = env.dynamics.appearance
     task = f'"{episode.statement}" Make it {str(episode.target).lower()}.'
-    yield Moment(draw(env.scene), task, "start", PENDING_RGB)
+    yield Moment(smooth_picture(env.scene, 1), task, "start", PENDING_RGB)
     for number, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(action)
         caption, rgb = f"{number}. {describe(appearance.decode(action))}", PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, reward {episode.reward:+.1f}"
-        yield Moment(draw(env.scene), task, caption, rgb)
+        yield Moment(smooth_picture(env.scene, 1), task, caption, rgb)
 
 
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:

@@ -197,7 +197,7 @@ def test_show__tells_all_of_a_task(data: Run, own: Path, tmp_path: Path):
         assert line in said
     assert "kkkk" in said
     with Image.open(tmp_path / "blue.png") as image:
-        assert image.size == (760, 288)
+        assert image.size == (784, 304)
 
 
 def test_show__an_id_that_is_none_is_refused_with_ids_like_it(refused: Run, own: Path):

@@ -21,6 +21,7 @@ from gymnasium.utils.env_checker import check_env
 from lilgym_mp.actions import ActionError
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
 from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import TokenizedStatement
@@ -565,9 +566,20 @@ def test_render__picture_shows_scene_and_caption(own_corpus: Path):
     env.step(3)
     second = env.render()
     assert isinstance(second, np.ndarray)
-    assert (second.shape, second.dtype) == ((288, 760, 3), np.uint8)
-    assert np.array_equal(second[:200:2, ::2], draw(scene(tower(B))))
-    assert not np.array_equal(first[200:], second[200:])
+    assert (second.shape, second.dtype) == (FRAME_SHAPE, np.uint8)
+    below = SCENE_SHAPE[0]
+    assert np.array_equal(second[:below], scene_picture(scene(tower(B))))
+    assert not np.array_equal(first[below:], second[below:])
+
+
+def test_render__cells_are_shown_on_request(own_corpus: Path):
+    env = make(TOWER, corpus=own_corpus, render_mode="rgb_array", render_cells=True)
+    env.reset(seed=0)
+    picture = env.render()
+    assert isinstance(picture, np.ndarray)
+    assert np.array_equal(picture[: SCENE_SHAPE[0]], scene_picture(env.scene, env.dynamics.appearance))
+    with pytest.raises(ValueError, match="render_cells must be True or False, not 'yes'"):
+        make(TOWER, corpus=own_corpus, render_cells="yes")
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from lilgym_mp.evaluation.film import (
     save_gif,
     wrapped,
 )
+from lilgym_mp.frames import smooth_picture
 from lilgym_mp.render import draw
 from tests.scenes import B, scene, tower
 
@@ -33,8 +34,8 @@ UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (ST
 
 def test_replay__shows_the_start_and_each_action():
     start, added, stopped = replay(TOWER.make("dev"), SEEN)
-    assert np.array_equal(start.picture, draw(scene()))
-    assert np.array_equal(added.picture, draw(scene(tower(B))))
+    assert np.array_equal(start.picture, smooth_picture(scene(), 1))
+    assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1))
     assert added.caption == "1. ADD(LEFT, BLUE)"
     assert (stopped.caption, stopped.rgb) == ("2. STOP: success, reward +0.9", SUCCESS_RGB)
     assert "I can see a blue block." in start.task

@@ -26,7 +26,8 @@ from lilgym_mp.envs.proposer_verifier.states import (
 from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
-from lilgym_mp.render import frame, text
+from lilgym_mp.frames import frame
+from lilgym_mp.render import text
 from lilgym_mp.rules import State
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
@@ -206,7 +207,7 @@ class Session:
         self._heard = ";  ".join(said)
 
     def render(self) -> UInt8Array | str | None:
-        """By render mode: an (288, 760, 3) picture with a caption, a text, or None after showing a window."""
+        """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
         if self.render_mode == "ansi":
             return text(self.state.mdp.scene, self._caption())
         if self.render_mode == "rgb_array":

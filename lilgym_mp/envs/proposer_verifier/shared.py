@@ -61,7 +61,7 @@ class GameAccess:
         return draw(self.scene, self.session.world.image_size)
 
     def render(self) -> UInt8Array | str | None:
-        """By render mode: an (288, 760, 3) picture with a caption, a text, or None after showing a window."""
+        """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
         return self.session.render()
 
     def close(self) -> None:
