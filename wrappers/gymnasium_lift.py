@@ -11,9 +11,15 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from lilgym_mp.arrays import BoolArray
+from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.moment import StatesMoment, World, WrongEnvironment
-from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
+from lilgym_mp.wrappers.transformation import (
+    Batch,
+    TaskChange,
+    Transformation,
+    refuse_above_others,
+)
 
 Does = TypeVar("Does", bound=Transformation)
 
@@ -35,9 +41,12 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         self.observation_space = self.transformation.observation_space()
         self.action_space = self.transformation.action_space()
         self._moment = EnvMoment(world, env)
+        self._values = np.zeros(1)  # of the state now, where rewards are changed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         observation, info = self.env.reset(seed=seed, options=options)
+        if self.transformation.changes_rewards:
+            self._values = self.transformation.values(self._moment.states())
         return self._shown(observation), self._told(info, {})
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -46,7 +55,15 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
             actions, entries = self.transformation.actions(batch_of_one(action), self._moment)
             action = actions[0]
         observation, reward, terminated, truncated, info = self.env.step(action)
+        if self.transformation.changes_rewards:
+            entries = {**entries, UNCHANGED_REWARD: (reward,)}
+            reward = self._changed(float(reward), ended=terminated or truncated)
         return self._shown(observation), reward, terminated, truncated, self._told(info, entries)
+
+    def _changed(self, reward: float, *, ended: bool) -> float:
+        before, does = self._values, self.transformation
+        self._values = np.zeros(1) if ended else does.values(self._moment.states())
+        return does.rewards(np.array([reward]), before, self._values).item()
 
     def action_masks(self) -> BoolArray:
         """(actions,) bool, a new array: the legal actions, as this wrapper and those beneath leave them."""

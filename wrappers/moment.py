@@ -39,6 +39,10 @@ class Moment(Protocol):
     def items(self) -> Int16Array:  # (B, 3, capacity, 5): `item_array` of each scene
         ...
 
+    def states(self) -> Sequence[State]:
+        """(B) the states."""
+        ...
+
     def legal(self) -> BoolArray:
         """(B, actions) a new array: the legal actions, as the wrappers beneath leave them."""
         ...

@@ -1,11 +1,11 @@
-"""A transformation on the proposer-verifier game: on what each agent sees, and on what the proposer may do.
+"""A transformation on the proposer-verifier game: on what each agent sees and earns, and on what the proposer may do.
 
 `factory` imports this when it is given a PettingZoo environment, so that nothing else needs pettingzoo.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,9 +17,16 @@ from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 from lilgym_mp.arrays import BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+from lilgym_mp.envs.single import UNCHANGED_REWARD
+from lilgym_mp.rules import State
 from lilgym_mp.wrappers.gymnasium_lift import batch_of_one, plain
 from lilgym_mp.wrappers.moment import StatesMoment, World, WrongEnvironment
-from lilgym_mp.wrappers.transformation import Batch, TaskChange, Transformation, refuse_above_others
+from lilgym_mp.wrappers.transformation import (
+    Batch,
+    TaskChange,
+    Transformation,
+    refuse_above_others,
+)
 
 SEEN, MASK = "observation", "action_mask"  # the parts of an agent's observation
 
@@ -43,6 +50,32 @@ def lifted(env: Any, name: str, does: Does, settings: Mapping[str, Any]) -> Game
     return GameTurns(env, name, sides) if isinstance(env, AECEnv) else GameTogether(env, name, sides)
 
 
+class RewardChange:
+    """How a wrapper changes both agents' rewards: whenever a turn changes the MDP or ends the game."""
+
+    def __init__(self, transformation: Transformation, session: Any) -> None:
+        self._transformation = transformation
+        self._session = session
+        self._mdp: State | None = None  # as it was after the last turn; None when the game was over
+        self._value = np.zeros(1)
+
+    def start(self) -> None:
+        self._mdp = self._session.state.mdp
+        self._value = self._transformation.values([self._mdp])
+
+    def changed(self, rewards: Sequence[float]) -> list[float]:
+        """The rewards of the turn that was just played, after the change."""
+        state = self._session.state
+        over = not state.movers
+        if self._mdp is None or (state.mdp is self._mdp and not over):
+            return list(rewards)
+        before = self._value
+        self._mdp = None if over else state.mdp
+        self._value = np.zeros(1) if over else self._transformation.values([state.mdp])
+        both = np.full(len(rewards), 1.0)
+        return self._transformation.rewards(np.array(rewards, np.float64), before * both, self._value * both).tolist()
+
+
 class Side:
     """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
 
@@ -55,11 +88,14 @@ class Side:
             raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")
         self.observation_space = spaces.Dict({SEEN: self.transformation.observation_space(), MASK: both[MASK]})
         self._session = base.session
+        self.rewards = RewardChange(self.transformation, base.session) if self.transformation.changes_rewards else None
         self._role = Role(AGENTS.index(agent))
         self._entries: Info = {}  # what became of the agent's last action
 
     def start(self) -> None:
         self._entries = {}
+        if self.rewards is not None:
+            self.rewards.start()
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         seen, mask = observation[SEEN], observation[MASK]
@@ -127,6 +163,8 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
         self.sides = sides  # by agent; SingleAgentView plays through them
         self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
+        self._added = dict.fromkeys(AGENTS, 0.0)  # to each agent's reward of this turn
+        self._all_added = dict.fromkeys(AGENTS, 0.0)  # and to its rewards since it last acted
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.sides[agent].observation_space
@@ -134,12 +172,35 @@ class GameTurns(BaseWrapper[str, Any, Any]):
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
         self._told = None
+        self._added = dict.fromkeys(AGENTS, 0.0)
+        self._all_added = dict.fromkeys(AGENTS, 0.0)
         for side in self.sides.values():
             side.start()
 
     def step(self, action: Any) -> None:
-        super().step(self.sides[self.agent_selection].action(action) if self.agents else action)
+        agent = self.agent_selection if self.agents else None
+        super().step(self.sides[agent].action(action) if agent else action)
         self._told = None
+        if agent and self.transformation.changes_rewards:
+            self._change_rewards(agent)
+
+    def _change_rewards(self, actor: str) -> None:
+        rewards = [self.env.rewards.get(agent, 0.0) for agent in AGENTS]
+        self._all_added[actor] = 0.0
+        for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
+            change = self.sides[agent].rewards
+            assert change is not None
+            self._added[agent] = change.changed(rewards)[role] - reward
+            self._all_added[agent] += self._added[agent]
+
+    @property
+    def rewards(self) -> dict[str, float]:
+        return {agent: reward + self._added[agent] for agent, reward in self.env.rewards.items()}
+
+    @property
+    def _cumulative_rewards(self) -> dict[str, float]:
+        beneath: Mapping[str, float] = self.env._cumulative_rewards
+        return {agent: reward + self._all_added[agent] for agent, reward in beneath.items()}
 
     def observe(self, agent: str) -> Any:
         observation = super().observe(agent)
@@ -150,6 +211,9 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         if self._told is None:
             look = {agent: partial(self.observe, agent) for agent in self.env.infos}
             self._told = {agent: self.sides[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
+            if self.transformation.changes_rewards:
+                for agent, info in self._told.items():
+                    info[UNCHANGED_REWARD] = self.env.rewards[agent]
         return self._told
 
     def __str__(self) -> str:
@@ -181,7 +245,16 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
             actions = {agent: self.sides[agent].action(action) for agent, action in actions.items()}
         observations, rewards, terminated, truncated, infos = super().step(dict(actions))
         shown, told = self._shown(observations, infos)
+        if self.transformation.changes_rewards:
+            for agent, info in told.items():
+                info[UNCHANGED_REWARD] = rewards[agent]
+            rewards = self._changed(rewards)
         return shown, rewards, terminated, truncated, told
+
+    def _changed(self, rewards: Mapping[str, float]) -> dict[str, float]:
+        both = [rewards[agent] for agent in AGENTS]
+        changes = {agent: self.sides[agent].rewards for agent in AGENTS}
+        return {agent: change.changed(both)[Role(AGENTS.index(agent))] for agent, change in changes.items() if change}
 
     def _shown(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]

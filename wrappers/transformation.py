@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.arrays import BoolArray
+from lilgym_mp.arrays import BoolArray, Float64Array
 from lilgym_mp.corpus import TaskSet
+from lilgym_mp.rules import State
 from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
@@ -20,6 +22,7 @@ class Transformation:
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
     speaks_of_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
+    changes_rewards: ClassVar[bool] = False
     tells: ClassVar[bool] = False  # whether `told` may have something to say
 
     def __init__(self, world: World) -> None:
@@ -45,6 +48,14 @@ class Transformation:
     def legal(self, moment: Moment) -> BoolArray:
         """(B, actions) a new array: the legal actions after the change."""
         return moment.legal()
+
+    def values(self, states: Sequence[State]) -> Float64Array:
+        """(B,) what `rewards` needs to know of states in which an episode goes on."""
+        return np.zeros(len(states))
+
+    def rewards(self, rewards: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
+        """(B,) the rewards after the change, from `values` before and after the actions; 0 after an episode's end."""
+        return rewards
 
     def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
         """Entries to add to the infos after reset and step; `info` is what is there already."""

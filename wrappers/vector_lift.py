@@ -10,11 +10,18 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array
+from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
+from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.gymnasium_lift import plain
 from lilgym_mp.wrappers.moment import Moment, StatesMoment, World, WrongEnvironment, scene_of
-from lilgym_mp.wrappers.transformation import Batch, Format, TaskChange, Transformation, refuse_above_others
+from lilgym_mp.wrappers.transformation import (
+    Batch,
+    Format,
+    TaskChange,
+    Transformation,
+    refuse_above_others,
+)
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -51,21 +58,28 @@ class VectorEnvWrapper(AnyVectorWrapper):
             self.action_space = batch_space(self.single_action_space, env.num_envs)
         self._moment = VectorMoment(env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # where the next action is ignored, since it only resets
+        self._values = np.zeros(env.num_envs)  # of the states now, where rewards are changed
         self._autoreset: AutoresetMode = self.metadata["autoreset_mode"]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
-        self._restarting[(options or {}).get("reset_mask", slice(None))] = False
+        begun = (options or {}).get("reset_mask", slice(None))
+        self._restarting[begun] = False
+        if self.transformation.changes_rewards:
+            self._evaluate(np.arange(self.num_envs)[begun])
         return self._shown(observations), self._told(infos)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        entries: Mapping[str, BoolArray] = {}
+        entries: Mapping[str, Batch] = {}
         if self.transformation.changes_actions:
             actions, entries = self.transformation.actions(actions, self._moment)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = np.logical_or(terminated, truncated)
+        if self.transformation.changes_rewards:
+            entries = {**entries, UNCHANGED_REWARD: rewards}
+            rewards = self._changed(rewards, ended)
         if entries:
             infos = self._reported(infos, entries, ended)
         if LAST in infos:
@@ -81,6 +95,18 @@ class VectorEnvWrapper(AnyVectorWrapper):
     def goal_reached(self) -> BoolArray:
         """(N,) bool: whether STOP would be rewarded as a success now."""
         return self._moment.goal_reached()
+
+    def _changed(self, rewards: Float64Array, ended: BoolArray) -> Float64Array:
+        """(N,) the rewards after the change, and `_values` those of the states now; a reset's reward stays."""
+        before = self._values.copy()
+        same_step = self._autoreset is AutoresetMode.SAME_STEP
+        self._evaluate(np.arange(self.num_envs) if same_step else (~ended).nonzero()[0])
+        changed = self.transformation.rewards(rewards, before, np.where(ended, 0.0, self._values))
+        return np.where(self._restarting, rewards, changed)
+
+    def _evaluate(self, env_ids: Int64Array) -> None:
+        states = self._moment.states()
+        self._values[env_ids] = self.transformation.values([states[env_id] for env_id in env_ids.tolist()])
 
     def _shown(self, observations: Batch) -> Batch:
         if not self.transformation.changes_observations:
@@ -112,7 +138,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
                 changed[LAST_INFO] |= {name: spread, f"_{name}": ended.copy()}
         return {**infos, **changed}
 
-    def _reported(self, infos: dict[str, Any], entries: Mapping[str, BoolArray], ended: BoolArray) -> dict[str, Any]:
+    def _reported(self, infos: dict[str, Any], entries: Mapping[str, Batch], ended: BoolArray) -> dict[str, Any]:
         """The infos with what became of the actions; of an episode that ended, where Gymnasium has its last info."""
         acted = ~self._restarting
         if self._autoreset is not AutoresetMode.SAME_STEP:
@@ -156,6 +182,9 @@ class VectorMoment:
     @property
     def items(self) -> Int16Array:
         return self._base.scene_array()
+
+    def states(self) -> Sequence[State]:
+        return self._base.states()
 
     def legal(self) -> BoolArray:
         return self._action_masks()
@@ -228,9 +257,9 @@ class _Stacked(Mapping[str, Batch]):
         return len(self._observations[0])
 
 
-def _where(entries: Mapping[str, BoolArray], where: BoolArray) -> dict[str, BoolArray]:
+def _where(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
     """Entries (N,) as Gymnasium's infos have them: beside each a mask `_name` of where it holds."""
-    values = {name: value & where for name, value in entries.items()}
+    values = {name: value * where for name, value in entries.items()}
     return values | {f"_{name}": where.copy() for name in entries}
 
 

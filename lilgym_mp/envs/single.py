@@ -30,6 +30,7 @@ from lilgym_mp.task import Task
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 RESET_OPTIONS = ("task",)
+UNCHANGED_REWARD = "unshaped_reward"  # the key in infos for a reward that a wrapper changed
 
 
 class LilGymEnv(gym.Env[Observation, int]):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
+from lilgym_mp.envs.proposer_verifier.states import AGENTS
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import (
     PotentialShaping,
@@ -88,9 +90,115 @@ def test_shaping__needs_a_discount(make: Make, discount: float):
         PotentialShaping(make("TowerFlipIt"), discount)
 
 
-def test_shaping__of_many_environments_is_refused_with_advice(make_batch: Callable[[str], Any]):
-    with pytest.raises(WrongEnvironment, match="wrap each"):
-        potential_shaping_v0(make_batch("TowerScratch"))
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep", "Disabled"])
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_shaping__of_a_batch_rewards_as_single_environments_do(corpus: str, configuration: str, autoreset: str):
+    id, rng = f"lilgym_mp/{configuration}-v0", np.random.default_rng(3)
+    batch = gym.make_vec(id, num_envs=3, corpus=corpus, horizon=3, autoreset_mode=autoreset)
+    batch = potential_shaping_v0(batch, discount=0.9)
+    singles = [PotentialShaping(gym.make(id, corpus=corpus, horizon=3), discount=0.9) for _ in range(3)]
+    batch.reset(seed=5)
+    for place, env in enumerate(singles):
+        env.reset(seed=5 + place)
+    waiting = [False] * 3
+    for _ in range(12):
+        actions = rng.integers(0, 13, 3)
+        _, rewards, terminated, truncated, infos = batch.step(actions)
+        ended = terminated | truncated
+        for place, env in enumerate(singles):
+            if waiting[place]:
+                env.reset()
+                assert rewards[place] == 0
+                assert not infos["_unshaped_reward"][place]
+                waiting[place] = False
+                continue
+            _, reward, *_, info = env.step(int(actions[place]))
+            assert rewards[place] == reward
+            told = infos["final_info"] if autoreset == "SameStep" and ended[place] else infos
+            assert told["unshaped_reward"][place] == info["unshaped_reward"]
+            if ended[place]:
+                waiting[place] = autoreset == "NextStep"
+                if not waiting[place]:
+                    env.reset()
+        if autoreset == "Disabled" and ended.any():
+            batch.reset(options={"reset_mask": ended})
+
+
+def test_shaping__serves_sb3(corpus: str):
+    sb3 = pytest.importorskip("lilgym_mp.sb3", reason="stable-baselines3 is not installed")
+    settings = {"n_envs": 2, "seed": 1, "corpus": corpus, "horizon": 3}
+    batched, dummy = (
+        sb3.make_vec_env("lilgym_mp/TowerScratch-v0", backend=backend, wrap=potential_shaping_v0, **settings)
+        for backend in ("batched", "dummy")
+    )
+    for venv in (batched, dummy):
+        venv.reset()
+    for action in (ADD_LEFT_YELLOW, STOP, ADD_LEFT_YELLOW):
+        actions = np.array([action, ADD_LEFT_YELLOW])
+        (_, rewards, dones, infos), (_, expected, ends, told) = batched.step(actions), dummy.step(actions)
+        assert rewards.tolist() == expected.tolist()
+        assert dones.tolist() == ends.tolist()
+        assert [info["unshaped_reward"] for info in infos] == pytest.approx([info["unshaped_reward"] for info in told])
+
+
+def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list[float]:
+    """What shaping adds to each agent's return in a game, where the proposer takes `actions` and then STOPs."""
+    from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
+
+    to_come = iter(actions)
+    if form == "single":
+        view = SingleAgentView(potential_shaping_v0(env(**settings)), "proposer_0", "oracle")
+        view.reset(options={"task": "train-0"})
+        added, ended = 0.0, False
+        while not ended:
+            _, reward, terminated, truncated, info = view.step(next(to_come, STOP))
+            added, ended = added + float(reward) - info["unshaped_reward"], terminated or truncated
+        return [added]
+    game = potential_shaping_v0((env if form == "turns" else parallel_env)(**settings))
+    game.reset(options={"task": "train-0"})
+    agents = list(game.agents)
+    gained, unshaped = dict.fromkeys(agents, 0.0), dict.fromkeys(agents, 0.0)
+
+    def chosen(agent: str) -> int:
+        """The proposer's next action, or the verifier's 1; the last number is "wait"."""
+        turn = AGENTS.index(agent) in game.unwrapped.session.state.movers
+        waits = game.action_space(agent).n - 1
+        return waits if not turn else 1 if agent == agents[1] else next(to_come, STOP)
+
+    while game.agents:
+        if form == "turns":
+            agent = game.agent_selection
+            _, reward, terminated, truncated, info = game.last()
+            gained[agent] += reward
+            if not (terminated or truncated):
+                game.step(chosen(agent))
+                for one in agents:
+                    unshaped[one] += game.infos[one]["unshaped_reward"]
+                    assert game.rewards[one] - game.infos[one]["unshaped_reward"] == pytest.approx(
+                        game.rewards[agents[0]] - game.infos[agents[0]]["unshaped_reward"]
+                    )
+            else:
+                game.step(None)
+        else:
+            _, rewards, _, _, infos = game.step({agent: chosen(agent) for agent in agents})
+            for agent in agents:
+                gained[agent] += rewards[agent]
+                unshaped[agent] += infos[agent]["unshaped_reward"]
+    return [gained[agent] - unshaped[agent] for agent in agents]
+
+
+@pytest.mark.parametrize("form", ["turns", "together", "single"])
+@pytest.mark.parametrize("protocol", ["veto", "joint", "critique"])
+def test_shaping__of_a_game_changes_returns_by_the_starts_potential(corpus: str, protocol: str, form: str):
+    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    settings = {"appearance": "tower", "start": "scratch", "corpus": corpus, "protocol": protocol, "horizon": 3}
+    potential = PotentialShaping(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, horizon=3))
+    potential.reset(options={"task": "train-0"})
+    _, reward, _, _, info = potential.step(STOP)
+    for actions in ([], [ADD_LEFT_YELLOW], [ADD_LEFT_YELLOW, 3, 3]):
+        added = added_by_shaping(form, actions, **settings)
+        assert added == pytest.approx([float(reward) - info["unshaped_reward"]] * len(added))
+    assert added != pytest.approx([0] * len(added))
 
 
 @pytest.mark.parametrize("edits", [0, 1, 2])

@@ -21,11 +21,28 @@ from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, STOP_ACTION, GameState, Intent, Role
 
 
+class RewardChange(Protocol):
+    """How a wrapper changes both agents' rewards."""
+
+    def start(self) -> None:
+        """Called when an agent first has a turn."""
+        ...
+
+    def changed(self, rewards: Sequence[float]) -> Sequence[float]:
+        """Both agents' rewards of the turn that was just played, after the change; called once a turn."""
+        ...
+
+
 class Side(Protocol):
     """What a wrapper of the game changes for one agent."""
 
     @property
     def observation_space(self) -> spaces.Dict: ...
+
+    @property
+    def rewards(self) -> RewardChange | None:
+        """None where rewards stay as they are."""
+        ...
 
     def start(self) -> None:
         """Called after each reset."""

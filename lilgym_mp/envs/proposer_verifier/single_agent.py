@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+from collections import deque
+from collections.abc import Iterator, Sequence
 from typing import Any, SupportsFloat, SupportsIndex, cast
 
 import gymnasium as gym
@@ -23,6 +25,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
 from lilgym_mp.envs.proposer_verifier.session import RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, GameStep, Role
+from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.envs.window import RENDER_FPS
 
 MOST_DRAWS = 1_000  # games in a row that may end before the agent has had a turn
@@ -75,6 +78,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self._role = role_of(agent)
         self._sides = tuple(_sides_of(env, name) for name in AGENTS)
         own = self._sides[self._role]
+        self._reward_changes = [side.rewards for side in own if side.rewards is not None]
         seen = own[-1].observation_space["observation"] if own else None
         self.observation_space = seen or spaces.Dict(
             {key: part.space for key, part in self.session.parts[self._role].items()}
@@ -90,8 +94,10 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             infos = self.session.reset(seed if skipped == 0 else None, options)
             for side in (*self._sides[0], *self._sides[1]):
                 side.start()
-            self._partner_plays()
+            deque(self._partner_plays(), maxlen=0)
             if self.session.state.movers:
+                for change in self._reward_changes:
+                    change.start()
                 return self._observation(), self._info(infos[self._role]) | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MOST_DRAWS} games with partner {self.partner!r}")
 
@@ -100,12 +106,22 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         ResetNeeded before reset and after the end."""
         session = self.session
         step = self._play(action)
-        reward = step.rewards[self._role]
+        reward, unchanged = self._reward(step), step.rewards[self._role]
         info = session.infos(step)[self._role]
         for step in self._partner_plays():
-            reward += step.rewards[self._role]
+            reward += self._reward(step)
+            unchanged += step.rewards[self._role]
             info |= session.infos(step)[self._role]
+        if self._reward_changes:
+            info[UNCHANGED_REWARD] = unchanged
         return self._observation(), reward, step.terminated, step.truncated, self._info(info)
+
+    def _reward(self, step: GameStep) -> float:
+        """The agent's, of the turn that was just played, as the wrappers change it."""
+        rewards: Sequence[float] = step.rewards
+        for change in self._reward_changes:
+            rewards = change.changed(rewards)
+        return rewards[self._role]
 
     def _play(self, action: SupportsIndex) -> GameStep:
         """The agent's turn, and the partner's too where both move at once."""
@@ -116,14 +132,12 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         other = self._ask() if role.other in session.state.movers else None
         return session.play(action, other) if role is Role.PROPOSER else session.play(other, action)
 
-    def _partner_plays(self) -> list[GameStep]:
-        """The partner's turns until the agent moves or the game is over."""
+    def _partner_plays(self) -> Iterator[GameStep]:
+        """The partner's turns, each when it is asked for, until the agent moves or the game is over."""
         session, role = self.session, self._role
-        steps: list[GameStep] = []
         while session.state.movers and role not in session.state.movers:
             action = self._ask()
-            steps.append(session.play(None, action) if role is Role.PROPOSER else session.play(action, None))
-        return steps
+            yield session.play(None, action) if role is Role.PROPOSER else session.play(action, None)
 
     def _ask(self) -> int:
         other = self._role.other
