@@ -44,7 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_missing_streams()
     name = PROGRAM
     try:
-        args = make_parser().parse_args(argv)
+        words = sys.argv[1:] if argv is None else list(argv)
+        args = parsed(words)
         name = f"{PROGRAM} {args.command}"
         return _with_output(name, int(args.run(args)))
     except (CommandError, ValueError) as fault:
@@ -108,6 +109,11 @@ def _refused(reason: str, code: int = USAGE_ERROR) -> int:
     with suppress(OSError):  # nobody is there to be told
         print(printable(reason), file=sys.stderr)
     return code
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """What a command line asks for; `words` of it are the words themselves."""
+    return make_parser().parse_args(words, argparse.Namespace(words=tuple(words)))
 
 
 @cache

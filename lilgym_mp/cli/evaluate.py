@@ -12,6 +12,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_configuration, add_device, add_settings, add_split, said_settings
 from lilgym_mp.corpus import NoTasksError
+from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
 from lilgym_mp.evaluation.contestants import BASELINES, BUILT_IN, Contestant, built_in
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
@@ -122,7 +123,9 @@ def _recorded(played: Iterable[Result], args: argparse.Namespace, trial: Trial, 
     """The results, each written as it comes."""
     recorder = Recorder(trial.settings, trial.split, seen, asks_expert=args.optimal)
     for result in played:
-        print(f"episodes: {recorder.write(args.record, result)}", flush=True)
+        path = recorder.write(args.record, result)
+        Circumstances.now(args.words).write(path)
+        print(f"episodes: {path}", flush=True)
         yield result
 
 

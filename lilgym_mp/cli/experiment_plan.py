@@ -23,7 +23,7 @@ RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: Imitation
 BUDGETS: Mapping[str, Mapping[str, Any]] = {PARSE_AND_PLAN: {}, IMITATION: {"minutes": 10.0}, PPO: {"steps": 200_000}}
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
-LEARNER_KEYS = ("name", "learner", "configurations", "seeds", "actions")
+LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
 POLICIES_RUN = "policies"
 
 
@@ -152,12 +152,13 @@ def _learner_runs(
     seeds = _seeds(file, f"{where}seeds", learner.get("seeds", common["seeds"]))
     manners = file.some(f"{where}actions", learner.get("actions", ["greedy"]), ["greedy", "sampled"], str)
     options = {key: value for key, value in learner.items() if key not in LEARNER_KEYS}
+    learnt = ["--corpus", _training_corpus(file, f"{where}corpus", learner, configurations, environment[1])]
     for configuration in (None,) if kind == PARSE_AND_PLAN else configurations:
         budget = _checked_options(file, where, kind, configuration, options)
         for seed in seeds:
             words = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed)]
-            words += environment[:2] if kind == PARSE_AND_PLAN else environment
-            played = [configuration] if configuration else every
+            words += learnt if kind == PARSE_AND_PLAN else [*learnt, *environment[2:]]
+            played = _played(kind, configuration, every)
             test = ("evaluate", "--name", name, "--actions", *manners, "--configuration", *played, *evaluated)
             yield PlannedRun(
                 "-".join([name, *([configuration] if configuration else []), str(seed)]),
@@ -165,6 +166,31 @@ def _learner_runs(
                 tuple((*test, "--split", split) for split in common["splits"]),
                 budget,
             )
+
+
+def _training_corpus(
+    file: _File, key: str, learner: Mapping[str, Any], configurations: Sequence[str], default: str
+) -> str:
+    """What the learner is trained on: the experiment's corpus unless it names its own, once that is there."""
+    corpus = learner.get("corpus", default)
+    if not isinstance(corpus, str):
+        raise file.fault(key, f"must be a text, not {corpus!r}")
+    if corpus != default:
+        try:
+            for name in configurations:
+                Settings(name, corpus).make("train")
+        except ValueError as fault:
+            raise file.fault(key, str(fault)) from None
+    return corpus
+
+
+def _played(kind: str, configuration: str | None, every: Sequence[str]) -> Sequence[str]:
+    """Those of the experiment's configurations that the agent plays: an imitating one both starts of its appearance."""
+    if configuration is None:
+        return every
+    if kind == IMITATION:
+        return [name for name in every if CONFIGURATIONS[name][0] == CONFIGURATIONS[configuration][0]]
+    return [configuration]
 
 
 def _checked_options(

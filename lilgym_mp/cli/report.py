@@ -75,12 +75,12 @@ def recorded_runs(places: Sequence[Path]) -> set[Path]:
 
 def _play(places: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:
     """Records the runs, the expert and random play."""
-    from lilgym_mp.cli import make_parser
+    from lilgym_mp.cli import parsed
 
     for corpus_name in dict.fromkeys(corpus or trained_on(place) for place in places):
         own = [place for place in places if (corpus or trained_on(place)) == corpus_name]
         words = [*map(str, own), "--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name]
-        args = make_parser().parse_args(["evaluate", *words, "--split", split, "--record", str(directory), "--optimal"])
+        args = parsed(["evaluate", *words, "--split", split, "--record", str(directory), "--optimal"])
         args.run(args)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment import minutes, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts, carry_out
+from tests.own_corpus import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
 SMALL = """
@@ -28,7 +30,9 @@ def written(path: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("file", sorted(FILES.glob("*.toml")), ids=lambda file: file.stem)
-def test_plan__files_that_come_with_the_project_can_be_run(file: Path):
+def test_plan__files_that_come_with_the_project_can_be_run(file: Path, request: pytest.FixtureRequest):
+    if tomllib.loads(file.read_text())["corpus"] == "lilgym":
+        request.getfixturevalue("official_data")
     plan = read_plan(file)
     assert len({planned.name for planned in plan}) == len(plan)
 
@@ -60,6 +64,32 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert plan[4].train == ()
 
 
+def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_both_starts(tmp_path: Path):
+    text = f"""
+    corpus = "{tmp_path / "own.jsonl"}"
+    configurations = ["TowerScratch", "TowerFlipIt"]
+    [[learners]]
+    learner = "parse-and-plan"
+    corpus = "builtin"
+    [[learners]]
+    learner = "imitation"
+    configurations = ["TowerFlipIt"]
+    """
+    write_own_corpus(tmp_path / "own.jsonl")
+    parser, imitation = read_plan(written(tmp_path / "a.toml", text))
+    assert parser.train[-2:] == ("--corpus", "builtin")
+    assert imitation.train[-2:] == ("--corpus", str(tmp_path / "own.jsonl"))
+    for planned in (parser, imitation):
+        (words,) = planned.evaluate
+        chosen = words.index("--configuration")
+        assert words[chosen + 1 : chosen + 5] == (
+            "TowerScratch",
+            "TowerFlipIt",
+            "--corpus",
+            str(tmp_path / "own.jsonl"),
+        )
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -78,6 +108,8 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
         (SMALL + "steps = 0", r"learners\[0\]\.steps: must be a number above 0"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
         (SMALL + '[[learners]]\nlearner = "ppo"', "learners: two have the same name"),
+        (SMALL + 'corpus = "/nowhere.jsonl"', r"learners\[0\]\.corpus: .*nowhere"),
+        (SMALL + "corpus = 1", r"learners\[0\]\.corpus: must be a text, not 1"),
         (SMALL + 'name = "a/b"', "name: must be of letters"),
         (SMALL.replace("ppo", "parse-and-plan") + 'configurations = ["TowerScratch"]', "one agent plays all"),
         (SMALL + 'configurations = ["ScatterFlipIt"]', "unknown value 'ScatterFlipIt'; choose from TowerScratch"),
