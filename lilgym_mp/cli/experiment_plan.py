@@ -20,7 +20,11 @@ from lilgym_mp.learning.recipe import Recipe
 PARSE_AND_PLAN, IMITATION, PPO = "parse-and-plan", "imitation", "ppo"
 RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: Recipe}
 # By learner, options of its training beside the recipe, with their defaults.
-BUDGETS: Mapping[str, Mapping[str, Any]] = {PARSE_AND_PLAN: {}, IMITATION: {"minutes": 10.0}, PPO: {"steps": 200_000}}
+BUDGETS: Mapping[str, Mapping[str, Any]] = {
+    PARSE_AND_PLAN: {},
+    IMITATION: {"minutes": 10.0},
+    PPO: {"steps": 200_000, "evaluate_every": None},
+}
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
@@ -199,7 +203,8 @@ def _checked_options(
     """The learner's budget, once its options make a recipe."""
     budgets = {key: options.get(key, default) for key, default in BUDGETS[kind].items()}
     for key, value in budgets.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
+        kinds = int if key == "evaluate_every" else int | float
+        if key in options and (isinstance(value, bool) or not isinstance(value, kinds) or value <= 0):
             raise file.fault(f"{where}{key}", f"must be a number above 0, not {value!r}")
     rest = {key: value for key, value in options.items() if key not in budgets}
     defaults = {field.name: field.default for field in fields(RECIPES[kind])}

@@ -44,6 +44,12 @@ def add_parser(learners: Any) -> None:
         "--save-every", type=int, default=20_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
     )
     parser.add_argument(
+        "--evaluate-every",
+        type=int,
+        metavar="N",
+        help="steps between evaluations on dev, for learning curves (default: none)",
+    )
+    parser.add_argument(
         "--backend",
         default=DEFAULT_BACKEND,
         metavar="NAME",
@@ -61,14 +67,20 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.training import train
 
     check_backend(args.backend)
-    for name in ("steps", "save_every", "threads"):
-        if getattr(args, name) < 1:
-            raise CommandError(f"--{option(name)} must be at least 1, not {getattr(args, name)}")
+    for name in ("steps", "save_every", "evaluate_every", "threads"):
+        if (value := getattr(args, name)) is not None and value < 1:
+            raise CommandError(f"--{option(name)} must be at least 1, not {value}")
     ready = _resumed(args) if args.resume else _begun(args)
     print(_described(ready, args.steps))
     with TrainingDisplay(ready.steps, args.steps) as display:
         done = train(
-            ready, args.steps, backend=args.backend, save_every=args.save_every, threads=args.threads, on_update=display
+            ready,
+            args.steps,
+            backend=args.backend,
+            save_every=args.save_every,
+            evaluate_every=args.evaluate_every,
+            threads=args.threads,
+            on_update=display,
         )
     save_agent(done)
     place = done.directory.path

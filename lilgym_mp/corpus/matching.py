@@ -48,5 +48,11 @@ def matching_corpus(tasks: TaskSet) -> TaskSet:
     return TaskSet(matching, origin, {name: tasks.tags(name) for name in tasks.ids})
 
 
+def solvable_matching_corpus(tasks: TaskSet) -> TaskSet:
+    """The same without the tasks that no scene of the corpus solves, as the paper leaves them out (its Figure 4)."""
+    kept = [task for task in matching_corpus(tasks) if isinstance(task, MatchingTask) and task.goals]
+    return TaskSet(kept, tasks.provenance, {task.id: tasks.tags(task.id) for task in kept})
+
+
 def _matching(task: Task, goals: frozenset[Content]) -> MatchingTask:
     return MatchingTask(task.id, task.statement, task.program, task.target, task.start, goals)

@@ -8,15 +8,21 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
 from threading import current_thread, main_thread
+from typing import Any
 
+import gymnasium as gym
 from stable_baselines3.common.vec_env import VecEnv
 
 from lilgym_mp import sb3
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.recipe import Recipe
 from lilgym_mp.wrappers import stop_forcing_v0
+from lilgym_mp.wrappers.factory import factory
+from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.transformation import TaskChange
 
 TRAINING_SPLIT = "train"
 
@@ -42,12 +48,35 @@ def make_training_envs(
             settings.id,
             recipe.envs,
             backend,
-            wrap=partial(stop_forcing_v0, mode="mask") if recipe.stop_forcing else None,
+            wrap=partial(_wrapped, recipe) if recipe.stop_forcing or recipe.nlvr_reward else None,
             vocabulary=vocabulary,
             length=length,
             monitor=False,
             **arguments,
         )
+
+
+class _SolvableMatchingTasks(TaskChange):
+    change = staticmethod(solvable_matching_corpus)
+
+
+class _SolvableNLVRReward(EnvWrapper[_SolvableMatchingTasks]):
+    """`NLVRReward` without the tasks that no scene of the corpus solves."""
+
+    does = _SolvableMatchingTasks
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+
+
+_solvable_nlvr_reward = factory(_SolvableNLVRReward)
+
+
+def _wrapped(recipe: Recipe, env: Any) -> Any:
+    """What the recipe changes of the environments."""
+    if recipe.nlvr_reward:
+        env = _solvable_nlvr_reward(env)
+    return stop_forcing_v0(env, mode="mask") if recipe.stop_forcing else env
 
 
 @contextmanager

@@ -18,6 +18,7 @@ class Recipe:
     seed: int = _setting(0, "of the environments, the network and the actions drawn")
     envs: int = _setting(16, "environments played side by side")
     stop_forcing: bool = _setting(False, "while training, STOP wherever it succeeds (PPO+SF)")
+    nlvr_reward: bool = _setting(False, "reward STOP in scenes of the corpus alone (Scratch), as the paper's ablation")
     recolour: bool = _setting(False, "train on every exchange of the three colours in the training tasks too")
     rollout: int = _setting(2048, "actions of all environments together between two updates")
     batch_size: int = _setting(256, "actions in a step of the optimiser")
@@ -40,6 +41,8 @@ class Recipe:
                 raise ValueError(f"{option(name)} must be at least {lowest:g}{upper}, not {value}")
         if self.rollout % self.envs:
             raise ValueError(f"rollout must be a multiple of envs: {self.rollout} is none of {self.envs}")
+        if self.nlvr_reward and self.recolour:
+            raise ValueError("nlvr-reward and recolour exclude each other: the corpus has no recoloured scenes")
         if self.batch_size > self.rollout:
             raise ValueError(f"batch-size must be at most rollout, {self.rollout}, not {self.batch_size}")
 

@@ -5,6 +5,7 @@ vocabulary.json  the words of the training statements
 training_tasks.jsonl  the corpus learnt from, where the recipe recolours
 checkpoint.pt    network, optimiser and counts, replaced whole
 progress.jsonl   a line an update
+evaluations.jsonl  a line an evaluation on dev, where that was asked for
 tensorboard/     the same for TensorBoard
 """
 
@@ -112,6 +113,7 @@ class RunDirectory:
         self.tasks_file = path / "training_tasks.jsonl"
         self.checkpoint_file = path / "checkpoint.pt"
         self.progress_file = path / "progress.jsonl"
+        self.evaluations_file = path / "evaluations.jsonl"
         self.tensorboard = path / "tensorboard"
 
     @property

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,9 +21,11 @@ from stable_baselines3.common.utils import set_random_seed
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.augmentation import write_recoloured
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
+from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import writable_directory, write_whole
 from lilgym_mp.evaluation.metrics import ENDS
+from lilgym_mp.learning.dev_evaluation import DevEvaluator, LearningCurve, TrainingClock
 from lilgym_mp.learning.environments import TRAINING_SPLIT, make_training_envs
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.network import ActorCritic
@@ -84,6 +86,8 @@ def begin_run(path: Path, settings: Settings, recipe: Recipe) -> Run:
     if directory.exists:
         raise RunError(f"{path} holds a training run already; resume it with --resume, or choose another directory")
     origin = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    if recipe.nlvr_reward:
+        solvable_matching_corpus(origin)
     ActorCritic.check(make_appearance(settings.appearance, settings.grid))
     settings.make(TRAINING_SPLIT)
     writable_directory(path)
@@ -130,10 +134,14 @@ def train(
     *,
     backend: str,
     save_every: int,
+    evaluate_every: int | None = None,
     threads: int = 1,
     on_update: Callable[[Progress], object] = lambda progress: None,
 ) -> Run:
     """The run after `steps` steps in all, rounded up to whole rollouts; saved every `save_every` steps and at the end.
+
+    With `evaluate_every` it plays dev at the beginning, after that many steps again and again, and at the end, actions
+    drawn (`DevEvaluation`, a line each in the run's evaluations_file); what is learnt stays the same.
 
     Ctrl-C and SIGTERM end it early, saved, at the next step; a second one at once (main thread only). `threads` compute
     the network; more than one help only where as many processors have nothing else to do. `on_update` hears of each
@@ -141,6 +149,7 @@ def train(
     """
     if steps <= run.steps:
         raise RunError(f"the run in {run.directory.path} has {run.steps:,} steps already; ask for more with --steps")
+    evaluator = DevEvaluator(run.identity.settings, run.identity.recipe.seed) if evaluate_every else None
     envs = make_training_envs(
         run.identity.settings,
         run.identity.recipe,
@@ -153,9 +162,17 @@ def train(
         with _torch_threads(threads), stop_on_signals() as stop:
             learner = _learner(run, envs)
             watcher = _Watcher(run, stop, save_every, on_update)
-            learner.learn(steps - run.steps, callback=watcher, reset_num_timesteps=False)
+            callbacks: list[BaseCallback] = [watcher]
+            if evaluator is not None and evaluate_every:
+                policy = partial(_drawing_agent, run, _policy(learner).network)
+                file = run.directory.evaluations_file
+                callbacks.append(LearningCurve(evaluator, evaluate_every, file, policy, watcher.clock))
+            learner.learn(steps - run.steps, callback=callbacks, reset_num_timesteps=False)
             learner.logger.close()
             checkpoint = watcher.save()
+            for curve in callbacks:
+                if isinstance(curve, LearningCurve) and not stop.requested:
+                    curve.add_point()
     finally:
         envs.close()
     return Run(run.directory, run.identity, run.vocabulary, run.tasks, checkpoint)
@@ -190,6 +207,11 @@ def _learner(run: Run, envs: Any) -> MaskablePPO:
         learner.num_timesteps = run.checkpoint.steps
         learner._n_updates = run.checkpoint.updates
     return learner
+
+
+def _drawing_agent(run: Run, network: ActorCritic) -> Agent:
+    """The network as a policy that draws its actions."""
+    return Agent(network, run.vocabulary, run.identity.length, greedy=False)
 
 
 def _policy(learner: MaskablePPO) -> MaskedActorCritic:
@@ -247,9 +269,9 @@ class _Watcher(BaseCallback):
         self._on_update = on_update
         done = run.checkpoint
         self._episodes = 0 if done is None else done.episodes
-        self._seconds_before = 0.0 if done is None else done.seconds
+        self.clock = TrainingClock(0.0 if done is None else done.seconds)
         self._saved_at = self._last_steps = run.steps
-        self._began = self._last_time = time.monotonic()
+        self._last_seconds = self.clock.seconds
         self._tally = _Tally()
         self._rewards = np.zeros(run.identity.recipe.envs)  # of the episodes under way
         self._lengths = np.zeros(run.identity.recipe.envs, np.int64)
@@ -286,28 +308,24 @@ class _Watcher(BaseCallback):
             self.model.num_timesteps,
             self.model._n_updates,
             self._episodes,
-            self._seconds,
+            self.clock.seconds,
         )
         self._run.directory.save(checkpoint)
         self._saved_at = self.num_timesteps
         return checkpoint
 
-    @property
-    def _seconds(self) -> float:
-        return self._seconds_before + time.monotonic() - self._began
-
     def _progress(self) -> Progress:
         """Of the time since the last call."""
         tally, self._tally = self._tally, _Tally()
-        now = time.monotonic()
-        speed = (self.num_timesteps - self._last_steps) / (now - self._last_time)
-        self._last_steps, self._last_time = self.num_timesteps, now
+        seconds = self.clock.seconds
+        speed = (self.num_timesteps - self._last_steps) / (seconds - self._last_seconds)
+        self._last_steps, self._last_seconds = self.num_timesteps, seconds
         count = tally.ends.total()
         self._episodes += count
         return Progress(
             steps=self.num_timesteps,
             episodes=self._episodes,
-            seconds=round(self._seconds, 3),
+            seconds=round(seconds, 3),
             steps_per_second=round(speed, 1),
             accuracy=tally.ends["success"] / count if count else None,
             mean_reward=tally.reward / count if count else None,

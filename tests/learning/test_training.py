@@ -6,15 +6,19 @@ import json
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import CorpusError, Vocabulary, load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.learning.dev_evaluation import DevEvaluator
+from lilgym_mp.learning.environments import make_training_envs
 from lilgym_mp.learning.recipe import Recipe
 from lilgym_mp.learning.run_directory import RunError
 from lilgym_mp.learning.training import Progress, Run, begin_run, open_run, train
@@ -69,6 +73,63 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
 def test_train__every_backend_plays_the_same_episodes(tmp_path: Path, backend: str):
     other = go_on(begin_run(tmp_path / "other", TOWER, SMALL), 32, backend=backend)
     assert equal(weights(other), weights(trained(tmp_path / "batched", 32)))
+
+
+def test_train__evaluates_on_dev_at_the_beginning_the_steps_asked_for_and_the_end(tmp_path: Path, own: str):
+    settings = Settings("TowerScratch", corpus=own)
+    run = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
+    file = tmp_path / "curve" / "evaluations.jsonl"
+    points = [json.loads(line) for line in file.read_text().splitlines()]
+    assert [point["steps"] for point in points] == [0, 64, 128]
+    policy = replace(run.agent(), greedy=False)
+    episodes = evaluate(policy, settings, "dev", seed=SMALL.seed)
+    assert points[-1]["start_scenes"] == len(episodes)
+    assert points[-1]["accuracy"] == sum(episode.is_success for episode in episodes) / len(episodes)
+    assert points[-1]["mean_reward"] == pytest.approx(sum(episode.reward for episode in episodes) / len(episodes))
+    go_on(open_run(tmp_path / "curve", {}), 192, evaluate_every=64)
+    assert [json.loads(line)["steps"] for line in file.read_text().splitlines()] == [0, 64, 128, 192]
+    assert equal(weights(run), weights(trained(tmp_path / "plain", 112, settings=settings)))  # nothing else changes
+
+
+def test_evaluator__counts_scenes_of_the_corpus_apart_from_scenes_in_which_the_program_is_as_wanted(own: str):
+    def adds(count: int) -> Any:
+        blue_left, stop = 3, 0
+        return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
+
+    evaluator = DevEvaluator(Settings("TowerScratch", corpus=own), 0)
+    one, two = (evaluator(adds(count), 0, 0.0) for count in (1, 2))
+    # Of "something yellow", "something blue" and two items, the corpus has one blue block for the second.
+    assert (one.start_scenes_with_image, one.image_accuracy, one.accuracy_with_image) == (3, 1 / 3, 1 / 3)
+    assert (two.image_accuracy, two.accuracy) == (0, 2 / 3)
+    assert DevEvaluator(Settings("TowerFlipIt", corpus=own), 0)(adds(1), 0, 0.0).image_accuracy is None
+
+
+def rewards_of_a_yellow_block_in_the_middle(recipe: Recipe, corpus: str) -> list[float]:
+    """Of STOP after adding it, in 16 environments: right by program for some statements, but no scene of the corpus."""
+    settings = Settings("TowerScratch", corpus=corpus)
+    add = settings.make("train").encode_action([1, 1, 0])
+    words = Vocabulary.from_statements(task.statement for task in settings.make("train").tasks)
+    envs = make_training_envs(settings, replace(recipe, envs=16), words, 8, corpus, "batched")
+    envs.seed(0)
+    envs.reset()
+    envs.step(np.full(16, add))
+    rewards = envs.step(np.zeros(16, np.int64))[1]
+    envs.close()
+    return rewards.tolist()
+
+
+def test_train__with_the_nlvr_reward_wants_scenes_of_the_corpus(tmp_path: Path, own: str):
+    matching = replace(SMALL, nlvr_reward=True)
+    assert max(rewards_of_a_yellow_block_in_the_middle(SMALL, own)) == 1
+    assert max(rewards_of_a_yellow_block_in_the_middle(matching, own)) == -1
+    forced = replace(matching, stop_forcing=True)
+    run = trained(tmp_path / "a", 64, forced, Settings("TowerScratch", corpus=own), backend="workers")
+    assert run.steps == 64
+    with pytest.raises(CorpusError, match="Scratch tasks only"):
+        begin_run(tmp_path / "b", Settings("TowerFlipIt", corpus=own), matching)
+    assert not (tmp_path / "b").exists()
+    with pytest.raises(ValueError, match="nlvr-reward and recolour exclude each other"):
+        replace(matching, recolour=True)
 
 
 def test_resume__goes_on_from_the_checkpoint_and_its_counts(tmp_path: Path):
