@@ -35,6 +35,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--tags", type=Path, metavar="FILE", help="hand-made phenomena: JSON, statements with their lists"
     )
+    parser.add_argument(
+        "--document",
+        type=Path,
+        metavar="FILE.md",
+        help="also the main tables and figures as a Markdown page without statements, pictures beside it",
+    )
     parser.add_argument("--corpus", metavar="NAME", help="for runs that are played (default: that of their training)")
     add_split(parser, "dev")
     parser.set_defaults(run=run)
@@ -42,9 +48,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.report import make_report
+    from lilgym_mp.report.document import check_document
     from lilgym_mp.report.making import check_directory
 
     check_directory(args.out)
+    if args.document is not None:
+        check_document(args.document)
     runs = [place for place in args.places if is_run_alone(place)]
     places = [place for place in args.places if place not in runs]
     recorded = recorded_runs(places)
@@ -54,10 +63,13 @@ def run(args: argparse.Namespace) -> int:
             if unplayed:
                 _play(unplayed, Path(played), args.corpus, args.split)
                 places.append(Path(played))
-            page = make_report(places, args.out, tags=args.tags, runs=runs)
+            command = " ".join(["lilgym-mp", *args.words])
+            page = make_report(places, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
     except ImportError as fault:
         raise CommandError(str(fault)) from None
     print(f"report: {page}")
+    if args.document is not None:
+        print(f"page:   {args.document}")
     return 0
 
 

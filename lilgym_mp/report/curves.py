@@ -1,20 +1,95 @@
-"""How training went, from the progress that runs keep."""
+"""How training went: on dev, where runs played it while they trained, and by the progress that all runs keep."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from lilgym_mp.report.drawing import Line, lines
-from lilgym_mp.report.gathering import Curve, Gathered
-from lilgym_mp.report.items import Chart, Item, Lacking
+from lilgym_mp.report.gathering import Curve, Gathered, differing, setting_shown
+from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.numbers import Spread, spread
 
-ITEM, TITLE = "Figure 4", "Learning curves"
+ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
 # By learner, what its progress holds: what to draw, and what that is.
 DRAWN: Mapping[str, tuple[str, str]] = {
     "ppo": ("accuracy", "success of training episodes"),
     "imitation": ("truth_accuracy", "truth of scenes told"),
     "parse-and-plan": ("loss", "loss of the parser"),
 }
+REWARD = "nlvr_reward"  # of a recipe: whether STOP was rewarded in scenes of the corpus alone
+NOT_EVALUATED = (
+    "no training run in the directories was evaluated on dev while it trained: `lilgym-mp train ppo CONFIGURATION"
+    " --evaluate-every N`, with and without --nlvr-reward"
+)
+# By what a line shows: of which tasks of Scratch, the entry of an evaluation; of FlipIt, whose have none, all tasks'.
+PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
+
+
+def learning(found: Gathered) -> Iterator[Item]:
+    """Figure 4, and the progress of training."""
+    yield from dev_curves(found.curves)
+    yield learning_curves(found)
+
+
+def dev_curves(curves: Sequence[Curve]) -> Iterator[Item]:
+    """A panel a configuration, a line a recipe: the mean over seeds, and the deviation around it."""
+    panels: list[tuple[str, str, str, list[Line]]] = []
+    rows: list[list[Cell]] = []
+    evaluated = [curve for curve in curves if curve.evaluations]
+    for configuration in dict.fromkeys(curve.configuration for curve in evaluated):
+        drawn: list[Line] = []
+        for name, runs in _groups([curve for curve in evaluated if curve.configuration == configuration]).items():
+            for what, key in _entries(runs):
+                line = mean_line(f"{name}{what}", [run.evaluations for run in runs], key)
+                drawn.append(line)
+                last = spread([run.evaluations[-1][key] for run in runs])
+                rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last and _percent(last)])
+        panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
+    if not panels:
+        yield Lacking(ITEM, ON_DEV, NOT_EVALUATED)
+        return
+    note = (
+        "Actions drawn, illegal ones masked. With the program reward a STOP is right where the program says so, with"
+        " the NLVR reward only in a scene that the corpus has for the statement; 'by program' judges its agent by the"
+        " program. As in the paper, Scratch tasks without such a scene are left out of all lines. A line is the mean"
+        " over seeds, the band its sample standard deviation."
+    )
+    yield Chart(ITEM, ON_DEV, lines(panels), note)
+    columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
+    yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
+
+
+def _groups(curves: Sequence[Curve]) -> dict[str, list[Curve]]:
+    """The runs by learner, reward and what else tells their recipes apart but the seed."""
+    keys = [key for key in differing([curve.recipe for curve in curves]) if key != REWARD]
+    groups: dict[str, list[Curve]] = {}
+    for curve in curves:
+        reward = "NLVR reward" if curve.recipe.get(REWARD) else "program reward"
+        settings = [f"{key} {setting_shown(curve.recipe.get(key))}" for key in keys]
+        groups.setdefault(", ".join([curve.learner, *settings, reward]), []).append(curve)
+    return groups
+
+
+def _entries(runs: Sequence[Curve]) -> list[tuple[str, str]]:
+    """What to draw of runs of one recipe: how to call it, and the entry of their evaluations."""
+    if any(line.get(PROGRAM_ACCURACY) is None for run in runs for line in run.evaluations):
+        return [("", "accuracy")]
+    if runs[0].recipe.get(REWARD):
+        return [("", IMAGE_ACCURACY), (", by program", PROGRAM_ACCURACY)]
+    return [("", PROGRAM_ACCURACY)]
+
+
+def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str) -> Line:
+    """The mean over runs in per cent at the numbers of steps that all of them have, with the deviation."""
+    by_steps = [{line["steps"]: line[key] for line in run} for run in runs]
+    shared = sorted(set(by_steps[0]).intersection(*by_steps[1:]))
+    points = [_percent(found) for x in shared if (found := spread([run[x] for run in by_steps])) is not None]
+    return Line(name, shared, [point.mean for point in points], [point.deviation or 0.0 for point in points])
+
+
+def _percent(share: Spread) -> Spread:
+    return Spread(100 * share.mean, None if share.deviation is None else 100 * share.deviation, share.runs)
 
 
 def learning_curves(found: Gathered) -> Item:
@@ -31,11 +106,7 @@ def learning_curves(found: Gathered) -> Item:
         (f"{learner} {configuration}".strip(), "steps", DRAWN[learner][1], found_lines)
         for (learner, configuration), found_lines in panels.items()
     ]
-    note = (
-        "From the progress of training itself, on training tasks: the paper draws accuracy on dev, with the program"
-        " reward and with the NLVR reward."
-    )
-    return Chart(ITEM, TITLE, lines(drawn), note)
+    return Chart(ITEM, TITLE, lines(drawn), "From the progress of training itself, on training tasks.")
 
 
 def _line(curve: Curve) -> Line | None:

@@ -111,7 +111,12 @@ def style(axes: Any, title: str, unit: str = "") -> None:
 def _legend(figure: Any, axes: Any, names: Sequence[str], colours: Mapping[str, str]) -> None:
     handles = [axes.bar([0], [0], color=colours[name]) for name in names]
     if len(names) > 1:
-        figure.legend(handles, names, loc="outside upper left", ncols=4, frameon=False, fontsize=8)
+        figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), frameon=False, fontsize=8)
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Columns of a legend: as many of its longest name as the width holds."""
+    return max(1, min(4, (WIDTH - 40) // (6 * max(map(len, names)) + 40)))
 
 
 class Line(NamedTuple):
@@ -120,6 +125,7 @@ class Line(NamedTuple):
     name: str
     xs: Sequence[float]
     ys: Sequence[float]
+    deviations: Sequence[float] | None = None  # drawn as a band around the line
 
 
 def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
@@ -139,11 +145,15 @@ def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: b
         axes.set_xlabel(of_x, fontsize=8, color=FAINT)
         for line in found:
             axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker="o" if diagonal else None)
+            if line.deviations is not None:
+                pairs = list(zip(line.ys, line.deviations, strict=True))
+                low, high = [y - d for y, d in pairs], [y + d for y, d in pairs]
+                axes.fill_between(line.xs, low, high, color=colours[line.name], alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
     if len(names) > 1:
         handles = [grid.flat[0].plot([], [], color=colours[name])[0] for name in names]
-        figure.legend(handles, names, loc="outside upper left", ncols=4, frameon=False, fontsize=8)
+        figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), frameon=False, fontsize=8)
     return figure
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SAMPLED, SUFFIX, Header, Recording, read_episodes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
-RUN_FILE, PROGRESS_FILE = "run.json", "progress.jsonl"
+RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
+FINISHED = "finished"  # directory of an experiment with a description of each run
 SHARED = ("corpus", "rules", "horizon", "grid")  # settings that all recordings of a report must share
 EXPERT = "expert"
 LEARNERS = {"run": "ppo", "imitation-run": "imitation"}  # by the format of their run.json, which names none
@@ -43,6 +45,8 @@ class Curve:
     learner: str
     configuration: str  # "" of a run for all configurations
     lines: tuple[dict[str, Any], ...]
+    evaluations: tuple[dict[str, Any], ...] = ()  # on dev while training, a mapping each
+    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Gathered:
 
     entries: tuple[Entry, ...]
     curves: tuple[Curve, ...]
+    circumstances: tuple[Circumstances, ...] = ()  # of every recording for which they were kept
+    training_commands: tuple[str, ...] = ()  # of experiments, in order of the runs' names
 
     @property
     def agents(self) -> list[str]:
@@ -98,7 +104,12 @@ def gather(places: Sequence[Path], runs: Sequence[Path] = ()) -> Gathered:
     files = list(dict.fromkeys(file for place in places for file in _files(place)))
     recordings = _distinct(read_episodes(file) for file in files)
     _check_same(recordings)
-    return Gathered(tuple(_entries(recordings)), tuple(_curves([*places, *runs])))
+    return Gathered(
+        tuple(_entries(recordings)),
+        tuple(_curves([*places, *runs])),
+        tuple(found for recording in recordings if (found := Circumstances.read(recording.path)) is not None),
+        tuple(_training_commands(places)),
+    )
 
 
 def _files(place: Path) -> list[Path]:
@@ -182,7 +193,9 @@ def _labels(headers: Sequence[Header]) -> list[str]:
             for other in headers
             if (other.agent, other.settings, other.split) == (header.agent, header.settings, header.split)
         ]
-        differences = [f"{key} {_shown(header.recipe.get(key))}" for key in _differing([o.recipe for o in others])]
+        differences = [
+            f"{key} {setting_shown(header.recipe.get(key))}" for key in differing([o.recipe for o in others])
+        ]
         if len({other.actions for other in others}) > 1:
             differences.append("sampled" if header.actions == SAMPLED else "greedy")
         if len({other.mask for other in others}) > 1:
@@ -193,13 +206,13 @@ def _labels(headers: Sequence[Header]) -> list[str]:
     return labels
 
 
-def _differing(recipes: Sequence[Any]) -> list[str]:
+def differing(recipes: Sequence[Any]) -> list[str]:
     """Keys, but for the seed, in which recipes differ."""
     keys = dict.fromkeys(key for recipe in recipes for key in recipe if key != "seed")
     return [key for key in keys if len({json.dumps(recipe.get(key)) for recipe in recipes}) > 1]
 
 
-def _shown(value: Any) -> str:
+def setting_shown(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
@@ -214,11 +227,32 @@ def _curves(places: Iterable[Path]) -> Iterator[Curve]:
                 continue
             try:
                 run = json.loads(description.read_text(encoding="utf-8"))
-                lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+                lines, evaluations = (_json_lines(file.with_name(name)) for name in (PROGRESS_FILE, EVALUATIONS_FILE))
                 identity = run.get("identity", run)
                 settings = identity.get("environment", identity.get("settings", {}))
                 name: str = identity.get("learner") or run["format"].removeprefix("lilgym_mp-")
+                configuration: str = settings.get("configuration", "")
+                recipe: Mapping[str, Any] = identity.get("recipe", {})
             except (OSError, ValueError, AttributeError, KeyError, TypeError) as fault:
                 raise ReportError(f"{file}: damaged, or no progress of a training run: {fault}") from None
-            configuration = settings.get("configuration", "")
-            yield Curve(file.parent, LEARNERS.get(name, name), configuration, tuple(lines))
+            yield Curve(file.parent, LEARNERS.get(name, name), configuration, lines, evaluations, recipe)
+
+
+def _json_lines(file: Path) -> tuple[dict[str, Any], ...]:
+    """What each line of the file holds; nothing where there is no such file."""
+    if not file.exists():
+        return ()
+    return tuple(json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
+
+
+def _training_commands(places: Iterable[Path]) -> Iterator[str]:
+    """How the runs of the experiments in the places were trained."""
+    for place in places:
+        for file in sorted(place.rglob(f"{FINISHED}/*.json")) if place.is_dir() else ():
+            try:
+                words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
+                command = " ".join(["lilgym-mp", *words])
+            except (OSError, ValueError, KeyError, IndexError, TypeError) as fault:
+                raise ReportError(f"{file}: damaged, or not of a finished run: {fault!r}") from None
+            if words:
+                yield command

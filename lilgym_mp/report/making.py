@@ -13,8 +13,9 @@ from typing import Any
 from lilgym_mp.evaluation.files import OutputError, writable_directory
 from lilgym_mp.plotting import save
 from lilgym_mp.report.behaviour import behaviour
-from lilgym_mp.report.curves import learning_curves
+from lilgym_mp.report.curves import learning
 from lilgym_mp.report.difficulty import comparisons, difficulty
+from lilgym_mp.report.document import check_document, write_document
 from lilgym_mp.report.gathering import Gathered, gather
 from lilgym_mp.report.items import Chart, Item, Lacking, Table, shown
 from lilgym_mp.report.language import Tags, language, read_tags
@@ -30,7 +31,7 @@ FIGURES, TABLES = "figures", "tables"
 def chapters(found: Gathered, tags: Tags | None) -> Iterator[tuple[str, list[Item]]]:
     """Every item of the report, under headings."""
     yield "Results", list(results(found))
-    yield "Learning", [learning_curves(found)]
+    yield "Learning", list(learning(found))
     yield "Comparison of agents", list(comparisons(found))
     yield "Behaviour", list(behaviour(found))
     yield "Language", list(language(found, tags))
@@ -40,19 +41,31 @@ def chapters(found: Gathered, tags: Tags | None) -> Iterator[tuple[str, list[Ite
 
 
 def make_report(
-    places: Sequence[Path], directory: Path, *, tags: Path | None = None, runs: Sequence[Path] = ()
+    places: Sequence[Path],
+    directory: Path,
+    *,
+    tags: Path | None = None,
+    runs: Sequence[Path] = (),
+    document: Path | None = None,
+    command: str = "make_report",
 ) -> Path:
     """Writes the report on everything recorded in the places; gives its page. Equal recordings give equal bytes.
 
-    `tags`: a file of hand-made phenomena; `runs`: training runs whose curves are drawn beside those in the places.
+    `tags`: a file of hand-made phenomena; `runs`: training runs whose curves are drawn beside those in the places;
+    `document`: a Markdown page to write too, which names `command` as what made it.
     An earlier report in the directory is replaced. Raises ReportError, EpisodesError for what cannot be reported on,
     OutputError for a directory that holds something else, ImportError naming what to install.
     """
     template = _template()
     check_directory(directory)
+    if document is not None:
+        check_document(document)
     found = gather(places, runs)
     made = list(chapters(found, None if tags is None else read_tags(tags)))
-    return replace_directory(directory, lambda unfinished: _write(unfinished, found, made, template))
+    page = replace_directory(directory, lambda unfinished: _write(unfinished, found, made, template))
+    if document is not None:
+        write_document(document, found, made, command)
+    return page
 
 
 def check_directory(directory: Path) -> None:

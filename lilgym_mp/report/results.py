@@ -11,7 +11,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
 from lilgym_mp.report.drawing import Panel, bars
 from lilgym_mp.report.gathering import Entry, Gathered
-from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.items import NOTHING, Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.numbers import Spread, accuracy, average, over_runs
 
 PAPER_NOTE = (
@@ -22,6 +22,7 @@ PAPER_NOTE = (
 
 def results(found: Gathered) -> Iterator[Item]:
     yield rests_on(found)
+    yield recorded_by(found)
     yield table_1(found)
     yield table_2(found)
     yield from figure_3(found)
@@ -46,6 +47,23 @@ def rests_on(found: Gathered) -> Item:
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision"),
     )
     return table("Basis", "What the numbers rest on", columns, rows, note)
+
+
+def recorded_by(found: Gathered) -> Item:
+    """By which commands, when, with which code and where the episodes were recorded."""
+    title = "When, where and by which commands episodes were recorded"
+    if not found.circumstances:
+        return Lacking("Basis", title, "nothing was kept beside the recordings; `lilgym-mp evaluate --record` keeps it")
+    rows: list[list[Cell]] = []
+    for command in dict.fromkeys(made.command for made in found.circumstances):
+        made = [one for one in found.circumstances if one.command == command]
+        dates, commits, machines = (
+            ", ".join(dict.fromkeys(str(getattr(one, name) or NOTHING) for one in made))
+            for name in ("date", "commit", "machine")
+        )
+        rows.append([command, dates, commits, machines, len(made)])
+    note = "Dates are UTC. Commit: of the checkout, 'changed' where files differed from it."
+    return table("Basis", title, ("command", "date", "commit", "machine", "recordings"), rows, note)
 
 
 def _rests(entry: Entry) -> list[Cell]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,18 +15,20 @@ import pytest
 
 from lilgym_mp.actions import Action, named
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, Recording, write_episodes
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.report import ReportError, make_report
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
+from lilgym_mp.report.curves import dev_curves, mean_line
 from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
 from lilgym_mp.report.gathering import Gathered, gather
 from lilgym_mp.report.items import Chart, Lacking, Table
 from lilgym_mp.report.language import by_novelty, by_phenomenon, read_tags
 from lilgym_mp.report.making import chapters
 from lilgym_mp.report.numbers import Spread, accuracy, by_statement, over_runs, paired_difference, spread
-from lilgym_mp.report.results import figure_5, mean_reward, table_2
+from lilgym_mp.report.results import figure_5, mean_reward, recorded_by, table_2
 from lilgym_mp.scene import Scene
 
 SCATTER = Settings("ScatterFlipIt")
@@ -357,6 +361,98 @@ def test_report__a_directory_with_something_else_is_left_alone(tmp_path: Path):
     assert (tmp_path / "out" / "precious").read_text() == "x"
 
 
+def trained(directory: Path, seed: int, points: Sequence[tuple[float | None, ...]], **recipe: Any) -> None:
+    """A PPO run on TowerScratch with evaluations: all tasks' accuracy, that of tasks with an image, image accuracy."""
+    directory.mkdir(parents=True)
+    environment = {"configuration": "TowerScratch"}
+    run = {"format": "lilgym_mp-run", "environment": environment, "recipe": {"seed": seed, **recipe}}
+    (directory / "run.json").write_text(json.dumps(run))
+    (directory / "progress.jsonl").write_text('{"steps": 32, "accuracy": 0.5}\n')
+    keys = ("steps", "accuracy", "accuracy_with_image", "image_accuracy")
+    lines = [json.dumps(dict(zip(keys, (32 * index, *point), strict=True))) for index, point in enumerate(points)]
+    (directory / "evaluations.jsonl").write_text("\n".join(lines))
+
+
+def test_figure_4__is_the_mean_over_seeds_of_accuracy_on_dev_by_reward(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0, 0.1, 0), (0, 0.5, 0), (0, 0.9, 0)])
+    trained(tmp_path / "b", 1, [(0, 0.3, 0), (0, 0.7, 0)])
+    trained(tmp_path / "c", 0, [(0, 0.2, 0), (0, 0.4, 0.25)], nlvr_reward=True)
+    found = gather([tmp_path])
+    line = mean_line("x", [curve.evaluations for curve in found.curves[:2]], "accuracy_with_image")
+    assert (line.xs, line.ys) == ([0, 32], [pytest.approx(20), pytest.approx(60)])
+    assert line.deviations == [pytest.approx(200**0.5), pytest.approx(200**0.5)]
+    chart, table = dev_curves(found.curves)
+    assert isinstance(chart, Chart)
+    assert rows(table) == [
+        ("ppo, program reward", "TowerScratch", 2, 32, Spread(pytest.approx(80), pytest.approx(200**0.5), 2)),
+        ("ppo, NLVR reward", "TowerScratch", 1, 32, Spread(25.0, None, 1)),
+        ("ppo, NLVR reward, by program", "TowerScratch", 1, 32, Spread(40.0, None, 1)),
+    ]
+
+
+def test_figure_4__of_flipit_takes_all_tasks_and_without_evaluations_says_what_would_make_them(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0.5, None, None)])
+    _, table = dev_curves(gather([tmp_path]).curves)
+    assert rows(table)[0][-1] == Spread(50.0, None, 1)
+    (lacking,) = dev_curves(())
+    assert isinstance(lacking, Lacking)
+    assert "--evaluate-every" in lacking.note
+
+
+def test_report__damaged_evaluations_are_named(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0.5, None, None)])
+    (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
+    with pytest.raises(ReportError, match="damaged, or no progress"):
+        gather([tmp_path])
+
+
+def test_basis__tells_when_where_and_by_what_episodes_were_recorded(tmp_path: Path):
+    for seed, date in enumerate(("2026-01-01 10:00", "2026-01-02 11:00")):
+        recording = written(tmp_path, training_seed=seed)
+        Circumstances(date, "lilgym-mp evaluate x", "abc", "a processor, 2 cores", {}).write(recording)
+    table = recorded_by(gather([tmp_path]))
+    assert rows(table) == [
+        ("lilgym-mp evaluate x", "2026-01-01 10:00, 2026-01-02 11:00", "abc", "a processor, 2 cores", 2),
+    ]
+
+
+def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_statement(tmp_path: Path):
+    recording = written(tmp_path / "kept" / "episodes")
+    Circumstances("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
+    (tmp_path / "kept" / "finished").mkdir()
+    finished = {"commands": [["train", "ppo", "TowerScratch"], ["evaluate"]], "seconds": 1}
+    (tmp_path / "kept" / "finished" / "a.json").write_text(json.dumps(finished))
+    page = tmp_path / "docs" / "results.md"
+    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document", str(page)]
+    assert main(command) == 0
+    text, pictures = page.read_text(), list((tmp_path / "docs" / "pictures").iterdir())
+    assert "Episodes recorded 2026-01-01 10:00 UTC; commit abc; machine: a processor." in text
+    assert "Trained by:\n\n```\nlilgym-mp train ppo TowerScratch\n```" in text
+    assert "Recorded by:\n\n```\nlilgym-mp evaluate x\n```" in text
+    assert f"`lilgym-mp {' '.join(command)}`" in text
+    assert "| mine " in text
+    assert {path.name for path in pictures} == set(re.findall(r"\(pictures/(.*?)\)", text))
+    assert any("figure-3" in path.name for path in pictures)
+    assert not [kept.statement for kept in EPISODES[:2] if kept.statement in text]
+    before = digests(tmp_path / "docs")
+    assert main(command) == 0
+    assert digests(tmp_path / "docs") == before
+
+
+def test_document__a_page_of_somebody_else_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    written(tmp_path / "kept")
+    (tmp_path / "mine.md").write_text("# Mine")
+    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document"]
+    assert main([*command, str(tmp_path / "mine.md")]) == USAGE_ERROR
+    assert "was not made by a report; choose a new file" in capsys.readouterr().err
+    assert main([*command, str(tmp_path)]) == USAGE_ERROR
+    assert (tmp_path / "mine.md").read_text() == "# Mine"
+    assert not (tmp_path / "out").exists()
+
+
 def test_labels__runs_that_differ_by_more_than_the_seed_are_told_apart(tmp_path: Path):
     written(tmp_path / "a", recipe={"width": 64, "seed": 0})
     written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
@@ -366,8 +462,6 @@ def test_labels__runs_that_differ_by_more_than_the_seed_are_told_apart(tmp_path:
 
 
 def test_report__of_random_play_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    import json
-
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
     assert main(["evaluate", *words, "--record", str(kept), "--json", str(results)]) == 0

@@ -1,0 +1,72 @@
+"""A report's main numbers as one Markdown page for a repository, with a few pictures. No statement stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
+from lilgym_mp.plotting import save
+from lilgym_mp.report.gathering import Gathered
+from lilgym_mp.report.items import Chart, Item, Lacking, Table
+
+MARK = "<!-- made by lilgym-mp report; do not edit -->"
+PICTURES = "pictures"  # directory beside the page
+DRAWN = ("Figure 3", "Figure 4", "Edits needed", "Calibration of STOP", "Figure 10")  # charts that are shown
+RECORDED = "When, where and by which commands episodes were recorded"  # told at the top instead
+
+
+def check_document(file: Path) -> None:
+    """Raises OutputError unless the page can be written there: it is new, or was made by a report."""
+    writable_directory(file.absolute().parent)
+    if file.is_dir():
+        raise OutputError(f"cannot write a page to {file}: it is a directory; name a file")
+    if file.exists() and MARK not in file.read_text(encoding="utf-8", errors="replace")[:1000]:
+        raise OutputError(f"{file} was not made by a report; choose a new file")
+
+
+def write_document(file: Path, found: Gathered, made: Sequence[tuple[str, Sequence[Item]]], command: str) -> None:
+    """Writes the page and its pictures; `command`: that makes the report."""
+    blocks = [MARK, f"# {_title(found)}", *_origin(found, command)]
+    for heading, items in made:
+        shown = [block for item in items for block in _shown(file, item)]
+        blocks += [f"## {heading}", *shown] if shown else []
+    write_text(file, "\n\n".join(blocks) + "\n")
+
+
+def _title(found: Gathered) -> str:
+    corpus = {"lilgym": "official", "builtin": "builtin"}.get(found.header.settings.corpus, found.header.corpus)
+    return f"Results on the {corpus} corpus: {', '.join(found.splits)}"
+
+
+def _origin(found: Gathered, command: str) -> Iterator[str]:
+    """By what the numbers were made."""
+    made = found.circumstances
+    if made:
+        dates = sorted(one.date for one in made)
+        span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+        commits = ", ".join(dict.fromkeys(one.commit or "unknown" for one in made))
+        machines = "; ".join(dict.fromkeys(one.machine for one in made))
+        yield f"Episodes recorded {span} UTC; commit {commits}; machine: {machines}."
+    yield f"Every number and picture here was written by `{command}`. [report.md](report.md) explains the items."
+    if found.training_commands:
+        yield _commands("Trained by", found.training_commands)
+    if made:
+        yield _commands("Recorded by", dict.fromkeys(one.command for one in made))
+
+
+def _commands(heading: str, commands: Sequence[str] | dict[str, None]) -> str:
+    return f"{heading}:\n\n```\n" + "\n".join(commands) + "\n```"
+
+
+def _shown(file: Path, item: Item) -> Iterator[str]:
+    if isinstance(item, Lacking) and item.item in DRAWN:
+        yield f"**{item.item}. {item.title}**: not here, as {item.note}."
+    elif isinstance(item, Table) and item.title != RECORDED:
+        yield item.markdown().strip()
+    elif isinstance(item, Chart) and item.item in DRAWN and not item.raster:
+        place = writable_directory(file.parent / PICTURES) / f"{file.stem}-{item.name}.png"
+        save(item.figure, place, "png")
+        yield f"**{item.item}. {item.title}**\n\n![{item.item}: {item.title}]({PICTURES}/{place.name})"
+        if item.note:
+            yield item.note
