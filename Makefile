@@ -18,7 +18,7 @@ endif
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint style types imports bench clean
+.PHONY: help install demo test lint style types imports docs pictures bench clean
 
 help:  ## this list
 	@echo "make TARGET [PYTHON=python3.11] [ARGS=...]"
@@ -66,6 +66,14 @@ imports: $(INSTALLED_FORM)
 $(INSTALLED_FORM): install
 	@rm -rf $@
 	@$(BIN)/python -c 'from setuptools import setup; setup()' --quiet build_py --build-lib $@
+
+docs: $(INSTALLED_FORM)  ## the documentation as a site, in build/site
+	$(BIN)/python scripts/write_environment_pages.py
+	NO_MKDOCS_2_WARNING=1 LILGYM_DOCS_PACKAGE=$(INSTALLED_FORM) $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "open build/site/index.html"
+
+pictures: install  ## the films and drawings of README and docs
+	$(BIN)/python scripts/draw_pictures.py $(ARGS)
 
 bench: install  ## steps per second of every way to run the environments
 	$(BIN)/lilgym-mp bench $(ARGS)

@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 import lilgym_mp  # registers the environments
+from lilgym_mp.actions import describe
+from lilgym_mp.frames import INK_RGB, LINE_PIXELS, PAPER_RGB, caption_font, smooth_picture
+from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Expert
 
-GAP = 24  # pixels between columns
+GAP = 16  # pixels around pictures
 
 
 def main() -> None:
@@ -27,33 +29,42 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("first_steps.png"))
     args = parser.parse_args()
 
-    env = gym.make(args.id, render_mode="rgb_array")
+    env = gym.make(args.id)
     bare: Any = env.unwrapped
     observation, _ = env.reset(seed=args.seed)
-    print(f"lilgym_mp {lilgym_mp.__version__}: {bare.action_masks().sum()} of {bare.action_space.n} actions are legal")
-    print(f"{observation['statement']}  Make it {bool(observation['target'])}.")
+    task = f"{observation['statement']}  Make it {bool(observation['target'])}."
+    legal = lilgym_mp.action_masks(env)
+    print(f"lilgym_mp {lilgym_mp.__version__}: {legal.sum()} of {bare.action_space.n} actions are legal")
+    print(task)
 
     expert = Expert(env)
-    frames = [bare.render()]
+    moments = [("start", bare.scene)]
     for _ in range(args.steps):
         action = expert.act()
         _, reward, terminated, truncated, info = env.step(action)
-        frames.append(bare.render())
-        print(f"{bare.decode_action(action)}  reward {reward:+.1f}  {info.get('outcome', '')}".rstrip())
+        name = describe(bare.dynamics.appearance.decode(action))
+        moments.append((f"{name}  {float(reward):+.1f}", bare.scene))
+        print(f"{name}  number {action}, reward {float(reward):+.1f}  {info.get('outcome', '')}".rstrip())
         if terminated or truncated:
             break
-    sheet(frames).save(args.output)
+    sheet(task, moments).save(args.output)
     print(f"the pictures are in {args.output}")
 
 
-def sheet(frames: list[np.ndarray], columns: int = 2) -> Image.Image:
-    """The frames side by side, row by row."""
-    height, width, _ = frames[0].shape
-    rows = -(-len(frames) // columns)
-    image = Image.new("RGB", (columns * width + GAP, rows * height), "white")
-    for number, frame in enumerate(frames):
+def sheet(title: str, moments: list[tuple[str, Scene]], columns: int = 2) -> Image.Image:
+    """The scenes row by row, each with its caption above, under a title."""
+    tiles = [(caption, Image.fromarray(smooth_picture(scene, 1))) for caption, scene in moments]
+    width, height = tiles[0][1].size
+    rows = -(-len(tiles) // columns)
+    tile_width, tile_height = width + GAP, height + LINE_PIXELS + GAP
+    image = Image.new("RGB", (columns * tile_width + GAP, rows * tile_height + LINE_PIXELS + GAP), PAPER_RGB)
+    pen, font = ImageDraw.Draw(image), caption_font()
+    pen.text((GAP, GAP // 2), title, fill=INK_RGB, font=font)
+    for number, (caption, picture) in enumerate(tiles):
         row, column = divmod(number, columns)
-        image.paste(Image.fromarray(frame), (column * (width + GAP), row * height))
+        left, top = GAP + column * tile_width, GAP + LINE_PIXELS + row * tile_height
+        pen.text((left, top), caption, fill=INK_RGB, font=font)
+        image.paste(picture, (left, top + LINE_PIXELS))
     return image
 
 

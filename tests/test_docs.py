@@ -1,4 +1,4 @@
-"""The Python in the documents runs."""
+"""The code in the documents runs, and prints what they show."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
+
+from tests.documents import play
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
@@ -25,10 +27,51 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
         exec(compile(text, f"{name}, block {number}", "exec"), names)
 
 
+SHORTER = {  # parts of the tutorials' commands that take long, and what the tests run instead
+    "--steps 1700": "--steps 2",
+    "--minutes 3": "--minutes 0.05",
+    "--steps 100000": "--steps 256 --envs 2 --rollout 256",
+    "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
+}
+NEEDS = {  # by document: the modules that its code needs beside the package
+    "train_and_evaluate.md": ("stable_baselines3",),
+    "masks_and_stop_forcing.md": ("sb3_contrib",),
+    "two_agents.md": ("pettingzoo",),
+    "imitation.md": ("torch",),
+    "troubleshooting.md": ("stable_baselines3", "pettingzoo"),
+}
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize(
+    "path",
+    [
+        *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+        *(ROOT / "docs" / f"{name}.md" for name in ("index", "troubleshooting")),
+    ],
+    ids=lambda path: path.stem,
+)
+def test_tutorials__print_what_they_show(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in NEEDS.get(path.name, ()):
+        pytest.importorskip(module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("LILGYM_DATA", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert play(path, SHORTER) == []
+
+
+def test_play__tells_what_a_document_shows_wrongly(tmp_path: Path) -> None:
+    document = tmp_path / "wrong.md"
+    document.write_text("```python\nprint(1)\n```\n\n```text\n2\n```\n\n```python\n1 / 0\n```\n")
+    first, second = play(document)
+    assert first.startswith("wrong.md, block 1 shows\n2\nbut prints\n1")
+    assert second.startswith("wrong.md, block 3: ZeroDivisionError")
+
+
 def test_links_between_documents__lead_somewhere() -> None:
     broken = [
         f"{path.name}: {target}"
-        for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+        for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", path.read_text())
         if not (path.parent / target).exists()
     ]

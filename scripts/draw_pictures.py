@@ -1,0 +1,159 @@
+"""Draws the pictures and films of README and docs into docs/pictures: `python scripts/draw_pictures.py [NAME ...]`.
+
+Without names all that takes a minute or two: films of the agent parse-and-plan (the extra `sb3`), games (`pettingzoo`),
+drawings of the code. `--list` tells the commands for the others: they need a training or the official data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+import lilgym_mp
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    HELPFUL_PROPOSER,
+    PROTOCOLS,
+    SNEAKY_PROPOSER,
+    OracleVerifier,
+    Partner,
+    Role,
+    Seat,
+    parallel_env,
+)
+from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.evaluation import Episode, Settings, evaluate
+from lilgym_mp.evaluation.film import film_moments, replay, save_gif
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / "docs" / "pictures"
+AGENT, SPLIT = "parse-and-plan", "dev"
+ACTIONS, CHARACTERS = range(3, 7), range(30, 75)  # of episodes worth showing, and of their statements
+PROPOSERS = {
+    "veto": HELPFUL_PROPOSER,
+    "joint": HELPFUL_PROPOSER,
+    "audit": HELPFUL_PROPOSER,
+    "critique": SNEAKY_PROPOSER,
+}
+GAME_SEED = 2
+
+ELSEWHERE = {  # picture: what makes it
+    "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
+    "demo_training_curve.svg": "python scripts/draw_training_curve.py docs/pictures/demo_training_curve.svg RUN ...",
+    "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
+    "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
+    "official_phenomena.svg": "lilgym-mp data stats lilgym --charts OUT; its phenomena.svg",
+    "reliability.png": "docs/agents.md tells the runs; the chart of a report on them",
+    "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
+}
+
+
+def shown_episode(configuration: str) -> Episode:
+    """A success of the agent on dev of a length worth showing, another statement for each configuration."""
+    settings = Settings(configuration)
+    policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
+    fitting = (
+        episode
+        for episode in evaluate(policy, settings, SPLIT)
+        if episode.is_success and len(episode.actions) in ACTIONS and len(episode.statement) in CHARACTERS
+    )
+    return next(islice(fitting, 5 * list(CONFIGURATIONS).index(configuration), None))
+
+
+def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
+    """What render mode "rgb_array" shows of the episode, with names of places."""
+    env = gym.make(Settings(configuration).id, split=SPLIT, render_mode="rgb_array", render_cells=True).unwrapped
+    assert isinstance(env, LilGymEnv)
+    env.reset(options={"task": episode.task_id})
+    frames = [np.asarray(env.render(), np.uint8)]
+    for action in episode.actions:
+        env.step(action)
+        frames.append(np.asarray(env.render(), np.uint8))
+    return frames
+
+
+def draw_films() -> None:
+    """A film and a first frame of each configuration, and one film of all four."""
+    moments = []
+    for configuration in CONFIGURATIONS:
+        episode = shown_episode(configuration)
+        frames = frames_of(configuration, episode)
+        save_gif(PICTURES / f"{configuration}.gif", frames)
+        Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
+        moments.append(list(replay(Settings(configuration).make(SPLIT), episode)))
+    film_moments(PICTURES / "agent.gif", moments, columns=2)
+
+
+def draw_games() -> None:
+    """A film of one game of each protocol, between a scripted proposer and a verifier that knows the truth."""
+    for protocol in PROTOCOLS:
+        frames = game_frames(protocol, seed=GAME_SEED)
+        save_gif(PICTURES / f"game_{protocol}.gif", frames)
+
+
+def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
+    """What render mode "rgb_array" shows of a game."""
+    game = parallel_env(protocol=protocol, split=SPLIT, render_mode="rgb_array")
+    rng = np.random.default_rng(seed)
+    game.reset(seed=seed)
+    players: dict[str, Partner] = dict(zip(AGENTS, (PROPOSERS[protocol], OracleVerifier()), strict=True))
+    frames = [np.asarray(game.render(), np.uint8)]
+    while game.agents:
+        seats = {agent: Seat(game.session, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
+        game.step({agent: _choice(players[agent], seat) for agent, seat in seats.items()})
+        frames.append(np.asarray(game.render(), np.uint8))
+    return frames
+
+
+def _choice(partner: Partner, seat: Seat) -> int:
+    """The only legal action where there is one, such as waiting, else the partner's."""
+    legal = np.flatnonzero(seat.action_mask)
+    return int(legal[0]) if len(legal) == 1 else int(partner(seat))
+
+
+def draw_episode() -> None:
+    _run("examples/first_steps.py", "--seed", "40", "--output", str(PICTURES / "episode.png"))
+
+
+def draw_architecture() -> None:
+    _run("scripts/draw_architecture.py", str(PICTURES / "architecture.svg"))
+
+
+def _run(*command: str) -> None:
+    subprocess.run([sys.executable, *command], cwd=ROOT, check=True)
+
+
+DRAWN: dict[str, Callable[[], None]] = {
+    "films": draw_films,
+    "games": draw_games,
+    "episode": draw_episode,
+    "architecture": draw_architecture,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Draws the pictures of README and docs.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(DRAWN)} (default: all)")
+    parser.add_argument("--list", action="store_true", help="tell the commands that make the other pictures")
+    args = parser.parse_args()
+    if unknown := sorted(set(args.names) - set(DRAWN)):
+        parser.error(f"unknown pictures {unknown}; choose from {', '.join(DRAWN)}")
+    if args.list:
+        print(*(f"{name}: {command}" for name, command in ELSEWHERE.items()), sep="\n")
+        return
+    for name in args.names or DRAWN:
+        DRAWN[name]()
+
+
+if __name__ == "__main__":
+    main()

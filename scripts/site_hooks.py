@@ -1,0 +1,41 @@
+"""Hooks of MkDocs (mkdocs.yml): pages of the site that lie outside of docs/, and links that lead out of it."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).resolve().parent.parent
+OUTSIDE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}  # page: file at the root
+_LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """The site's files with the pages from the root."""
+    for page, source in OUTSIDE.items():
+        files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """A page's text, in which links to files of the repository outside of docs/ have become the files' names."""
+    place = "" if page.file.src_uri in OUTSIDE else "docs/" + posixpath.dirname(page.file.src_uri)
+
+    def relinked(match: re.Match[str]) -> str:
+        label, target, anchor = match[1], match[2], match[3] or ""
+        if "://" in target:
+            return match[0]
+        path = posixpath.normpath(posixpath.join(place, target))
+        if path.startswith("docs/"):
+            inside = posixpath.relpath(path, "docs/" + posixpath.dirname(page.file.src_uri))
+            return f"{label}({inside}{anchor})"
+        inside = {source: site for site, source in OUTSIDE.items()}.get(path)
+        if inside:
+            return f"{label}({posixpath.relpath(inside, posixpath.dirname(page.file.src_uri) or '.')}{anchor})"
+        return f"{label[1:-1]} (`{path}`)"
+
+    return _LINK.sub(relinked, markdown)

@@ -1,0 +1,101 @@
+"""The documentation as a site: it builds without a warning, and its pages say what the code does."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import lilgym_mp  # noqa: F401
+from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+
+ROOT = Path(__file__).parent.parent
+FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?(?:https?:)?//[^"'>\s]+""")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site."""
+    for module in ("mkdocs", "material", "mkdocstrings"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed: it comes with the extra `docs`")
+    package, place = tmp_path_factory.mktemp("package"), tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", package]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", place],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "LILGYM_DOCS_PACKAGE": str(package)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "WARNING" not in done.stderr
+    return place
+
+
+@pytest.fixture(scope="module")
+def pages() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("environment_pages", ROOT / "scripts" / "write_environment_pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_site__has_a_page_for_every_document(site: Path) -> None:
+    documents = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
+    assert [page for page in documents if not (site / page).exists()] == []
+    assert {"changelog.html", "contributing.html"} <= {path.name for path in site.iterdir()}
+
+
+def test_site__fetches_nothing_from_elsewhere(site: Path) -> None:
+    fetched = {found for page in site.rglob("*.html") for found in FETCHED.findall(page.read_text())}
+    assert {link for link in fetched if "canonical" not in link} == set()
+
+
+def test_site__api_pages_show_docstrings(site: Path) -> None:
+    text = (site / "api" / "environments.html").read_text()
+    assert "Add and remove items until the statement has the target value" in text
+    assert "observation" in text
+
+
+def test_environment_pages__are_up_to_date(pages: ModuleType) -> None:
+    stale = [path.name for path, text in pages.documents().items() if path.read_text() != text]
+    assert not stale, "run scripts/write_environment_pages.py"
+
+
+@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+def test_environment_pages__tell_what_play_gives(configuration: str) -> None:
+    settings = Settings(configuration)
+    text = (ROOT / "docs" / "environments" / f"{settings.appearance}_{settings.start}.md").read_text()
+    env = gym.make(settings.id).unwrapped
+    assert isinstance(env, LilGymEnv)
+    env.reset(seed=0)
+    *_, info = env.step(int(np.flatnonzero(~env.action_masks())[0]))
+    assert all(f"`{key}`" in text for key in info)
+    assert f"`{info['invalid_reason']}`" in text
+    assert "**+1**, terminated | **+1**, terminated" in text
+
+
+def test_environment_pages__formula_of_scatters_numbers_is_right(pages: ModuleType) -> None:
+    settings = Settings("ScatterFlipIt")
+    text = pages.page("ScatterFlipIt")
+    appearance = settings.dynamics().appearance
+    assert "`cell = 5 * column + row`; `look = 9 * shape + 3 * colour + size`" in text
+    assert "ADD is `1 + 27 * cell + look`, REMOVE `2566 + cell`" in text
+    for column, row, shape, colour, size in [(0, 0, 0, 0, 0), (7, 4, 1, 1, 0), (18, 3, 2, 2, 2)]:
+        cell, look = 5 * column + row, 9 * shape + 3 * colour + size
+        assert appearance.to_array(appearance.decode(1 + 27 * cell + look)) == [1, column, row, shape, colour, size]
+        assert appearance.to_array(appearance.decode(2566 + cell))[:3] == [2, column, row]
