@@ -64,7 +64,7 @@ def main() -> None:
     game = FlatParts(parallel_env(protocol="joint", views="structured", homogeneous=True))
     markov = supersuit.pettingzoo_env_to_vec_env_v1(game)
     joined = supersuit.concat_vec_envs_v1(markov, given.games, num_cpus=0, base_class="stable_baselines3")
-    joined.venv.reset(seed=given.seed)  # the copies are equal until they are seeded
+    joined.venv.reset(seed=given.seed)  # pyright: ignore[reportAttributeAccessIssue] -- the copies are equal until they are seeded
     torch.manual_seed(given.seed)
     model = PPO("MultiInputPolicy", VecMonitor(joined), n_steps=128, batch_size=256, device="cpu")
     model.learn(given.steps)

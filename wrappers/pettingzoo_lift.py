@@ -83,6 +83,8 @@ class Side:
         """Raises WrongEnvironment for a wrapper that speaks of the MDP's own actions."""
         base: GameAccess = env.unwrapped
         both, actions = env.observation_space(agent), env.action_space(agent)
+        if not isinstance(both, spaces.Dict):
+            raise WrongEnvironment(f'{name} needs the game with observations="nested", not {both}')
         self.transformation = does(World(name, base.tasks, base.dynamics, both[SEEN], actions), **settings)
         if self.transformation.speaks_of_actions:
             raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.model_file import ModelDescription
 
 AS_TRAINED, OFF = "as-trained", "off"
+_MANNERS = {"ppo": [GREEDY, SAMPLED]}  # by kind of agent, unless --actions says otherwise
 
 
 def add_parser(subparsers: Any) -> None:
@@ -53,7 +54,8 @@ def add_parser(subparsers: Any) -> None:
         "--actions",
         nargs="+",
         choices=[GREEDY, SAMPLED],
-        help="take the agents' likeliest actions (the default), draw them, or one after the other",
+        help="take the agents' likeliest actions, draw them, or one after the other (the default for PPO agents, "
+        "whose likeliest action may be to stop at once; greedy for others)",
     )
     parser.add_argument(
         "--mask",
@@ -138,7 +140,7 @@ def agent_contestants(place: Path, args: argparse.Namespace) -> list[Contestant]
     torch.set_num_threads(args.threads)
     agent = open_agent(place, args.device)
     description = agent.description
-    manners = [SAMPLED] if args.sampled else args.actions or [GREEDY]
+    manners = [SAMPLED] if args.sampled else args.actions or _MANNERS.get(description.kind, [GREEDY])
     masks = args.mask if _looks_at_masks(agent, args) else [AS_TRAINED]
     common = {
         "kind": description.kind,
@@ -223,6 +225,6 @@ def warnings(results: Sequence[Result]) -> list[str]:
         if stopped == len(result.episodes) and result.summary.accuracy < 0.5:
             told.append(
                 f"note: {result.name} stops at once in every episode of {result.trial.settings.configuration};"
-                " try --sampled, or train it longer"
+                " look at drawn actions (--actions sampled), or train it longer"
             )
     return told

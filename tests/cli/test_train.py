@@ -153,7 +153,8 @@ def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_pat
     trained(lilgym, tmp_path / "run", "--recolour", "--corpus", str(own))
     said = lilgym("evaluate", tmp_path / "run", "--corpus", own, "--json", tmp_path / "results.json")
     table = rows(said)
-    assert [row[0] for row in table] == [f"ppo ({tmp_path / 'run'})", "random legal", "random unmasked"]
+    ppo = f"ppo ({tmp_path / 'run'})"
+    assert [row[0] for row in table] == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert {tuple(row[1:3]) for row in table} == {("TowerScratch", "3")}
     assert "rewards alone" in said
     written = json.loads((tmp_path / "results.json").read_text())
@@ -213,7 +214,9 @@ def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, tm
     description, tensors = load_model(tmp_path / AGENT_FILE)
     tensors["policy.logits.bias"][0] = 1000.0
     save_model(tmp_path / AGENT_FILE, description, tensors)
-    assert "stops at once in every episode of TowerScratch" in lilgym("evaluate", tmp_path)
+    said = lilgym("evaluate", tmp_path)
+    assert f"note: ppo ({tmp_path}), greedy stops at once in every episode of TowerScratch" in said
+    assert f"note: ppo ({tmp_path}), sampled stops at once in every episode of TowerScratch" in said
 
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
@@ -277,7 +280,7 @@ def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path:
     ways = ["--actions", "greedy", "sampled", "--mask", "as-trained", "off", "--name", "mine"]
     command = ["evaluate", tmp_path / "run", *ways, "--record", tmp_path / "kept"]
     assert "sampled, mask off" in lilgym(*command, "--policy", "random-type")
-    headers = [read_episodes(path).header for path in (tmp_path / "kept").iterdir()]
+    headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {
         *(("mine", actions, mask) for actions in ("greedy", "sampled") for mask in (True, False)),
         ("random type", "sampled", False),

@@ -8,6 +8,7 @@ from typing import Any, SupportsIndex
 from gymnasium.error import ResetNeeded
 from pettingzoo import ParallelEnv
 
+from lilgym_mp.envs.proposer_verifier.boxes import NESTED, shown_as
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Info, Session
 from lilgym_mp.envs.proposer_verifier.settings import Settings
@@ -63,6 +64,12 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
         )
 
 
-def parallel_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierParallel:
-    """The form in which both agents act in every step; keywords are the fields of Settings."""
-    return ProposerVerifierParallel(Settings.of(**settings), render_mode)
+def parallel_env(
+    *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
+) -> ProposerVerifierParallel:
+    """The form in which both agents act in every step; keywords are the fields of Settings.
+
+    `observations`: "nested", {"observation": parts, "action_mask"}; or, with masks in infos, "vector", all parts as
+    float32 (N,), or "image", the image alone: what SuperSuit's wrappers take.
+    """
+    return shown_as(ProposerVerifierParallel(Settings.of(**settings), render_mode), observations)

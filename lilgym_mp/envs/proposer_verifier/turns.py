@@ -9,6 +9,7 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
+from lilgym_mp.envs.proposer_verifier.boxes import NESTED, shown_as
 from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
@@ -89,6 +90,6 @@ class StrictOrder(OrderEnforcingWrapper[str, AgentObservation, SupportsIndex | N
         super().step(action)
 
 
-def env(*, render_mode: str | None = None, **settings: Any) -> StrictOrder:
-    """`raw_env` behind checks of the order of calls."""
-    return StrictOrder(raw_env(render_mode=render_mode, **settings))
+def env(*, render_mode: str | None = None, observations: str = NESTED, **settings: Any) -> StrictOrder:
+    """`raw_env` behind checks of the order of calls. `observations`: as for `parallel_env`."""
+    return StrictOrder(shown_as(raw_env(render_mode=render_mode, **settings), observations))
