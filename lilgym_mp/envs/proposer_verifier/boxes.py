@@ -84,8 +84,8 @@ class BoxTurns(BaseWrapper[str, Any, Any]):
     @property
     def infos(self) -> dict[str, Any]:
         if self._told is None:
-            infos = self.env.infos.items()
-            self._told = {agent: {**info, MASK: self.env.observe(agent)[MASK]} for agent, info in infos}
+            nested: Any = self.env
+            self._told = {agent: {**info, MASK: nested.observe(agent)[MASK]} for agent, info in nested.infos.items()}
         return self._told
 
 
