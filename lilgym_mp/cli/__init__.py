@@ -20,9 +20,9 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.terminal import printable
 from lilgym_mp_command import INTERRUPTED
 
-# Modules of this package, in the order of --help.
+# In the order of --help; each is a module of this package.
 COMMANDS = (
-    *("demo", "play", "train", "evaluate", "report", "experiment"),
+    *("demo", "play", "play-game", "train", "evaluate", "report", "experiment"),
     *("explain", "solve", "demos", "data", "program", "llm", "bench"),
 )
 
@@ -123,5 +123,5 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
-        import_module(f"{__name__}.{name}").add_parser(subparsers)
+        import_module(f"{__name__}.{name.replace('-', '_')}").add_parser(subparsers)
     return parser

@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Collection, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.task import Task
 
 RUNS = Path("runs")  # where training runs go unless told otherwise
 INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
@@ -80,6 +84,17 @@ def parsed_grid(text: str) -> tuple[int, int] | str:
         return checked_grid((columns, rows))
     except GridError as fault:
         raise argparse.ArgumentTypeError(str(fault)) from None
+
+
+def task_with_id(corpus: str, task_id: str) -> Task:
+    """The task, from whichever set of the corpus has it. Raises CommandError with ids that there are."""
+    sets = list(load_all_tasks(corpus))
+    found = [tasks.by_id(task_id) for tasks in sets if task_id in tasks.ids]
+    if not found:
+        ids = [known for tasks in sets for known in tasks.ids]
+        examples = ", ".join(get_close_matches(task_id, ids) or ids[:3])
+        raise CommandError(f"no task {task_id!r} in corpus {corpus!r}; there are for example {examples}")
+    return found[0]
 
 
 def said_settings(args: argparse.Namespace) -> dict[str, Any]:

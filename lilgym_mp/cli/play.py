@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -53,17 +54,24 @@ def run(args: argparse.Namespace) -> int:
 
 def _converse(session: Session) -> None:
     """Reads commands until the person or the input ends."""
+    for line in typed_lines():
+        session.answer(line)
+        if session.is_over:
+            return
+
+
+def typed_lines() -> Iterator[str]:
+    """What is typed, line by line, until the input ends; on a terminal with editing and a history."""
     interactive = sys.stdin.isatty()
     if interactive:
         with suppress(ImportError):  # what gives `input` editing and a history, where the system has it
             import_module("readline")
-    while not session.is_over:
+    while True:
         try:
-            line = input("> ") if interactive else _read_line()
+            yield input("> ") if interactive else _read_line()
         except EOFError:
             print()
             return
-        session.answer(line)
 
 
 def _read_line() -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ class Progress:
         self._unit = unit
         self._begin = done
         self._done = done
+        self._since = time.monotonic()
         self._bar = _bar() if sys.stderr.isatty() else None
         if self._bar is not None:
             self._bar.start()
@@ -39,8 +41,16 @@ class Progress:
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=min(self._done, self._total), note=note)
         elif self._lines() > lines_before:
-            count_text = f"{self._done:,} of {self._total:,} {self._unit}"
-            print(f"{count_text}, {note}" if note else count_text, file=sys.stderr, flush=True)
+            told = [f"{self._done:,} of {self._total:,} {self._unit}", note, self._time_left()]
+            print(", ".join(filter(None, told)), file=sys.stderr, flush=True)
+
+    def _time_left(self) -> str:
+        """How long what is left will take at the pace so far; nothing at the end."""
+        left = self._total - self._done
+        if left <= 0 or self._done <= self._begin:
+            return ""
+        seconds = round((time.monotonic() - self._since) * left / (self._done - self._begin))
+        return f"{seconds // 60}:{seconds % 60:02} left"
 
     def _lines(self) -> int:
         """How many lines should have been printed by now."""

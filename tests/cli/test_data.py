@@ -276,6 +276,19 @@ def test_progress__on_a_terminal_is_a_bar_with_its_note(monkeypatch: pytest.Monk
     assert "8 solved" in terminal.getvalue()
 
 
+def test_progress__without_a_terminal_tells_the_time_left(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with Progress(100, "tasks") as progress:
+        now[0] = 30.0
+        progress.advance(20, "all well")
+        now[0] = 60.0
+        progress.advance(80)
+    assert capsys.readouterr().err.splitlines() == ["20 of 100 tasks, all well, 2:00 left", "100 of 100 tasks"]
+
+
 def test_download_bar__without_a_terminal_is_a_line_for_each_file(capsys: pytest.CaptureFixture[str]):
     with DownloadBar() as bar:
         bar.show("file", 1, 2048)

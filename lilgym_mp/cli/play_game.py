@@ -1,0 +1,128 @@
+"""`lilgym-mp play-game`: a person plays one side of the two-agent game, or both, in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lilgym_mp.actions import ActionError
+from lilgym_mp.choices import choose
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.cli.play import typed_lines
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.render import text
+from lilgym_mp.terminal import shows_colours
+
+if TYPE_CHECKING:
+    from lilgym_mp.envs.proposer_verifier import Partner, ProposerVerifierParallel
+
+PROTOCOLS = ("veto", "joint", "audit", "critique")
+BOTH = "both"
+SIDES = {"proposer": ("proposer_0",), "verifier": ("verifier_0",), BOTH: ("proposer_0", "verifier_0")}
+PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # who plays the other side, by the person's
+MOST_LISTED = 40  # legal actions shown
+
+
+class _Quit(Exception):
+    """The person leaves, or the input ends."""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "play-game",
+        help="play the two-agent game in the terminal",
+        description="A proposer and a verifier share a task. You play one side, or both; type an action's name, such "
+        "as ADD(LEFT, BLUE) or accept, or: legal, quit.",
+    )
+    add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}", nargs="?", default="TowerScratch")
+    parser.add_argument("--protocol", choices=PROTOCOLS, default="veto", help="(default: %(default)s)")
+    parser.add_argument("--as", dest="side", choices=list(SIDES), default="proposer", help="(default: %(default)s)")
+    parser.add_argument(
+        "--partner", metavar="NAME", help="a script for the other side, such as oracle, helpful, sneaky, random"
+    )
+    add_split(parser, "train")
+    parser.add_argument("--task", metavar="ID", help="play this task (default: one drawn at random)")
+    parser.add_argument("--seed", type=int, metavar="N", help="of what is drawn (default: another each time)")
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        from lilgym_mp.envs.proposer_verifier import SCRIPTED, parallel_env
+    except ImportError as fault:
+        raise CommandError(str(fault)) from None
+    settings = said_settings(args)
+    configuration = Settings(settings.pop("configuration"))
+    named = args.partner or PARTNERS[args.side]
+    partner = choose("partner", named, SCRIPTED)
+    game = parallel_env(
+        appearance=configuration.appearance,
+        start=configuration.start,
+        protocol=args.protocol,
+        split=args.split,
+        **settings,
+    )
+    game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
+    try:
+        _play(game, args.side, partner, np.random.default_rng(args.seed))
+    except (_Quit, KeyboardInterrupt):
+        print("left before the end")
+    return 0
+
+
+def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
+    """One game to its end."""
+    from lilgym_mp.envs.proposer_verifier import AGENTS, Role, Seat
+
+    lines = typed_lines()
+    print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
+    infos: dict[str, Any] = {}
+    rewards = dict.fromkeys(AGENTS, 0.0)
+    while game.agents:
+        print(text(game.scene, [], coloured=shows_colours()))
+        actions: dict[str, int] = {}
+        for agent, role in zip(AGENTS, Role, strict=True):
+            seat = Seat(game.session, role, rng)
+            legal = np.flatnonzero(seat.action_mask).tolist()
+            if len(legal) == 1:  # it is the other's turn
+                actions[agent] = legal[0]
+                continue
+            actions[agent] = _asked(game, agent, legal, lines) if agent in SIDES[side] else int(partner(seat))
+            if agent not in SIDES[side]:
+                print(f"{agent}: {game.describe_action(agent, actions[agent])}")
+        _, gained, _, _, infos = game.step(actions)
+        rewards = {agent: rewards[agent] + gained[agent] for agent in AGENTS}
+    outcome = infos[AGENTS[0]]["outcome"].replace("_", " ")
+    print(text(game.scene, [], coloured=shows_colours()))
+    print(f"{outcome}; " + ", ".join(f"{agent} {reward:+.1f}" for agent, reward in rewards.items()))
+
+
+def _asked(game: ProposerVerifierParallel, agent: str, legal: list[int], lines: Iterator[str]) -> int:
+    """The person's action. Raises _Quit."""
+    names = [game.describe_action(agent, number) for number in legal]
+    shown = ", ".join(names[:MOST_LISTED]) + (", ..." if len(names) > MOST_LISTED else "")
+    if len(names) <= MOST_LISTED:
+        print(f"{agent}, one of: {shown}")
+    else:
+        print(f"{agent}, such as {names[1]}; type legal to see more")
+    for line in lines:
+        said = line.strip()
+        if said == "quit":
+            raise _Quit
+        if said == "legal":
+            print(shown)
+            continue
+        try:
+            number = game.read_action(agent, said)
+        except ActionError as fault:
+            print(fault)
+            continue
+        if number in legal:
+            return number
+        print(f"{said} is not legal now")
+    raise _Quit

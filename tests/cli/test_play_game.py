@@ -1,0 +1,83 @@
+"""`lilgym-mp play-game` and `lilgym-mp program run`."""
+
+from __future__ import annotations
+
+import io
+import sys
+
+import pytest
+
+from lilgym_mp.cli import USAGE_ERROR, main
+
+pytest.importorskip("pettingzoo", reason="needs the extra pettingzoo")
+
+TASK = ["--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block."
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Plays with these lines typed; gives what is shown."""
+
+    def play(lines: str, *words: str) -> str:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
+        assert main(["play-game", *words]) == 0
+        return capsys.readouterr().out
+
+    return play
+
+
+def test_play_game__a_proposer_convinces_the_oracle(typed):
+    shown = typed("add(left, blue)\nSTOP\n", *TASK)
+    assert "verifier_0: accept" in shown
+    assert shown.splitlines()[-1] == "success; proposer_0 +0.9, verifier_0 +0.9"
+
+
+def test_play_game__both_sides_by_one_person(typed):
+    shown = typed("ADD(LEFT, BLACK)\nreject\nADD(LEFT, BLUE)\naccept\nSTOP\naccept\n", "--as", "both", *TASK)
+    assert shown.splitlines()[-1] == "success; proposer_0 +0.8, verifier_0 +0.8"
+
+
+def test_play_game__explains_what_it_does_not_take(typed):
+    shown = typed("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
+    assert "'nonsense' names no action of proposer_0" in shown
+    assert "STOP, ADD(LEFT, YELLOW)" in shown
+    assert shown.splitlines()[-1] == "left before the end"
+
+
+@pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
+def test_play_game__a_verifier_meets_every_protocol(protocol: str, typed):
+    lines = "accept\ncontinue\n" * 30 + "quit\n"
+    shown = typed(lines, "--as", "verifier", "--protocol", protocol, "--seed", "0")
+    assert "proposer_0: " in shown
+
+
+def test_play_game__unknown_partners_are_refused(capsys: pytest.CaptureFixture[str]):
+    assert main(["play-game", "--partner", "nobody"]) == USAGE_ERROR
+    assert "unknown partner 'nobody'; choose from " in capsys.readouterr().err
+
+
+def test_program_run__shows_truth_and_who_satisfied_what(capsys: pytest.CaptureFixture[str]):
+    assert (
+        main(["program", "run", "exist(filter_obj(all_items, lambda x: is_blue(x)))", "--task", "tower-dev-001"]) == 0
+    )
+    shown = capsys.readouterr().out
+    assert '"I can see a blue block."' in shown
+    assert "= False" in shown
+    assert "satisfied by none of 0" in shown
+
+
+def test_program_run__takes_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
+    assert main(["program", "run", "--task", "tower-dev-001"]) == 0
+    assert "filter_color(all_items, Color.BLUE)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["exists(all_items)", "--task", "tower-dev-001"], "did you mean exist?"),
+        (["--task", "tower-dev-1"], "no task 'tower-dev-1' in corpus 'builtin'; there are for example tower-dev-"),
+    ],
+)
+def test_program_run__refuses_in_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["program", "run", *words]) == USAGE_ERROR
+    assert said in capsys.readouterr().err

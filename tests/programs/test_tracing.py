@@ -1,0 +1,48 @@
+"""How a program's value comes about, told part by part."""
+
+from __future__ import annotations
+
+import pytest
+
+from lilgym_mp.programs import ProgramError, compile_program
+from lilgym_mp.programs.tracing import trace
+from tests.scenes import SMALL, B, K, circle, scene, square, tower
+
+SHOWN = scene([circle(0, 0, SMALL, K), square(40, 80, colour=B)], [], tower(B))
+
+
+def values(source: str) -> dict[str, str]:
+    return {part: value for _, part, value in trace(source, SHOWN)}
+
+
+def test_trace__begins_with_the_whole_and_its_truth():
+    source = "exist(filter_obj(all_items, lambda x: is_black(x)))"
+    depth, part, value = trace(source, SHOWN)[0]
+    assert (depth, part, value) == (0, source, str(compile_program(source)(SHOWN)))
+
+
+def test_trace__tells_which_items_satisfy_a_condition():
+    told = values("exist(filter_obj(all_items, lambda x: is_black(x)))")
+    assert told["lambda x: is_black(x)"] == "satisfied by [small black circle at (0, 0) in the left box] of 3"
+
+
+def test_trace__tells_which_boxes_satisfy_a_condition_that_has_conditions():
+    source = "count(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x))))) == 2"
+    told = values(source)
+    assert told[source] == "True"
+    condition = "lambda b: exist(filter_obj(b, lambda x: is_blue(x)))"
+    assert told[condition] == "satisfied by [the left box, the right box] of 3"
+    assert not any(
+        "filter_obj(b, " in part and not part.startswith(("count", "filter_obj(all", "lambda b")) for part in told
+    )
+
+
+def test_trace__a_part_without_a_value_says_why():
+    told = values("is_blue(unique(filter_obj(all_items, is_yellow)))")
+    assert all(value.startswith("no value: ") for part, value in told.items() if "unique" in part)
+    assert told["filter_obj(all_items, is_yellow)"] == "[]"
+
+
+def test_trace__of_what_is_no_program_is_refused():
+    with pytest.raises(ProgramError):
+        trace("exists(all_items)", SHOWN)
