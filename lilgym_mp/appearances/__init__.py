@@ -28,9 +28,9 @@ __all__ = [
     "make_appearance",
 ]
 
-_BUILDERS: Mapping[str, Callable[[Grid], Appearance]] = {"tower": lambda grid: Tower(), "scatter": Scatter}
+BUILDERS: Mapping[str, Callable[[Grid], Appearance]] = {"tower": lambda grid: Tower(), "scatter": Scatter}
 
-APPEARANCES: Mapping[str, Appearance] = {name: build(RELEASED_GRID) for name, build in _BUILDERS.items()}
+APPEARANCES: Mapping[str, Appearance] = {name: build(RELEASED_GRID) for name, build in BUILDERS.items()}
 
 
 def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
@@ -38,4 +38,4 @@ def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
 
     Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
     """
-    return choose("appearance", name, _BUILDERS)(checked_grid(grid))
+    return choose("appearance", name, BUILDERS)(checked_grid(grid))

@@ -39,9 +39,16 @@ class Solver:
     """Shortest solutions of the tasks of one MDP. It keeps nothing between calls but answers to the same question."""
 
     def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
-        """`budget`: scenes looked at per call, at most; None is the appearance's own. Raises ValueError below 1."""
+        """`budget`: scenes looked at per call, at most; None is the appearance's own.
+
+        Raises ValueError for a budget below 1 and for an appearance that the expert does not know.
+        """
         self.dynamics = dynamics
-        self._search = SEARCHES[type(dynamics.appearance)](dynamics.appearance, dynamics)
+        appearance = dynamics.appearance
+        if type(appearance) not in SEARCHES:
+            choices = ", ".join(sorted(kind.__name__.lower() for kind in SEARCHES))
+            raise ValueError(f"no expert for appearance {appearance.name!r}; choose from {choices}")
+        self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
         self._sets: dict[Hashable, ActionSet] = {}  # by programs, what they should be, scene and edits left
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]

@@ -15,6 +15,7 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.generator.entries import Draft, Entry, drafts, is_trivial, proven
@@ -22,6 +23,7 @@ from lilgym_mp.corpus.generator.levels import LEVELS
 from lilgym_mp.corpus.generator.starts import Stock
 from lilgym_mp.corpus.places import is_generated
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.corpus.scenes import SAMPLERS
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
@@ -86,7 +88,8 @@ def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
 
 @lru_cache(maxsize=CACHED_CORPORA)
 def generated_entries(recipe: Recipe, appearance: str, split: str) -> tuple[Entry, ...]:
-    """The sound statements of a generated corpus's split."""
+    """The sound statements of a generated corpus's split. Raises ValueError for an unknown appearance."""
+    choose("appearance", appearance, SAMPLERS)
     rng = random.Random(f"{recipe.seed} {recipe.level} {appearance}")  # for all splits, so that they share forms
     stock = Stock.made(appearance, rng, STOCK_SIZE)
     choices = random.Random(rng.getrandbits(64))
