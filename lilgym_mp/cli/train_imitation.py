@@ -103,7 +103,12 @@ class ImitationDisplay:
         self._progress.__exit__(*fault)
 
     def __call__(self, progress: TrainingProgress) -> None:
-        note = f"{progress.states:,} states, loss {progress.actions:.2f}, truth {100 * progress.truth_accuracy:.1f} %"
+        if progress.actions is None or progress.truth_accuracy is None:
+            note = f"text layers, loss {progress.text or 0:.2f}"
+        else:
+            note = (
+                f"{progress.states:,} states, loss {progress.actions:.2f}, truth {100 * progress.truth_accuracy:.1f} %"
+            )
         seconds = int(progress.cpu_seconds)
         self._progress.advance(seconds - self._shown, note)
         self._shown = seconds

@@ -138,6 +138,11 @@ class ItemLayer(nn.Module):
         return self.feedforward(self.relating(self.reading(x, key_value, mask), inputs))
 
 
+def word_mask(words: Tensor) -> Tensor:
+    """(S, 1, 1, T) what hides the places without a word, to be added to scores; `words` (S, T)."""
+    return torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
+
+
 class TextLayer(nn.Module):
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -158,7 +163,9 @@ class Text(nn.Module):
         self.norm = nn.LayerNorm(width)
         nn.init.normal_(self.words.weight, std=0.3)
 
-    def forward(self, words: Tensor, mask: Tensor) -> Tensor:
+    def forward(self, words: Tensor) -> Tensor:
+        """(S, T) word numbers to (S, T, d)."""
+        mask = word_mask(words)
         x = self.dropout(self.words(words) + self.places[: words.shape[1]])
         if torch.is_autocast_enabled(x.device.type):
             x = x.to(torch.get_autocast_dtype(x.device.type))
@@ -272,8 +279,8 @@ class ImitationNetwork(nn.Module):
 
     def read(self, words: Tensor) -> Read:
         """(S, T) words, read."""
-        mask = torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
-        x = self.text(words, mask)
+        mask = word_mask(words)
+        x = self.text(words)
         layers = (cast("ItemLayer", layer).reading for layer in self.item_layers)
         readers = (*layers, self.box_reading, self.scene_reading)
         return Read(tuple(reader.key_value(x) for reader in readers), mask)

@@ -46,6 +46,9 @@ class ImitationRecipe:
         0.25, "share of walks from the empty scene in a FlipIt run; above 0 the agent plays Scratch as well", 0, 1
     )
     first_scenes: int = _setting(3, "scenes with optimal actions of each statement before learning begins", 1)
+    pretraining: float = _setting(
+        0.1, "share of the run, its first, in which the text layers learn to write the statements' programs", 0, 0.9
+    )
     budget: int = _setting(20_000, "scenes that the expert looks at for one set, at most", 1)
     held_out: float = _setting(0.05, "share of the training statements kept apart to choose when to stop by", 0, 0.5)
     derived: float = _setting(
@@ -84,5 +87,5 @@ def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
     "tower": {"solved": 16, "judged": 32},
-    "scatter": {"statements": 16, "solved": 16, "judged": 24, "exploring": 0.35, "own_states": 0.4, "first_scenes": 2},
+    "scatter": {"exploring": 0.2, "own_states": 0.4, "first_scenes": 2},
 }

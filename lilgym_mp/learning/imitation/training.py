@@ -36,7 +36,9 @@ from lilgym_mp.learning.imitation.lessons import (
 )
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
+from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.parsing.batches import tested
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
@@ -60,9 +62,10 @@ class Progress(NamedTuple):
     cpu_seconds: float  # of this process and its children, over the whole run
     exploring_seconds: float  # of them, spent on scenes and optimal actions
     sets: int  # optimal sets asked of the expert since the run was begun or resumed
-    truth: float  # losses, means since the last report
-    actions: float
-    truth_accuracy: float
+    text: float | None  # losses, means since the last report: of writing programs, while the text layers learn that
+    truth: float | None  # of the statement's truth, and of the actions, after that
+    actions: float | None
+    truth_accuracy: float | None
 
 
 @dataclass
@@ -192,7 +195,7 @@ class _Run:
     def _statements(self) -> Iterator[str]:
         """Those whose words are to be known."""
         yield from (lesson.statement for lesson in (*self._lessons, *self._others))
-        if self._recipe.generated:
+        if self._recipe.generated or self._recipe.pretraining:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, PAIRS_FOR_WORDS))
 
@@ -211,10 +214,11 @@ class _Run:
     # Learning
 
     def learn(self, on_progress: Callable[[Progress], object]) -> None:
-        """Explores and learns by turns until the budget is spent."""
+        """Pretrains the text layers, then explores and learns by turns until the budget is spent."""
         recent: list[tuple[float, float, float]] = []
-        saved = reported = self._seconds()
         try:
+            self._pretrain(on_progress)
+            saved = reported = self._seconds()
             self._explore_first()
             while self._done() < 1:
                 if self._wants_to_explore():
@@ -233,6 +237,38 @@ class _Run:
         if recent:
             self._report(recent, on_progress)
 
+    def _pretrain(self, on_progress: Callable[[Progress], object]) -> None:
+        share = self._recipe.pretraining
+        if self._done() >= share:
+            return
+        statements = [*self._lessons, *self._others]
+        text = TextPretraining(
+            self._network,
+            self._numbering,
+            statements,
+            self._settings.appearance,
+            tested(self._settings.corpus),
+            self._recipe,
+            self._seed,
+        )
+        recent: list[float] = []
+        reported = self._seconds()
+        while (done := self._done() / share) < 1:
+            recent.append(text.step(done))
+            self._check_finite(recent[-1], f"text {recent[-1]:g}")
+            self._standing.steps += 1
+            if self._seconds() - reported > REPORT_SECONDS:
+                self._tell(on_progress, text=round(float(np.mean(recent)), 4))
+                recent, reported = [], self._seconds()
+        self._save()
+
+    def _check_finite(self, loss: float, shown: str) -> None:
+        if not math.isfinite(loss):
+            raise TrainingError(
+                f"the loss is not finite at step {self._standing.steps} ({shown});"
+                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
+            )
+
     def _step(self) -> tuple[float, float, float]:
         """One step of the optimiser. Gives the losses of truth and actions, and how often the truth was right."""
         recipe = self._recipe
@@ -244,12 +280,9 @@ class _Run:
             outputs = self._network(batch.inputs, batch.targets)
         found = losses(outputs, batch)
         loss = self._weighted(found)
-        if not torch.isfinite(loss):
-            shown = ", ".join(f"{name} {value.item():g}" for name, value in found._asdict().items())
-            raise TrainingError(
-                f"the loss is not finite at step {self._standing.steps} ({shown});"
-                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
-            )
+        self._check_finite(
+            loss.item(), ", ".join(f"{name} {value.item():g}" for name, value in found._asdict().items())
+        )
         self._optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self._network.parameters(), recipe.gradient_norm)
@@ -264,7 +297,8 @@ class _Run:
         return recipe.truth * found.truth + found.actions + recipe.steps * found.steps + recipe.legal * found.legal
 
     def _schedule(self) -> float:
-        done = min(1.0, self._done())
+        pretraining = self._recipe.pretraining
+        done = min(1.0, max(0.0, self._done() - pretraining) / (1 - pretraining))
         rising = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
         return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
@@ -339,7 +373,18 @@ class _Run:
     # What is left behind
 
     def _report(self, recent: Sequence[tuple[float, float, float]], on_progress: Callable[[Progress], object]) -> None:
-        truth, actions, right = np.mean(recent, axis=0).tolist()
+        truth, actions, right = np.mean(recent, axis=0).round(4).tolist()
+        self._tell(on_progress, truth=truth, actions=actions, truth_accuracy=right)
+
+    def _tell(
+        self,
+        on_progress: Callable[[Progress], object],
+        *,
+        text: float | None = None,
+        truth: float | None = None,
+        actions: float | None = None,
+        truth_accuracy: float | None = None,
+    ) -> None:
         standing = self._standing
         progress = Progress(
             standing.steps,
@@ -347,9 +392,10 @@ class _Run:
             round(self._seconds(), 1),
             round(standing.exploring_seconds, 1),
             self._explorer.sets,
-            round(truth, 4),
-            round(actions, 4),
-            round(right, 4),
+            text,
+            truth,
+            actions,
+            truth_accuracy,
         )
         self._run.record(progress._asdict())
         on_progress(progress)

@@ -119,15 +119,20 @@ def _feed_forward(sizes: Sizes, dropout: float) -> nn.Module:
 class ParserNetwork(nn.Module):
     """Word indices to logits of program tokens. Index 0 pads words, and pads tokens."""
 
-    def __init__(self, word_count: int, token_count: int, sizes: Sizes, dropout: float = 0.0) -> None:
-        """`word_count`, `token_count`: with the padding."""
+    def __init__(
+        self, word_count: int, token_count: int, sizes: Sizes, dropout: float = 0.0, encoder: nn.Module | None = None
+    ) -> None:
+        """`word_count`, `token_count`: with the padding. `encoder`: another network's, from (B, words) indices to
+        (B, words, width), instead of an own one."""
         super().__init__()
         self.sizes = sizes
         width = sizes.width
-        self.words = nn.Embedding(word_count, width, padding_idx=PAD)
-        self.word_places = nn.Parameter(0.02 * torch.randn(sizes.longest_statement, width))
-        self.encoder = nn.ModuleList(EncoderLayer(sizes, dropout) for _ in range(sizes.layers))
-        self.encoder_norm = nn.LayerNorm(width)
+        self.text = encoder
+        if encoder is None:
+            self.words = nn.Embedding(word_count, width, padding_idx=PAD)
+            self.word_places = nn.Parameter(0.02 * torch.randn(sizes.longest_statement, width))
+            self.encoder = nn.ModuleList(EncoderLayer(sizes, dropout) for _ in range(sizes.layers))
+            self.encoder_norm = nn.LayerNorm(width)
         self.tokens = nn.Embedding(token_count, width)
         self.parents = nn.Embedding(token_count, width)
         self.parts = nn.Embedding(MOST_PARTS, width)
@@ -136,18 +141,22 @@ class ParserNetwork(nn.Module):
         self.decoder_norm = nn.LayerNorm(width)
         self.logits = nn.Linear(width, token_count)
         self.dropout = nn.Dropout(dropout)
-        for embedding in (self.words, self.tokens, self.parents, self.parts):
+        own = () if encoder else (self.words,)
+        for embedding in (*own, self.tokens, self.parents, self.parts):
             nn.init.normal_(embedding.weight, std=0.05)
 
     def read(self, words: Tensor) -> list[Memory]:
         """(B, words) indices to what each decoder layer looks at."""
         mask = (words != PAD)[:, None, None]
+        x = self._encoded(words, mask) if self.text is None else self.text(words)
+        layers = (cast("DecoderLayer", layer) for layer in self.decoder)
+        return [Memory(*layer.statement.keys_and_values(x), mask) for layer in layers]
+
+    def _encoded(self, words: Tensor, mask: Tensor) -> Tensor:
         x = self.dropout(self.words(words) + self.word_places[: words.shape[1]])
         for layer in self.encoder:
             x = layer(x, mask)
-        x = self.encoder_norm(x)
-        layers = (cast("DecoderLayer", layer) for layer in self.decoder)
-        return [Memory(*layer.statement.keys_and_values(x), mask) for layer in layers]
+        return self.encoder_norm(x)
 
     def forward(self, words: Tensor, tokens: Tensor, slots: Slots) -> Tensor:
         """Logits (B, length, tokens) of each token, given those before it; all (B, length)."""

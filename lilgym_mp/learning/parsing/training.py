@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 from torch.nn import functional
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
@@ -26,16 +26,19 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription
-from lilgym_mp.learning.parsing.calibration import Forecast, fitted
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import (
-    APPEARANCE_WORDS,
-    Pair,
-    Variations,
-    pair_of,
-    reading_of,
-    slots_of,
+from lilgym_mp.learning.parsing.batches import (
+    LAST_GENERATED,
+    Batch,
+    Example,
+    Source,
+    Sources,
+    drawn_batches,
+    generated_share,
+    tested,
 )
+from lilgym_mp.learning.parsing.calibration import Forecast, fitted
+from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
+from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, Pair, Variations
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, tensors_of, truths
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
@@ -46,8 +49,6 @@ from lilgym_mp.rules import Outcome
 KIND = "parse-and-plan"
 VERSION = 1
 RAREST_WORD = 2  # times that a word must occur to be in the vocabulary
-LAST_GENERATED = 1 / 8  # of the generator's share at the first step, at the last one
-POOL = 16  # batches that are drawn together and sorted by length
 REPORT_EVERY = 50  # steps
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
 MOST_STARTS = 2  # of a held-out statement and target, that are planned from for calibration
@@ -61,46 +62,6 @@ class Progress(NamedTuple):
     steps: int  # in all
     loss: float  # mean since the last report
     cpu_seconds: float  # of this process since training began, preparation included
-
-
-class Example(NamedTuple):
-    """A statement of the corpus with its program."""
-
-    statement: str
-    program: str
-    appearance: str
-
-
-class Source:
-    """Examples to draw pairs from; each is brought into the parser's terms when it is first drawn."""
-
-    def __init__(self, examples: Sequence[Example], known: frozenset[str]) -> None:
-        self.appearances = {example.appearance for example in examples}
-        self._examples = list(examples)
-        self._pairs: list[Pair | None] = [None] * len(examples)
-        self._known = known
-
-    def __len__(self) -> int:
-        return len(self._examples)
-
-    def drawn(self, rng: random.Random) -> Pair:
-        """A pair at random. Raises TrainingError when no example has a program that can be learnt."""
-        while self._examples:
-            index = rng.randrange(len(self._examples))
-            pair = self._pairs[index] or self._made(index)
-            if pair is not None:
-                return pair
-        raise TrainingError("nothing to learn from: no statement has a program that the parser can write")
-
-    def _made(self, index: int) -> Pair | None:
-        """The pair of an example; one that has none is dropped."""
-        statement, program, appearance = self._examples[index]
-        reading = reading_of(statement, appearance, self._known)
-        pair = self._pairs[index] = pair_of(reading, program, most_tokens=Sizes.longest_program)
-        if pair is None:
-            self._examples[index], self._pairs[index] = self._examples[-1], self._pairs[-1]
-            del self._examples[-1], self._pairs[-1]
-        return pair
 
 
 class Lessons(NamedTuple):
@@ -210,32 +171,18 @@ def corpus_examples(corpus: str) -> list[Example]:
     return list(found)
 
 
-def tested(corpus: str) -> set[str]:
-    """The statements of the corpus's other splits, normalised: what no generated statement may be, even by chance."""
-    try:
-        sets = list(load_all_tasks(corpus, splits=("dev", "test")))
-    except NoTasksError:
-        return set()
-    return {normalised(task.statement) for tasks in sets for task in tasks}
-
-
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], left_out: set[str], rng: random.Random
 ) -> Iterator[Example]:
     needed = int(recipe.generated * (1 + LAST_GENERATED) / 2 * recipe.steps * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
-        for pair in islice(training_pairs(appearance, rng.getrandbits(32)), count):
-            if normalised(pair.statement) not in left_out:
-                yield Example(pair.statement, pair.program, appearance)
-
-
-class Batch(NamedTuple):
-    """Pairs as indices, padded at the end."""
-
-    words: Tensor  # (B, words)
-    tokens: Tensor  # (B, length)
-    slots: Slots
+        pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
+        yield from (
+            Example(pair.statement, pair.program, appearance)
+            for pair in pairs
+            if normalised(pair.statement) not in left_out
+        )
 
 
 class _Learner:
@@ -281,43 +228,24 @@ class _Learner:
         return left * min(1.0, (self.step + 1) / self.recipe.warm_up)
 
     def _generated_share(self) -> float:
-        """Of the pairs at this step: first the language at large, in the end what the corpus says."""
-        return self.recipe.generated * (1 + (LAST_GENERATED - 1) * self.step / self.recipe.steps)
+        return generated_share(self.recipe.generated, self.step / self.recipe.steps)
 
     def _drawn(self) -> Iterator[Batch]:
-        """Batches of pairs of nearly equal length."""
-        recipe, rng = self.recipe, self._rng
+        recipe, lessons = self.recipe, self._lessons
         variations = Variations(recipe.shapes, recipe.numbers)
-        corpus, generated = self._lessons.corpus, self._lessons.generated
-        size = recipe.batch_size
-        while True:
-            share = self._generated_share() if len(generated) else 0.0
-            sources = (generated if rng.random() < share else corpus for _ in range(POOL * size))
-            pool = [variations.of(source.drawn(rng), rng) for source in sources]
-            pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
-            batches = [pool[first : first + size] for first in range(0, len(pool), size)]
-            rng.shuffle(batches)
-            yield from map(self._batch, batches)
+        sources = Sources(lessons.corpus, lessons.generated if len(lessons.generated) else None)
+        return drawn_batches(
+            sources, self._generated_share, variations, self._indices, recipe.batch_size, self._rng, self._device
+        )
 
-    def _batch(self, pairs: Sequence[Pair]) -> Batch:
+    def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         vocabulary, rng = self._lessons.vocabulary, self._rng
         unknown = vocabulary.of(UNKNOWN)
         words = [
-            [
-                unknown if place and rng.random() < self.recipe.unknown else vocabulary.of(word, unknown)
-                for place, word in enumerate(pair.words)
-            ]
-            for pair in pairs
+            unknown if place and rng.random() < self.recipe.unknown else vocabulary.of(word, unknown)
+            for place, word in enumerate(pair.words)
         ]
-        tokens = [[TOKENS.of(token) for token in pair.tokens] for pair in pairs]
-        slots = [list(slots_of(row)) for row in tokens]
-        parents = [[slot.parent for slot in row] for row in slots]
-        parts = [[slot.part for slot in row] for row in slots]
-        return Batch(self._padded(words), self._padded(tokens), Slots(self._padded(parents), self._padded(parts)))
-
-    def _padded(self, rows: Sequence[Sequence[int]]) -> Tensor:
-        longest = max(map(len, rows))
-        return torch.tensor([[*row, *[0] * (longest - len(row))] for row in rows], device=self._device)
+        return words, [TOKENS.of(token) for token in pair.tokens]
 
     def state(self) -> dict[str, Any]:
         return {

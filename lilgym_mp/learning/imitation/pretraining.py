@@ -1,0 +1,96 @@
+"""Text first: the layers that read statements learn to write their programs, before anything is imitated."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.corpus.generator.pairs import training_pairs
+from lilgym_mp.corpus.tokens import UNKNOWN
+from lilgym_mp.learning.imitation.batches import Numbering
+from lilgym_mp.learning.imitation.lessons import Lesson
+from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, ImitationNetwork
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.parsing.batches import Example, Source, Sources, Stream, drawn_batches, generated_share
+from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
+from lilgym_mp.learning.parsing.pairs import Pair, Variations
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, tokens_recoloured, words_recoloured
+
+PARSER = ParserRecipe()  # whose batches, rates and variations serve here too
+
+
+class TextPretraining:
+    """A decoder of programs over the network's text layers, learnt from the training statements and generated ones.
+
+    Only the text layers are kept. Colours are exchanged at random, as in imitation.
+    """
+
+    def __init__(
+        self,
+        network: ImitationNetwork,
+        numbering: Numbering,
+        lessons: Sequence[Lesson],
+        appearance: str,
+        left_out: set[str],
+        recipe: ImitationRecipe,
+        seed: int,
+    ) -> None:
+        """`left_out`: normalised statements that no generated one may be, those of other splits."""
+        self._numbering = numbering
+        self._rng = random.Random(f"text {seed}")
+        self._recipe = recipe
+        self._done = 0.0
+        device = next(network.parameters()).device
+        sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=LONGEST_STATEMENT)
+        self._writer = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
+        self._optimiser = torch.optim.AdamW(
+            self._writer.parameters(), PARSER.learning_rate, weight_decay=PARSER.weight_decay, fused=True
+        )
+        known = frozenset(numbering.vocabulary.words)
+        examples = [Example(lesson.statement, lesson.program.source, appearance) for lesson in lessons]
+        self._batches = drawn_batches(
+            Sources(Source(examples, known), Stream(generated_examples(appearance, seed, left_out), known)),
+            lambda: generated_share(PARSER.generated, self._done),
+            Variations(PARSER.shapes, PARSER.numbers),
+            self._indices,
+            PARSER.batch_size,
+            self._rng,
+            device,
+        )
+
+    def step(self, done: float) -> float:
+        """One step of the optimiser when `done`, 0 to 1, of the time for it is spent; gives the loss."""
+        self._done = done
+        for group in self._optimiser.param_groups:
+            group["lr"] = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
+        words, tokens, slots = next(self._batches)
+        self._writer.train()
+        logits = self._writer(words, tokens, slots)
+        loss = functional.cross_entropy(
+            logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=PARSER.smoothing
+        )
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self._writer.parameters(), self._recipe.gradient_norm)
+        self._optimiser.step()
+        return loss.item()
+
+    def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
+        rng, number = self._rng, self._numbering.vocabulary.number
+        exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
+        said = words_recoloured(pair.words[1:], exchange)[:LONGEST_STATEMENT]  # less the word of the appearance
+        words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in said]
+        return words or [UNKNOWN], [TOKENS.of(token) for token in tokens_recoloured(pair.tokens, exchange)]
+
+
+def generated_examples(appearance: str, seed: int, left_out: set[str]) -> Iterator[Example]:
+    """Endless generated statements with their programs."""
+    for statement, program in training_pairs(appearance, seed):
+        if normalised(statement) not in left_out:
+            yield Example(statement, program, appearance)
