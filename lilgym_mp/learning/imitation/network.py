@@ -18,7 +18,9 @@ from lilgym_mp.scene import BOX_COUNT, KIND_COUNT, Colour, Shape, Size
 
 MOST_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
 GATES = 8  # relations between items that a layer looks at
-CELL_CHANNELS = 32
+CELL_CHANNELS = 32  # of a cell's vector, against what a look asks for
+CELL_HIDDEN = 64
+GEOMETRY_CHANNELS = VALUE_CHANNELS = 16
 LONGEST_STATEMENT = 64  # words; the rest is cut off
 
 
@@ -174,6 +176,33 @@ class Text(nn.Module):
         return self.norm(x)
 
 
+class Geometry(nn.Module):
+    """What lies where in a box, cell by cell, and what may be done there; no matter what the statement says."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
+        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
+        self.cells = nn.Parameter(0.1 * torch.randn(CELLS * CELLS, GEOMETRY_CHANNELS))
+        self.mix = nn.Linear(GEOMETRY_CHANNELS, CELL_HIDDEN)
+        self.legal = nn.Linear(CELL_HIDDEN, KIND_COUNT + 1)
+        for embedding in (self.across, self.down):
+            nn.init.normal_(embedding.weight, std=0.5)
+            nn.init.zeros_(embedding.weight[0])
+
+    def of_items(self, offsets: Tensor) -> Tensor:
+        """(..., 25, C) what items do to the cells, from their `offsets` (..., 2, 5)."""
+        across, down = self.across(offsets[..., 0, :]), self.down(offsets[..., 1, :])
+        return (across[..., :, None, :] * down[..., None, :, :]).flatten(-3, -2)
+
+    def forward(self, sums: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., 25, H) what the cells are like, (..., 25, 10) logits of what is valid there, from the sums over items
+        (..., 25, C)."""
+        with torch.autocast(sums.device.type, enabled=False):
+            hidden = F.relu(self.mix(sums + self.cells))
+            return hidden, self.legal(hidden)
+
+
 class ScatterHeads(nn.Module):
     """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
 
@@ -182,14 +211,13 @@ class ScatterHeads(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.looks = len(Shape) * len(Colour) * len(Size)
-        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, CELL_CHANNELS, padding_idx=0)
-        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, CELL_CHANNELS, padding_idx=0)
-        self.value = nn.Linear(width, CELL_CHANNELS // 2)
-        self.cells = nn.Parameter(0.1 * torch.randn(CELLS * CELLS, CELL_CHANNELS))
-        self.box = nn.Linear(width, CELL_CHANNELS)
-        self.mix = nn.Linear(CELL_CHANNELS, 64)
-        self.legal = nn.Linear(64, KIND_COUNT + 1)
-        self.out = nn.Linear(64, CELL_CHANNELS)
+        self.geometry = Geometry()
+        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
+        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
+        self.value = nn.Linear(width, VALUE_CHANNELS)
+        self.mix = nn.Linear(VALUE_CHANNELS + CELL_HIDDEN, CELL_HIDDEN)
+        self.box = nn.Linear(width, CELL_HIDDEN)
+        self.out = nn.Linear(CELL_HIDDEN, CELL_CHANNELS)
         self.wanted = nn.Linear(width, self.looks * CELL_CHANNELS)
         self.wanted_remove = nn.Linear(width, CELL_CHANNELS)
         self.look = nn.Linear(width, self.looks)
@@ -202,14 +230,15 @@ class ScatterHeads(nn.Module):
         across, down = (
             embedding(inputs.offsets[:, axis]) for axis, embedding in enumerate((self.across, self.down))
         )  # (items, 5, C)
-        value = self.value(items.flatten(0, 1).index_select(0, inputs.cell_items)).float()
-        value = torch.cat([torch.ones_like(value), value], -1)[:, None]
-        each = (across * value)[:, :, None] * down[:, None]  # (items, 5, 5, C)
-        cells = each.new_zeros(statements * boxes, each[0].numel() if len(each) else CELLS**2 * CELL_CHANNELS)
-        cells = cells.index_add(0, inputs.cell_places, each.flatten(1))
-        cells = cells.view(statements, boxes, CELLS**2, CELL_CHANNELS)
-        hidden = F.relu(self.mix(cells + self.cells + self.box(box[:, :boxes]).float()[..., None, :]))
-        return self.out(hidden), self.legal(hidden)
+        value = self.value(items.flatten(0, 1).index_select(0, inputs.cell_items)).float()[:, None]
+        each = ((across * value)[:, :, None] * down[:, None]).flatten(1, 2)  # (items, 25, C)
+        each = torch.cat([self.geometry.of_items(inputs.offsets), each], -1)
+        cells = each.new_zeros(statements * boxes, CELLS**2, each.shape[-1])
+        cells = cells.index_add(0, inputs.cell_places, each).unflatten(0, (statements, boxes))
+        places, legal = self.geometry(cells[..., :GEOMETRY_CHANNELS])
+        found = torch.cat([cells[..., GEOMETRY_CHANNELS:], places], -1)
+        hidden = F.relu(self.mix(found) + self.box(box[:, :boxes])[..., None, :])
+        return self.out(hidden), legal
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""

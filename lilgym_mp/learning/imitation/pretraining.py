@@ -1,10 +1,11 @@
-"""Text first: the layers that read statements learn to write their programs, before anything is imitated."""
+"""What is learnt before anything is imitated: to write statements' programs, and which edits are valid (Scatter)."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
@@ -13,8 +14,9 @@ from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation.batches import Numbering
+from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.lessons import Lesson
-from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, ImitationNetwork
+from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Geometry, ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.parsing.batches import Example, Source, Sources, Stream, drawn_batches, generated_share
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
@@ -23,6 +25,8 @@ from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, tokens_recoloured, words_recoloured
 
 PARSER = ParserRecipe()  # whose batches, rates and variations serve here too
+GEOMETRY_RATE = 0.01
+BOXES = 128  # in a batch
 
 
 class TextPretraining:
@@ -87,6 +91,33 @@ class TextPretraining:
         said = words_recoloured(pair.words[1:], exchange)[:LONGEST_STATEMENT]  # less the word of the appearance
         words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in said]
         return words or [UNKNOWN], [TOKENS.of(token) for token in tokens_recoloured(pair.tokens, exchange)]
+
+
+class GeometryPretraining:
+    """Which edits are valid in a box, learnt from the boxes of the scenes explored so far."""
+
+    def __init__(self, geometry: Geometry, table: BoxTable, warmup: float, rng: np.random.Generator) -> None:
+        self._geometry = geometry
+        self._table = table
+        self._warmup = warmup
+        self._rng = rng
+        self._device = geometry.cells.device
+        self._optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_RATE, weight_decay=0.0, fused=True)
+
+    def step(self, done: float) -> float:
+        """As `TextPretraining.step`."""
+        for group in self._optimiser.param_groups:
+            group["lr"] = GEOMETRY_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
+        self._table.describe()
+        chosen = self._rng.integers(len(self._table), size=BOXES)
+        offsets = torch.from_numpy(self._table.offsets[chosen].astype(np.int64)).to(self._device)
+        valid = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
+        _, logits = self._geometry(self._geometry.of_items(offsets).sum(1))
+        loss = functional.binary_cross_entropy_with_logits(logits, valid)
+        self._optimiser.zero_grad()
+        loss.backward()
+        self._optimiser.step()
+        return loss.item()
 
 
 def generated_examples(appearance: str, seed: int, left_out: set[str]) -> Iterator[Example]:

@@ -36,7 +36,7 @@ from lilgym_mp.learning.imitation.lessons import (
 )
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
-from lilgym_mp.learning.imitation.pretraining import TextPretraining
+from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.parsing.batches import tested
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
@@ -47,6 +47,7 @@ from lilgym_mp.task import Task
 SAVE_SECONDS = 30.0  # of processor time between checkpoints
 REPORT_SECONDS = 10.0
 EXPLORED_AT_ONCE = 32  # statements
+GEOMETRY_SHARE = 0.2  # of the share of the run that pretraining takes; on top of it (Scatter)
 OWN_AFTER = 0.2  # share of the budget after which the network's own states are explored
 MOST_TASKS_FOR_RULE = 600
 POOL_FIRST = 100  # further statements before learning begins
@@ -76,6 +77,7 @@ class _Standing:
     states: int = 0
     cpu_seconds: float = 0.0
     exploring_seconds: float = 0.0
+    begun_at: float = 0.0  # share of the budget that was spent when imitation began
 
 
 def cpu_seconds() -> float:
@@ -217,9 +219,12 @@ class _Run:
         """Pretrains the text layers, then explores and learns by turns until the budget is spent."""
         recent: list[tuple[float, float, float]] = []
         try:
-            self._pretrain(on_progress)
-            saved = reported = self._seconds()
+            self._pretrain_text(on_progress)
             self._explore_first()
+            if not self._standing.begun_at:
+                self._pretrain_geometry()
+                self._standing.begun_at = self._done()
+            saved = reported = self._seconds()
             while self._done() < 1:
                 if self._wants_to_explore():
                     self._explore_more()
@@ -237,7 +242,18 @@ class _Run:
         if recent:
             self._report(recent, on_progress)
 
-    def _pretrain(self, on_progress: Callable[[Progress], object]) -> None:
+    def _pretrain_geometry(self) -> None:
+        heads, share = self._network.scatter, GEOMETRY_SHARE * self._recipe.pretraining
+        if heads is None or not share:
+            return
+        geometry = GeometryPretraining(heads.geometry, self._table, self._recipe.warmup, self._rng)
+        first = self._done()
+        while (done := (self._done() - first) / share) < 1:
+            loss = geometry.step(done)
+            self._check_finite(loss, f"valid edits {loss:g}")
+            self._standing.steps += 1
+
+    def _pretrain_text(self, on_progress: Callable[[Progress], object]) -> None:
         share = self._recipe.pretraining
         if self._done() >= share:
             return
@@ -297,8 +313,8 @@ class _Run:
         return recipe.truth * found.truth + found.actions + recipe.steps * found.steps + recipe.legal * found.legal
 
     def _schedule(self) -> float:
-        pretraining = self._recipe.pretraining
-        done = min(1.0, max(0.0, self._done() - pretraining) / (1 - pretraining))
+        begun_at = self._standing.begun_at
+        done = min(1.0, (self._done() - begun_at) / (1 - begun_at))
         rising = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
         return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
