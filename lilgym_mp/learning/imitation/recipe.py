@@ -86,6 +86,6 @@ def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {},
+    "tower": {"solved": 16, "judged": 32},
     "scatter": {"exploring": 0.2, "own_states": 0.4, "first_scenes": 2},
 }
