@@ -13,6 +13,7 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from tests.small_corpus import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
+    "pretraining": 0.0,
     "derived": 0.0,
     "generated": 0.0,
     "width": 32,

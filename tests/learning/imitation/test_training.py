@@ -13,6 +13,7 @@ from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.lessons import Explorer, Lesson
+from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.model_file import ModelFileError, save_model
@@ -39,6 +40,29 @@ def test_learning__three_statements_are_solved_in_seconds(statements: str, tmp_p
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
     assert completed(agent, settings) == 1
     assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
+
+
+@pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
+def test_training__with_pretraining_goes_on_where_it_was_interrupted(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+):
+    settings = Settings(name, corpus=statements)
+    recipe = small_recipe(settings, pretraining=0.4)
+    learnt: list[float] = []
+    step = TextPretraining.step
+
+    def interrupted(pretraining: TextPretraining, done: float) -> float:
+        learnt.append(done)
+        if len(learnt) == 9:
+            raise KeyboardInterrupt
+        return step(pretraining, done)
+
+    monkeypatch.setattr(TextPretraining, "step", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train_imitation(settings, recipe, tmp_path / "run", steps=40)
+    agent = train_imitation(settings, recipe, tmp_path / "run", steps=40, resume=True)
+    assert learnt[8:] == pytest.approx([place / 16 for place in range(8, 16)])
+    assert agent.description.details["steps"] == 40
 
 
 def test_learning__with_shuffled_labels_nothing_is_learnt(

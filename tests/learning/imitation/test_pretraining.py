@@ -1,0 +1,63 @@
+"""What is learnt before imitation: programs from statements, and which edits are valid."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import torch
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.learning.imitation.batches import Numbering, vocabulary_of
+from lilgym_mp.learning.imitation.boxes import BoxTable
+from lilgym_mp.learning.imitation.lessons import Explorer, lessons_of
+from lilgym_mp.learning.imitation.network import Geometry, ImitationNetwork
+from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining, generated_examples
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.rules import make_dynamics
+
+
+def test_text_pretraining__teaches_the_text_layers_and_nothing_else():
+    recipe = ImitationRecipe(width=32, text_layers=1)
+    lessons = lessons_of(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
+    numbering = Numbering(vocabulary_of(lesson.statement for lesson in lessons))
+    torch.manual_seed(0)
+    network = ImitationNetwork("tower", len(numbering.vocabulary), width=32, text_layers=1)
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    pretraining = TextPretraining(network, numbering, lessons, "tower", set(), recipe, seed=0)
+    losses = [pretraining.step(step / 60) for step in range(60)]
+    assert np.mean(losses[-5:]) < 0.6 * np.mean(losses[:5])
+    changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
+    assert changed
+    assert all(name.startswith("text.") for name in changed)
+
+
+def test_generated_examples__are_none_of_those_left_out():
+    first = next(generated_examples("tower", 0, set()))
+    without = generated_examples("tower", 0, {normalised(first.statement)})
+    assert all(normalised(example.statement) != normalised(first.statement) for example in islice(without, 200))
+
+
+def test_geometry_pretraining__tells_valid_edits():
+    dynamics, table, rng = make_dynamics(make_appearance("scatter")), BoxTable(), np.random.default_rng(0)
+    explorer = Explorer(dynamics, table, rng)
+    for task in islice(load_tasks("builtin", "scatter", "flipit", "train"), 800):
+        scene = task.start
+        for _ in range(3):
+            table.indices([scene])
+            scene = explorer.edited(scene)
+    table.describe()
+    torch.manual_seed(0)
+    geometry = Geometry()
+    pretraining = GeometryPretraining(geometry, table, 0.03, rng)
+    for step in range(300):
+        pretraining.step(step / 300)
+    with torch.no_grad():
+        offsets = torch.from_numpy(table.offsets.astype(np.int64))
+        told = geometry(geometry.of_items(offsets).sum(1))[1].numpy() > 0
+    wrong = told != table.legal
+    shares = [wrong[..., part][table.legal[..., part] == valid].mean() for part in (slice(9), 9) for valid in (0, 1)]
+    assert max(shares) < 0.12  # 0.5 untrained; of ADDs and REMOVEs, not valid and valid ones
+    assert max(shares[2:]) < 0.05  # REMOVEs
