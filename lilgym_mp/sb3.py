@@ -25,7 +25,7 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
 from lilgym_mp.wrappers.tokens import Tokens
-from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
+from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 STATEMENT = "statement"  # the observation's part that SB3 takes as word numbers only
 VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment

@@ -16,7 +16,7 @@ import lilgym_mp
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import FlatObservation, MultiDiscreteActions, StopForcing, stop_forcing_v0
-from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
+from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 

@@ -8,9 +8,9 @@ from lilgym_mp.wrappers.action_mask import ActionMask, action_mask_v0
 from lilgym_mp.wrappers.box_permutation import BoxPermutation, box_permutation_v0
 from lilgym_mp.wrappers.channels_first import ChannelsFirst, channels_first_v0
 from lilgym_mp.wrappers.embedding import StatementEmbedding, statement_embedding_v0
+from lilgym_mp.wrappers.env_state import WrongEnvironment
 from lilgym_mp.wrappers.flat import FlatObservation, flat_observation_v0
 from lilgym_mp.wrappers.grid_planes import GridPlanes, grid_planes_v0
-from lilgym_mp.wrappers.moment import WrongEnvironment
 from lilgym_mp.wrappers.multi_discrete import MultiDiscreteActions, multi_discrete_actions_v0
 from lilgym_mp.wrappers.named_actions import NamedActions, named_actions_v0
 from lilgym_mp.wrappers.native_image import NativeImage, native_image_v0

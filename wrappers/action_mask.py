@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.wrappers.env_state import EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 MASK = "action_mask"  # the info's key
@@ -19,10 +19,10 @@ MASK = "action_mask"  # the info's key
 class MaskTold(Transformation):
     """The legal actions as the info's "action_mask"."""
 
-    tells = True
+    adds_infos = True
 
-    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
-        return {MASK: moment.legal().view(np.int8)}
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+        return {MASK: state.legal().view(np.int8)}
 
 
 class ActionMask(EnvWrapper[MaskTold]):
@@ -32,7 +32,7 @@ class ActionMask(EnvWrapper[MaskTold]):
     what is legal, such as StopForcing, are obeyed.
     """
 
-    does = MaskTold
+    transformation_class = MaskTold
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

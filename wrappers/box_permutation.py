@@ -8,7 +8,7 @@ import gymnasium as gym
 
 from lilgym_mp.corpus.permutation import with_permuted_boxes
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -29,7 +29,7 @@ class BoxPermutation(EnvWrapper[PermutedTasks]):
     It must stand beneath all wrappers but NLVRReward.
     """
 
-    does = PermutedTasks
+    transformation_class = PermutedTasks
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

@@ -9,30 +9,30 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import IMAGE, Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 
 class Channels(Format):
     """The image's last axis first."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
-        self._shape: tuple[int, ...] = world.part(IMAGE).shape or ()
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        self._shape: tuple[int, ...] = description.part(IMAGE).shape or ()
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {IMAGE: spaces.Box(0, 255, (self._shape[-1], *self._shape[:-1]), np.uint8)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
 
 
 class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
 
-    does = Channels
+    transformation_class = Channels
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

@@ -11,9 +11,9 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from lilgym_mp.arrays import Float32Array, Int64Array
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Format
 
@@ -35,32 +35,32 @@ class Embedding(Format):
 
     replaces = (STATEMENT,)
 
-    def __init__(self, world: World, *, encoder: Encoder, limit: float) -> None:
-        super().__init__(world)
+    def __init__(self, description: EnvDescription, *, encoder: Encoder, limit: float) -> None:
+        super().__init__(description)
         self._limit = limit
-        world.part(STATEMENT)
+        description.part(STATEMENT)
         if isinstance(encoder, str) or not (isinstance(encoder, SentenceEncoder) or callable(encoder)):
             raise ValueError(f"encoder must be a function of a statement or have a method encode, not {encoder!r}")
         self._encoder = encoder
         self._by_statement: dict[str, Float32Array] = {}
-        first = self._encoded(world.tasks[0].statement)
+        first = self._encoded(description.tasks[0].statement)
         if first.ndim != 1 or not first.size:
             raise ValueError(f"encoder must give one vector of a statement, not an array of shape {first.shape}")
         self.dimension = first.size
-        self._by_task = np.zeros((len(world.tasks), self.dimension), np.float32)
-        self._known = np.zeros(len(world.tasks), np.bool_)
+        self._by_task = np.zeros((len(description.tasks), self.dimension), np.float32)
+        self._known = np.zeros(len(description.tasks), np.bool_)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        numbers = moment.task_numbers
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        numbers = state.task_numbers
         self._learn(numbers[~self._known[numbers]])
         return {STATEMENT: self._by_task[numbers]}
 
     def _learn(self, task_numbers: Int64Array) -> None:
         for number in task_numbers.tolist():
-            statement = self.world.tasks[number].statement
+            statement = self.env_description.tasks[number].statement
             vector = self._by_statement.get(statement)
             if vector is None:
                 vector = self._by_statement[statement] = self._encoded(statement)
@@ -91,7 +91,7 @@ class StatementEmbedding(EnvWrapper[Embedding]):
     spec of the wrapped environment holds the encoder itself, so it has no JSON form.
     """
 
-    does = Embedding
+    transformation_class = Embedding
 
     def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
         super().__init__(env, encoder=encoder, limit=limit)

@@ -9,9 +9,9 @@ from typing import Any, Concatenate, ParamSpec
 
 import gymnasium as gym
 
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import WrongEnvironment
-from lilgym_mp.wrappers.vector_lift import VectorEnvWrapper
+from lilgym_mp.wrappers.env_state import WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 Settings = ParamSpec("Settings")
 AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo AEC or parallel environment
@@ -31,12 +31,12 @@ def factory(
         settings.apply_defaults()
         del settings.arguments["env"]
         if isinstance(env, gym.vector.VectorEnv):
-            return VectorEnvWrapper(env, wrapper.__name__, wrapper.does, settings.arguments)
+            return VectorEnvWrapper(env, wrapper.__name__, wrapper.transformation_class, settings.arguments)
         if _comes_from_pettingzoo(env):
-            from lilgym_mp.wrappers.pettingzoo_lift import is_game, lifted
+            from lilgym_mp.wrappers.pettingzoo_adapter import is_game, lifted
 
             if is_game(env):
-                return lifted(env, wrapper.__name__, wrapper.does, settings.arguments)
+                return lifted(env, wrapper.__name__, wrapper.transformation_class, settings.arguments)
         raise WrongEnvironment(
             f"{wrapper.__name__} wraps this package's Gymnasium environments, its vector environments, and its"
             f" proposer-verifier game in PettingZoo's forms, not {env!r}"

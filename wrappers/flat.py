@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.arrays import Float32Array
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, WrongEnvironment
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 
@@ -21,14 +21,14 @@ class Flattening(Transformation):
 
     changes_observations = True
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
-        self._parts = world.parts()
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        self._parts = description.parts()
         for name, space in self._parts.items():
             if not isinstance(space, spaces.Box | spaces.Discrete):
                 raise WrongEnvironment(
-                    f"{world.wrapper} needs parts that are numbers, but {name!r} is {space}; put TokenizedStatement"
-                    f" or StatementEmbedding beneath it for a statement"
+                    f"{description.wrapper} needs parts that are numbers, but {name!r} is {space};"
+                    f" put TokenizedStatement or StatementEmbedding beneath it for a statement"
                 )
 
     def observation_space(self) -> spaces.Box:
@@ -36,7 +36,7 @@ class Flattening(Transformation):
         low, high = (np.concatenate([bound[side] for bound in bounds]) for side in (0, 1))
         return spaces.Box(low, high, dtype=np.float32)
 
-    def observations(self, observations: Mapping[str, Batch], moment: Moment) -> Batch:
+    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
         return np.concatenate([_rows(space, observations[name]) for name, space in self._parts.items()], axis=1)
 
 
@@ -61,7 +61,7 @@ class FlatObservation(EnvWrapper[Flattening]):
     Raises WrongEnvironment for a statement still in text.
     """
 
-    does = Flattening
+    transformation_class = Flattening
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

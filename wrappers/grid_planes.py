@@ -23,9 +23,9 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.wrappers.env_state import PLANES, EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import PLANES, Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 
@@ -40,18 +40,18 @@ _CORNER_SIGNS = (1, -1, -1, 1)
 class Planes(SceneFormat):
     """Counts of items by looks, and the cells they reach into."""
 
-    def __init__(self, world: World, *, keep_image: bool) -> None:
-        super().__init__(world, keep_image=keep_image)
-        self.columns, self.rows = getattr(world.dynamics.appearance, "grid", RELEASED_GRID)
+    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+        super().__init__(description, keep_image=keep_image)
+        self.columns, self.rows = getattr(description.dynamics.appearance, "grid", RELEASED_GRID)
         self._cell = np.array([IMAGE_WIDTH // self.columns, IMAGE_HEIGHT // self.rows])  # width and height in pixels
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        high = np.full((PLANE_COUNT, self.rows, self.columns), self.world.item_capacity, np.uint8)
+        high = np.full((PLANE_COUNT, self.rows, self.columns), self.env_description.item_capacity, np.uint8)
         high[OCCUPANCY] = 1
         return {PLANES: spaces.Box(np.zeros_like(high), high, dtype=np.uint8)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        items = moment.items
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        items = state.items
         batch, box, slot = np.nonzero(items[..., -1] != EMPTY)
         here = items[batch, box, slot].astype(np.int64)  # (items, 5)
         sides = _SIDES[here[:, 4]]
@@ -92,7 +92,7 @@ class GridPlanes(EnvWrapper[Planes]):
     into the cell. `keep_image` leaves "image" beside them.
     """
 
-    does = Planes
+    transformation_class = Planes
 
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)

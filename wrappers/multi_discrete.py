@@ -14,9 +14,9 @@ from lilgym_mp.actions import STOP, ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.choices import choose
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 NUMBERS, SLOTS = "numbers", "slots"
@@ -34,20 +34,20 @@ class ArrayForm(Transformation):
     """Action arrays to action numbers, a whole batch at once."""
 
     changes_actions = True
-    speaks_of_actions = True
+    concerns_actions = True
 
-    def __init__(self, world: World, *, masks: str) -> None:
-        super().__init__(world)
-        world.numbered_actions()
+    def __init__(self, description: EnvDescription, *, masks: str) -> None:
+        super().__init__(description)
+        description.numbered_actions()
         self._by_slots = choose("masks", masks, MASKS) == SLOTS
-        self._appearance = world.dynamics.appearance
+        self._appearance = description.dynamics.appearance
         self._forms = _forms(self._appearance)
         self._sizes = 1 + np.max([form.last for form in self._forms], axis=0)
 
     def action_space(self) -> spaces.MultiDiscrete:
         return spaces.MultiDiscrete(self._sizes)
 
-    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
         """Raises ActionError for an array of another shape or a value out of range."""
         arrays = np.asarray(actions)
         if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
@@ -63,8 +63,8 @@ class ArrayForm(Transformation):
                 numbers[rows] = first_number + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
         return (numbers if known.all() else self._one_by_one(arrays)), {}
 
-    def legal(self, moment: Moment) -> BoolArray:
-        legal = moment.legal()
+    def legal(self, state: EnvState) -> BoolArray:
+        legal = state.legal()
         if not self._by_slots:
             return legal
         values = self._slot_values
@@ -106,7 +106,7 @@ class MultiDiscreteActions(EnvWrapper[ArrayForm]):
     another shape or a value out of range.
     """
 
-    does = ArrayForm
+    transformation_class = ArrayForm
 
     def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)

@@ -12,9 +12,9 @@ from gymnasium import spaces
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 
@@ -59,17 +59,17 @@ class Names(Transformation):
     """Action names to action numbers."""
 
     changes_actions = True
-    speaks_of_actions = True
+    concerns_actions = True
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
-        world.numbered_actions()
-        self._space = ActionNames(world.dynamics.appearance)
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        description.numbered_actions()
+        self._space = ActionNames(description.dynamics.appearance)
 
     def action_space(self) -> ActionNames:
         return self._space
 
-    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
         """Raises ActionError for a name that is none."""
         return np.array([self._space.number(name) for name in actions]), {}
 
@@ -81,7 +81,7 @@ class NamedActions(EnvWrapper[Names]):
     Raises ActionError in `step` for a name that is none.
     """
 
-    does = Names
+    transformation_class = Names
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

@@ -11,9 +11,9 @@ from gymnasium import spaces
 
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
+from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription, EnvState, scene_of
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import IMAGE, Moment, World, scene_of
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 
@@ -23,14 +23,14 @@ SIZE = "native"
 class NativeDrawing(SceneFormat):
     """The scene drawn anew."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world, keep_image=False)
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description, keep_image=False)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {IMAGE: image_space(SIZE)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        return {IMAGE: np.stack([draw(scene_of(items), SIZE) for items in moment.items])}
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {IMAGE: np.stack([draw(scene_of(items), SIZE) for items in state.items])}
 
 
 class NativeImage(EnvWrapper[NativeDrawing]):
@@ -40,7 +40,7 @@ class NativeImage(EnvWrapper[NativeDrawing]):
     draws what changes only.
     """
 
-    does = NativeDrawing
+    transformation_class = NativeDrawing
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

@@ -8,7 +8,7 @@ import gymnasium as gym
 
 from lilgym_mp.corpus.matching import matching_corpus
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -28,7 +28,7 @@ class NLVRReward(EnvWrapper[MatchingTasks]):
     It must stand beneath all wrappers but BoxPermutation.
     """
 
-    does = MatchingTasks
+    transformation_class = MatchingTasks
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

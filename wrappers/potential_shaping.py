@@ -12,9 +12,9 @@ from lilgym_mp.arrays import Float64Array
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.value import value
+from lilgym_mp.wrappers.env_state import EnvDescription
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Transformation
 
 
@@ -23,16 +23,16 @@ class Shaping(Transformation):
 
     changes_rewards = True
 
-    def __init__(self, world: World, *, discount: float, budget: int | None) -> None:
-        super().__init__(world)
+    def __init__(self, description: EnvDescription, *, discount: float, budget: int | None) -> None:
+        super().__init__(description)
         if not 0 <= discount <= 1:
             raise ValueError(f"discount must be between 0 and 1, not {discount!r}")
         self._discount = discount
-        self._solver = Solver(world.dynamics, budget)
+        self._solver = Solver(description.dynamics, budget)
 
     def values(self, states: Sequence[State]) -> Float64Array:
         solutions = map(self._solver.solve_from, states)
-        return np.array([value(one, self.world.dynamics, self._discount) for one in solutions], np.float64)
+        return np.array([value(one, self.env_description.dynamics, self._discount) for one in solutions], np.float64)
 
     def rewards(self, rewards: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
         return rewards + self._discount * after - before
@@ -52,7 +52,7 @@ class PotentialShaping(EnvWrapper[Shaping]):
     Raises ValueError for a discount outside 0 .. 1 or a budget below 1.
     """
 
-    does = Shaping
+    transformation_class = Shaping
 
     def __init__(self, env: gym.Env[Any, Any], discount: float = 1.0, budget: int | None = None) -> None:
         super().__init__(env, discount=discount, budget=budget)

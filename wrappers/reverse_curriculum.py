@@ -8,18 +8,18 @@ from typing import Any
 import gymnasium as gym
 
 from lilgym_mp.solver.curriculum import tasks_near_success
+from lilgym_mp.wrappers.env_state import EnvDescription, WrongEnvironment
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import World, WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
 class NearSuccess(TaskChange):
     """Every task started where so many edits of a shortest solution are left."""
 
-    def __init__(self, world: World, *, edits: int, budget: int | None) -> None:
-        super().__init__(world)
-        mdp = world.dynamics
+    def __init__(self, description: EnvDescription, *, edits: int, budget: int | None) -> None:
+        super().__init__(description)
+        mdp = description.dynamics
         self.change = partial(tasks_near_success, mdp.appearance, mdp.rules.name, mdp.horizon, edits, budget)
 
 
@@ -34,7 +34,7 @@ class ReverseCurriculum(EnvWrapper[NearSuccess]):
     Raises ValueError for a negative number of edits or a budget below 1.
     """
 
-    does = NearSuccess
+    transformation_class = NearSuccess
 
     def __init__(self, env: gym.Env[Any, Any], edits: int, budget: int | None = None) -> None:
         super().__init__(env, edits=edits, budget=budget)

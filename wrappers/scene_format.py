@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from lilgym_mp.wrappers.moment import IMAGE, World
+from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription
 from lilgym_mp.wrappers.transformation import Format
 
 
 class SceneFormat(Format):
     """Replaces the image, or stands beside it."""
 
-    def __init__(self, world: World, *, keep_image: bool) -> None:
+    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
         """Raises WrongEnvironment where observations do not show the scene."""
-        super().__init__(world)
-        world.require_scene()
+        super().__init__(description)
+        description.require_scene()
         if not keep_image:
             self.replaces = (IMAGE,)

@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 STEPS_LEFT = "steps_left"  # the observation's part
@@ -19,21 +19,21 @@ STEPS_LEFT = "steps_left"  # the observation's part
 class Countdown(Format):
     """The horizon less the actions taken."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
-        world.parts()
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        description.parts()
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {STEPS_LEFT: spaces.Discrete(self.world.dynamics.horizon + 1)}
+        return {STEPS_LEFT: spaces.Discrete(self.env_description.dynamics.horizon + 1)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        return {STEPS_LEFT: self.world.dynamics.horizon - moment.steps}
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {STEPS_LEFT: self.env_description.dynamics.horizon - state.steps}
 
 
 class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left": the actions left before the horizon, 0 .. horizon. The MDP's state includes it."""
 
-    does = Countdown
+    transformation_class = Countdown
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

@@ -11,9 +11,9 @@ import numpy as np
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.wrappers.action_mask import MASK
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 TRAINING_SPLIT = "train"
@@ -21,30 +21,30 @@ FORCED = "forced_stop"  # the info's key
 
 
 class _Forcing(Transformation):
-    def __init__(self, world: World, *, allow_evaluation: bool) -> None:
-        super().__init__(world)
-        split = world.tasks.provenance.split
+    def __init__(self, description: EnvDescription, *, allow_evaluation: bool) -> None:
+        super().__init__(description)
+        split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
             raise ValueError(
-                f"{world.wrapper} is for training: split {split!r} is for evaluation, where the agent must find its"
-                f' STOP by itself; choose split="{TRAINING_SPLIT}", or say allow_evaluation=True'
+                f"{description.wrapper} is for training: split {split!r} is for evaluation, where the agent must find"
+                f' its STOP by itself; choose split="{TRAINING_SPLIT}", or say allow_evaluation=True'
             )
 
 
 class StopMasked(_Forcing):
     """Leaves STOP alone legal where it succeeds."""
 
-    tells = True
+    adds_infos = True
 
-    def legal(self, moment: Moment) -> BoolArray:
-        legal = moment.legal()
-        success = moment.goal_reached()
+    def legal(self, state: EnvState) -> BoolArray:
+        legal = state.legal()
+        success = state.goal_reached()
         legal[success] = False
-        legal[success, self.world.stop] = True
+        legal[success, self.env_description.stop] = True
         return legal
 
-    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
-        return {MASK: self.legal(moment).astype(np.int8)} if MASK in info else {}
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+        return {MASK: self.legal(state).astype(np.int8)} if MASK in info else {}
 
 
 class StopReplaced(_Forcing):
@@ -52,21 +52,21 @@ class StopReplaced(_Forcing):
 
     changes_actions = True
 
-    def __init__(self, world: World, *, allow_evaluation: bool) -> None:
-        super().__init__(world, allow_evaluation=allow_evaluation)
-        world.numbered_actions()
+    def __init__(self, description: EnvDescription, *, allow_evaluation: bool) -> None:
+        super().__init__(description, allow_evaluation=allow_evaluation)
+        description.numbered_actions()
 
-    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
-        forced = moment.goal_reached() & (actions != self.world.stop)
-        return np.where(forced, self.world.stop, actions), {FORCED: forced}
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
+        forced = state.goal_reached() & (actions != self.env_description.stop)
+        return np.where(forced, self.env_description.stop, actions), {FORCED: forced}
 
 
 MODES = {"mask": StopMasked, "replace": StopReplaced}
 
 
-def stop_forcing(world: World, *, mode: str, allow_evaluation: bool) -> Transformation:
+def stop_forcing(description: EnvDescription, *, mode: str, allow_evaluation: bool) -> Transformation:
     """The transformation of `StopForcing`. Raises ValueError for an unknown mode or a split of evaluation."""
-    return choose("mode", mode, MODES)(world, allow_evaluation=allow_evaluation)
+    return choose("mode", mode, MODES)(description, allow_evaluation=allow_evaluation)
 
 
 class StopForcing(EnvWrapper[Transformation]):
@@ -78,7 +78,7 @@ class StopForcing(EnvWrapper[Transformation]):
     Raises ValueError for the splits of evaluation unless `allow_evaluation`: testing is without stop forcing.
     """
 
-    does = staticmethod(stop_forcing)
+    transformation_class = staticmethod(stop_forcing)
 
     def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)

@@ -12,9 +12,9 @@ from gymnasium import spaces
 from lilgym_mp.arrays import Int16Array
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Shape, Size
+from lilgym_mp.wrappers.env_state import ITEMS, EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import ITEMS, Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 
@@ -25,9 +25,9 @@ BEYOND = 10  # pixels; the release's snapping may put an item somewhat outside i
 class Items(SceneFormat):
     """The items and which slots hold one."""
 
-    def __init__(self, world: World, *, keep_image: bool) -> None:
-        super().__init__(world, keep_image=keep_image)
-        self._shape = (BOX_COUNT, world.item_capacity)
+    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+        super().__init__(description, keep_image=keep_image)
+        self._shape = (BOX_COUNT, description.item_capacity)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         low = self._fields([-BEYOND, -BEYOND, EMPTY, EMPTY, EMPTY])
@@ -38,8 +38,8 @@ class Items(SceneFormat):
         """(3, capacity, 5) the same five values in every slot."""
         return np.broadcast_to(np.array(values, np.int16), (*self._shape, len(values)))
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        items = moment.items
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        items = state.items
         return {ITEMS: items, PRESENT: (items[..., -1] != EMPTY).astype(np.int8)}
 
 
@@ -52,7 +52,7 @@ class StructuredObservation(EnvWrapper[Items]):
     `keep_image` leaves "image" beside them.
     """
 
-    does = Items
+    transformation_class = Items
 
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)

@@ -20,10 +20,10 @@ from lilgym_mp.observation import statement_space
 from lilgym_mp.render import text as drawing
 from lilgym_mp.ruler import ruled
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, scene_of
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.instructions import answer_line, box_columns, cell_lines, instructions, reward_line, scale_line
-from lilgym_mp.wrappers.moment import Moment, World, scene_of
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Transformation
@@ -47,48 +47,48 @@ class Telling(Transformation):
     """The observation as one text."""
 
     changes_observations = True
-    speaks_of_actions = True
+    concerns_actions = True
 
-    def __init__(self, world: World, *, default: int | str, scene: str, legal_actions: bool) -> None:
-        super().__init__(world)
+    def __init__(self, description: EnvDescription, *, default: int | str, scene: str, legal_actions: bool) -> None:
+        super().__init__(description)
         for part in (STATEMENT, TARGET):
-            world.part(part)
-        world.require_scene()
-        self._statements = statement_space(world.tasks)
-        self._appearance = world.dynamics.appearance
+            description.part(part)
+        description.require_scene()
+        self._statements = statement_space(description.tasks)
+        self._appearance = description.dynamics.appearance
         self._is_drawn = choose("scene", scene, SCENE_STYLES) == "drawing"
         self._lists_legal = legal_actions
-        reply = parse_reply(str(default), self._appearance, world.stop)
+        reply = parse_reply(str(default), self._appearance, description.stop)
         if not reply.understood:
             raise ValueError(f"default must be the number or the name of an action, not {default!r}")
         self.default = reply.action
 
     def observation_space(self) -> spaces.Text:
         count = self._appearance.action_count
-        items = BOX_COUNT * self.world.item_capacity * ITEM_LENGTH
+        items = BOX_COUNT * self.env_description.item_capacity * ITEM_LENGTH
         actions = LISTED_LENGTH + (count * LEGAL_LENGTH if count <= MANY else 0)
         length = FIXED_LENGTH + self._statements.max_length + items + actions
         return spaces.Text(
             length, min_length=0, charset="".join(sorted(self._statements.character_set.union(string.printable)))
         )
 
-    def observations(self, observations: Batch, moment: Moment) -> Batch:
-        legal = moment.legal() if self._lists_legal else itertools.repeat(None)
+    def observations(self, observations: Batch, state: EnvState) -> Batch:
+        legal = state.legal() if self._lists_legal else itertools.repeat(None)
         return tuple(
             "\n".join(
                 (
                     f"Statement: {task.statement}",
                     f"Make the statement {str(task.target).lower()}, then STOP. Actions left: {steps_left}.",
-                    reward_line(self.world.dynamics),
+                    reward_line(self.env_description.dynamics),
                     *self._scene_lines(scene_of(items)),
                     *(legal_lines(self._appearance, mask) if mask is not None else ()),
                     answer_line(self._appearance),
                 )
             )
             for task, steps_left, items, mask in zip(
-                (self.world.tasks[number] for number in moment.task_numbers.tolist()),
-                (self.world.dynamics.horizon - moment.steps).tolist(),
-                moment.items,
+                (self.env_description.tasks[number] for number in state.task_numbers.tolist()),
+                (self.env_description.dynamics.horizon - state.steps).tolist(),
+                state.items,
                 legal,
                 strict=self._lists_legal,
             )
@@ -241,7 +241,7 @@ class TextObservation(EnvWrapper[Telling]):
     leaves the list of them out. Raises ValueError for another `scene` or a `default` that is no action.
     """
 
-    does = Telling
+    transformation_class = Telling
 
     def __init__(
         self,
@@ -259,7 +259,7 @@ class TextObservation(EnvWrapper[Telling]):
 
     def instructions(self) -> str:
         """The rules in words: the task, the rewards, the actions, the map of cells to pixels, the form of answers."""
-        return instructions(self.transformation.world.dynamics)
+        return instructions(self.transformation.env_description.dynamics)
 
 
 text_observation_v0 = factory(TextObservation)

@@ -20,9 +20,9 @@ from lilgym_mp.corpus.statement_arrays import (
     statements_of,
     training_statements,
 )
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment, World
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Format
 
 STATEMENT = "statement"  # the observation's part
@@ -35,30 +35,30 @@ class Tokens(Format):
 
     def __init__(
         self,
-        world: World,
+        description: EnvDescription,
         *,
         vocabulary: Vocabulary | str | os.PathLike[str] | None,
         length: int | None,
         truncate: bool,
     ) -> None:
-        super().__init__(world)
-        world.part(STATEMENT)
+        super().__init__(description)
+        description.part(STATEMENT)
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
         if vocabulary is None:
-            vocabulary = Vocabulary.from_statements(training_statements(world.tasks))
+            vocabulary = Vocabulary.from_statements(training_statements(description.tasks))
         self.vocabulary = vocabulary
-        self.length = default_length(training_statements(world.tasks)) if length is None else length
+        self.length = default_length(training_statements(description.tasks)) if length is None else length
         if isinstance(self.length, bool) or not isinstance(self.length, int) or self.length < 1:
             raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
         if not truncate:
-            refuse_longer(statements_of(world.tasks), self.length)
+            refuse_longer(statements_of(description.tasks), self.length)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
-        return {STATEMENT: self.of_tasks(moment.task_numbers)}
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {STATEMENT: self.of_tasks(state.task_numbers)}
 
     def of_tasks(self, task_numbers: Int64Array) -> Int64Array:
         """(B, length) a new array: the word numbers of the statements of tasks (B,)."""
@@ -67,7 +67,7 @@ class Tokens(Format):
     @cached_property
     def _by_task(self) -> Int64Array:
         """(tasks, length) the word numbers of each task's statement."""
-        return statement_rows(self.world.tasks, self.vocabulary, self.length)
+        return statement_rows(self.env_description.tasks, self.vocabulary, self.length)
 
 
 class TokenizedStatement(EnvWrapper[Tokens]):
@@ -78,7 +78,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     Raises ValueError when a statement of the environment's tasks is longer, unless `truncate`.
     """
 
-    does = Tokens
+    transformation_class = Tokens
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a wrapper does, written once for B environments; the lifts apply it to every kind of environment."""
+"""What a wrapper changes, written once for B environments; the adapters apply it to every kind of environment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gymnasium import spaces
 from lilgym_mp.arrays import BoolArray, Float64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.moment import Moment, World, WrongEnvironment
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, WrongEnvironment
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
 
@@ -21,33 +21,33 @@ class Transformation:
 
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
-    speaks_of_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
+    concerns_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
     changes_rewards: ClassVar[bool] = False
-    tells: ClassVar[bool] = False  # whether `told` may have something to say
+    adds_infos: ClassVar[bool] = False  # whether `added_infos` has entries
 
-    def __init__(self, world: World) -> None:
-        """Raises WrongEnvironment where the world lacks what is needed, ValueError for unusable settings."""
-        self.world = world
+    def __init__(self, description: EnvDescription) -> None:
+        """Raises WrongEnvironment where the description lacks what is needed, ValueError for unusable settings."""
+        self.env_description = description
 
     def observation_space(self) -> spaces.Space[Any]:
         """Of one environment, after the change."""
-        return self.world.observation_space
+        return self.env_description.observation_space
 
     def action_space(self) -> spaces.Space[Any]:
         """Of one environment, after the change."""
-        return self.world.action_space
+        return self.env_description.action_space
 
-    def observations(self, observations: Batch, moment: Moment) -> Batch:
+    def observations(self, observations: Batch, state: EnvState) -> Batch:
         """The observations after the change, in new containers."""
         return observations
 
-    def actions(self, actions: Batch, moment: Moment) -> tuple[Batch, Mapping[str, BoolArray]]:
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
         """The actions for the environments beneath, and entries (B,) for the infos of this step."""
         return actions, {}
 
-    def legal(self, moment: Moment) -> BoolArray:
+    def legal(self, state: EnvState) -> BoolArray:
         """(B, actions) a new array: the legal actions after the change."""
-        return moment.legal()
+        return state.legal()
 
     def values(self, states: Sequence[State]) -> Float64Array:
         """(B,) what `rewards` needs to know of states in which an episode goes on."""
@@ -57,7 +57,7 @@ class Transformation:
         """(B,) the rewards after the change, from `values` before and after the actions; 0 after an episode's end."""
         return rewards
 
-    def told(self, info: Mapping[str, Any], moment: Moment) -> Mapping[str, Batch]:
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
         """Entries to add to the infos after reset and step; `info` is what is there already."""
         return {}
 
@@ -73,7 +73,7 @@ def refuse_above_others(name: str, env: Any) -> None:
     while env is not None:
         transformation = vars(env).get("transformation")
         if transformation is not None and not isinstance(transformation, TaskChange):
-            beneath = transformation.world.wrapper
+            beneath = transformation.env_description.wrapper
             raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {beneath}, not above it")
         env = vars(env).get("env")
 
@@ -88,17 +88,17 @@ class Format(Transformation):
         """The new parts' spaces, of one environment."""
         raise NotImplementedError
 
-    def new_values(self, observations: Mapping[str, Batch], moment: Moment) -> Mapping[str, Batch]:
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         """The new parts of B observations."""
         raise NotImplementedError
 
     def observation_space(self) -> spaces.Dict:
-        kept = {name: space for name, space in self.world.parts().items() if name not in self.replaces}
+        kept = {name: space for name, space in self.env_description.parts().items() if name not in self.replaces}
         return spaces.Dict(kept | dict(self.new_spaces()))
 
     def kept(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """The parts that it leaves, of one observation or a batch."""
         return {name: value for name, value in observation.items() if name not in self.replaces}
 
-    def observations(self, observations: Mapping[str, Batch], moment: Moment) -> dict[str, Batch]:
-        return self.kept(observations) | dict(self.new_values(observations, moment))
+    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> dict[str, Batch]:
+        return self.kept(observations) | dict(self.new_values(observations, state))

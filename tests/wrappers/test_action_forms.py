@@ -52,7 +52,7 @@ def test_every_array__gives_its_number_whatever_is_in_unused_slots(
     actions = make_appearance(appearance.lower(), grid)
     arrays = np.array([actions.to_array(actions.decode(number)) for number in range(actions.action_count)])
     arrays[arrays == -1] = unused
-    numbers, _ = env.transformation.actions(arrays, env._moment)
+    numbers, _ = env.transformation.actions(arrays, env._state)
     assert numbers.tolist() == list(range(actions.action_count))
 
 

@@ -15,9 +15,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from lilgym_mp import wrappers
 from lilgym_mp.observation import EMPTY
+from lilgym_mp.wrappers.env_state import EnvState
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
-from lilgym_mp.wrappers.moment import Moment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Transformation
 
 N = 5
@@ -101,12 +101,12 @@ class CountedItems(Transformation):
     def observation_space(self) -> spaces.Space[Any]:
         return spaces.Box(0, 100, (1,), np.int64)
 
-    def observations(self, observations: Any, moment: Moment) -> Any:
-        return (moment.items[..., -1] != EMPTY).sum(axis=(1, 2))[:, None]
+    def observations(self, observations: Any, state: EnvState) -> Any:
+        return (state.items[..., -1] != EMPTY).sum(axis=(1, 2))[:, None]
 
 
 class ItemCount(EnvWrapper[CountedItems]):
-    does = CountedItems
+    transformation_class = CountedItems
 
     def __init__(self, env: Any) -> None:
         super().__init__(env)

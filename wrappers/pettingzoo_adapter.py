@@ -19,8 +19,8 @@ from lilgym_mp.envs.proposer_verifier.shared import GameAccess
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.gymnasium_lift import batch_of_one, plain
-from lilgym_mp.wrappers.moment import StatesMoment, World, WrongEnvironment
+from lilgym_mp.wrappers.env_state import EnvDescription, StatesOf, WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import batch_of_one, plain
 from lilgym_mp.wrappers.transformation import (
     Batch,
     TaskChange,
@@ -40,9 +40,9 @@ def is_game(env: object) -> bool:
     return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, GameAccess)
 
 
-def lifted(env: Any, name: str, does: Does, settings: Mapping[str, Any]) -> GameTurns | GameTogether:
+def lifted(env: Any, name: str, transformation_class: Does, settings: Mapping[str, Any]) -> GameTurns | GameTogether:
     """The game `env` behind the wrapper called `name`, in the same form."""
-    sides = {agent: Side(env, agent, name, does, settings) for agent in AGENTS}
+    sides = {agent: Side(env, agent, name, transformation_class, settings) for agent in AGENTS}
     transformation = sides[AGENTS[Role.PROPOSER]].transformation
     if isinstance(transformation, TaskChange):
         refuse_above_others(name, env)
@@ -79,14 +79,17 @@ class RewardChange:
 class Side:
     """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
 
-    def __init__(self, env: Any, agent: str, name: str, does: Does, settings: Mapping[str, Any]) -> None:
+    def __init__(
+        self, env: Any, agent: str, name: str, transformation_class: Does, settings: Mapping[str, Any]
+    ) -> None:
         """Raises WrongEnvironment for a wrapper that speaks of the MDP's own actions."""
         base: GameAccess = env.unwrapped
         both, actions = env.observation_space(agent), env.action_space(agent)
         if not isinstance(both, spaces.Dict):
             raise WrongEnvironment(f'{name} needs the game with observations="nested", not {both}')
-        self.transformation = does(World(name, base.tasks, base.dynamics, both[SEEN], actions), **settings)
-        if self.transformation.speaks_of_actions:
+        description = EnvDescription(name, base.tasks, base.dynamics, both[SEEN], actions)
+        self.transformation = transformation_class(description, **settings)
+        if self.transformation.concerns_actions:
             raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")
         self.observation_space = spaces.Dict({SEEN: self.transformation.observation_space(), MASK: both[MASK]})
         self._session = base.session
@@ -101,20 +104,20 @@ class Side:
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         seen, mask = observation[SEEN], observation[MASK]
-        moment = self._moment(mask)
+        state = self._state(mask)
         if self.transformation.changes_observations:
-            seen = _first(self.transformation.observations(batch_of_one(seen), moment))
+            seen = _first(self.transformation.observations(batch_of_one(seen), state))
         if self._proposes:
-            narrowed = mask * self.transformation.legal(moment)[0]
+            narrowed = mask * self.transformation.legal(state)[0]
             mask = narrowed if narrowed.any() else mask
         return {SEEN: seen, MASK: mask}
 
     def info(self, info: Info, look: Callable[[], Any]) -> Info:
         """The agent's info; `look` gives its observation, as this wrapper shows it."""
         info = {**info, **self._entries}
-        if self.transformation.tells:
+        if self.transformation.adds_infos:
             mask = look()[MASK]
-            told = self.transformation.told(info, self._moment(mask))
+            told = self.transformation.added_infos(info, self._state(mask))
             info |= {name: mask if name == MASK else plain(value[0]) for name, value in told.items()}
         return info
 
@@ -125,7 +128,7 @@ class Side:
             return action
         game = self._session.game
         choice, word = divmod(int(action), game.message_sizes[self._role] + 1)
-        choices, entries = self.transformation.actions(np.array([choice]), self._moment(None))
+        choices, entries = self.transformation.actions(np.array([choice]), self._state(None))
         if int(choices[0]) not in game.choices[self._role]:  # where the verifier alone may stop
             return action
         self._entries = {name: plain(value[0]) for name, value in entries.items()}
@@ -135,8 +138,8 @@ class Side:
     def _proposes(self) -> bool:
         return self._role is Role.PROPOSER and Role.PROPOSER in self._session.state.movers
 
-    def _moment(self, mask: Int8Array | None) -> GameMoment:
-        return GameMoment(self.transformation.world, self._session, mask)
+    def _state(self, mask: Int8Array | None) -> GameEnvState:
+        return GameEnvState(self.transformation.env_description, self._session, mask)
 
 
 def _first(batch: Batch) -> Any:
@@ -144,11 +147,11 @@ def _first(batch: Batch) -> Any:
     return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
 
 
-class GameMoment(StatesMoment):
-    """The `Moment` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
+class GameEnvState(StatesOf):
+    """The `EnvState` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
 
-    def __init__(self, world: World, session: Any, mask: Int8Array | None) -> None:
-        super().__init__(world, (session.state.mdp,))
+    def __init__(self, description: EnvDescription, session: Any, mask: Int8Array | None) -> None:
+        super().__init__(description, (session.state.mdp,))
         self._mask = mask
 
     def legal(self) -> BoolArray:

@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.gymnasium_lift import plain
-from lilgym_mp.wrappers.moment import Moment, StatesMoment, World, WrongEnvironment, scene_of
+from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, StatesOf, WrongEnvironment, scene_of
+from lilgym_mp.wrappers.gymnasium_adapter import plain
 from lilgym_mp.wrappers.transformation import (
     Batch,
     Format,
@@ -39,14 +39,14 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self,
         env: VectorEnv[Any, Any, Any],
         name: str,
-        does: Callable[..., Transformation],
+        transformation_class: Callable[..., Transformation],
         settings: Mapping[str, Any],
     ) -> None:
-        """`does` makes the transformation of the wrapper called `name` from a world and the settings."""
+        """`transformation_class` is called with a description and the settings; `name`: the wrapper's."""
         super().__init__(env)
         self.name = name
-        world = _world_of(env, name)
-        self.transformation = does(world, **settings)
+        description = _description_of(env, name)
+        self.transformation = transformation_class(description, **settings)
         if isinstance(self.transformation, TaskChange):
             refuse_above_others(name, env)
             self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
@@ -56,7 +56,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         if self.transformation.changes_actions:
             self.single_action_space = self.transformation.action_space()
             self.action_space = batch_space(self.single_action_space, env.num_envs)
-        self._moment = VectorMoment(env)
+        self._state = VectorEnvState(env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # where the next action is ignored, since it only resets
         self._values = np.zeros(env.num_envs)  # of the states now, where rewards are changed
         self._autoreset: AutoresetMode = self.metadata["autoreset_mode"]
@@ -69,12 +69,12 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self._restarting[begun] = False
         if self.transformation.changes_rewards:
             self._evaluate(np.arange(self.num_envs)[begun])
-        return self._shown(observations), self._told(infos)
+        return self._shown(observations), self._with_infos(infos)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         entries: Mapping[str, Batch] = {}
         if self.transformation.changes_actions:
-            actions, entries = self.transformation.actions(actions, self._moment)
+            actions, entries = self.transformation.actions(actions, self._state)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = np.logical_or(terminated, truncated)
         if self.transformation.changes_rewards:
@@ -86,15 +86,15 @@ class VectorEnvWrapper(AnyVectorWrapper):
             infos = self._with_ends(infos)
         if self._autoreset is AutoresetMode.NEXT_STEP:
             self._restarting = ended
-        return self._shown(observations), rewards, terminated, truncated, self._told(infos)
+        return self._shown(observations), rewards, terminated, truncated, self._with_infos(infos)
 
     def action_masks(self) -> BoolArray:
         """(N, actions) bool, a new array: the legal actions, as this wrapper and those beneath leave them."""
-        return self.transformation.legal(self._moment)
+        return self.transformation.legal(self._state)
 
     def goal_reached(self) -> BoolArray:
         """(N,) bool: whether STOP would be rewarded as a success now."""
-        return self._moment.goal_reached()
+        return self._state.goal_reached()
 
     def _changed(self, rewards: Float64Array, ended: BoolArray) -> Float64Array:
         """(N,) the rewards after the change, and `_values` those of the states now; a reset's reward stays."""
@@ -105,34 +105,34 @@ class VectorEnvWrapper(AnyVectorWrapper):
         return np.where(self._restarting, rewards, changed)
 
     def _evaluate(self, env_ids: Int64Array) -> None:
-        states = self._moment.states()
+        states = self._state.states()
         self._values[env_ids] = self.transformation.values([states[env_id] for env_id in env_ids.tolist()])
 
     def _shown(self, observations: Batch) -> Batch:
         if not self.transformation.changes_observations:
             return observations
-        return self.transformation.observations(observations, self._moment)
+        return self.transformation.observations(observations, self._state)
 
-    def _told(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _with_infos(self, infos: dict[str, Any]) -> dict[str, Any]:
         """The infos with what the transformation tells of every environment."""
-        if not self.transformation.tells:
+        if not self.transformation.adds_infos:
             return infos
-        told = self.transformation.told(infos, self._moment)
+        told = self.transformation.added_infos(infos, self._state)
         return {**infos, **told, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in told}}
 
     def _with_ends(self, infos: dict[str, Any]) -> dict[str, Any]:
         """The infos with the last observations and infos of episodes that ended, as this wrapper shows them."""
         ended = infos[WHERE_LAST]
         env_ids = ended.nonzero()[0]
-        moment = EndedMoment(self.transformation.world, self.env, env_ids)
+        state = FinalEnvState(self.transformation.env_description, self.env, env_ids)
         changed: dict[str, Any] = {}
         if self.transformation.changes_observations:
             last = changed[LAST] = infos[LAST].copy()
-            for env_id, shown in zip(env_ids.tolist(), self._each_shown(last[env_ids].tolist(), moment), strict=True):
+            for env_id, shown in zip(env_ids.tolist(), self._each_shown(last[env_ids].tolist(), state), strict=True):
                 last[env_id] = shown
-        if self.transformation.tells:
+        if self.transformation.adds_infos:
             changed[LAST_INFO] = dict(infos[LAST_INFO])
-            for name, values in self.transformation.told(infos[LAST_INFO], moment).items():
+            for name, values in self.transformation.added_infos(infos[LAST_INFO], state).items():
                 spread = np.zeros((self.num_envs, *np.shape(values)[1:]), np.asarray(values).dtype)
                 spread[env_ids] = values
                 changed[LAST_INFO] |= {name: spread, f"_{name}": ended.copy()}
@@ -148,14 +148,14 @@ class VectorEnvWrapper(AnyVectorWrapper):
             infos[LAST_INFO] = infos[LAST_INFO] | _where(entries, ended)
         return infos
 
-    def _each_shown(self, observations: Sequence[Any], moment: Moment) -> list[Any]:
+    def _each_shown(self, observations: Sequence[Any], state: EnvState) -> list[Any]:
         """Observations (k) of single environments as this wrapper shows them."""
-        does = self.transformation
-        if not isinstance(does, Format):
-            return _apart(self.single_observation_space, does.observations(_stacked(observations), moment))
-        new = does.new_values(_Stacked(observations), moment)
+        transformation = self.transformation
+        if not isinstance(transformation, Format):
+            return _apart(self.single_observation_space, transformation.observations(_stacked(observations), state))
+        new = transformation.new_values(_Stacked(observations), state)
         return [
-            does.kept(observation) | {name: plain(values[place]) for name, values in new.items()}
+            transformation.kept(observation) | {name: plain(values[place]) for name, values in new.items()}
             for place, observation in enumerate(observations)
         ]
 
@@ -163,8 +163,8 @@ class VectorEnvWrapper(AnyVectorWrapper):
         return f"<{self.name}, {self.env}>"
 
 
-class VectorMoment:
-    """The `Moment` of a batched or worker environment; it looks when asked."""
+class VectorEnvState:
+    """The `EnvState` of a batched or worker environment; it looks when asked."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         self._base: Any = env.unwrapped
@@ -193,14 +193,18 @@ class VectorMoment:
         return self._goal_reached()
 
 
-class EndedMoment(StatesMoment):
-    """The `Moment` at the end of episodes in autoreset mode SAME_STEP, when the environments are in the next ones."""
+class FinalEnvState(StatesOf):
+    """The `EnvState` at the end of episodes in autoreset mode SAME_STEP, when the environments are in the next ones."""
 
     def __init__(
-        self, world: World, env: Any, env_ids: Int64Array, beneath: Sequence[Transformation] | None = None
+        self,
+        description: EnvDescription,
+        env: Any,
+        env_ids: Int64Array,
+        beneath: Sequence[Transformation] | None = None,
     ) -> None:
         """`env_ids` (k,); `beneath`: transformations of the wrappers up to `env`, the innermost first, if known."""
-        super().__init__(world)
+        super().__init__(description)
         self._env = env
         self._env_ids = env_ids
         self._beneath = _transformations(env) if beneath is None else beneath
@@ -220,7 +224,7 @@ class EndedMoment(StatesMoment):
     def states(self) -> Sequence[State]:
         """(k) the last states, made when first asked for."""
         if not self._states:
-            tasks = [self._world.tasks[task] for task in self.task_numbers.tolist()]
+            tasks = [self._description.tasks[task] for task in self.task_numbers.tolist()]
             columns = zip(tasks, map(scene_of, self.items), self.steps.tolist(), strict=True)
             self._states = [State(*fields) for fields in columns]
         return self._states
@@ -229,7 +233,7 @@ class EndedMoment(StatesMoment):
         if not self._beneath:
             return super().legal()
         *deeper, top = self._beneath
-        return top.legal(EndedMoment(self._world, self._env, self._env_ids, deeper))
+        return top.legal(FinalEnvState(self._description, self._env, self._env_ids, deeper))
 
 
 def _transformations(env: Any) -> list[Transformation]:
@@ -302,7 +306,7 @@ def _reach(env: Any, name: str) -> Any:
     return getattr(env, name)
 
 
-def _world_of(env: VectorEnv[Any, Any, Any], name: str) -> World:
+def _description_of(env: VectorEnv[Any, Any, Any], name: str) -> EnvDescription:
     """What the wrapper called `name` sees of `env`. Raises WrongEnvironment when it is none of this package's."""
     base: Any = env.unwrapped
     if not hasattr(base, "scene_array"):
@@ -310,4 +314,4 @@ def _world_of(env: VectorEnv[Any, Any, Any], name: str) -> World:
             f"{name} wraps this package's own vector environments, such as gymnasium.make_vec(id, num_envs=64) gives,"
             f" not {env!r}; for others wrap each environment: gymnasium.make_vec(id, wrappers=[{name}], ...)"
         )
-    return World(name, base.tasks, base.dynamics, env.single_observation_space, env.single_action_space)
+    return EnvDescription(name, base.tasks, base.dynamics, env.single_observation_space, env.single_action_space)

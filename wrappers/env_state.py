@@ -1,4 +1,4 @@
-"""What a wrapper may know of an environment: `World` stays, a `Moment` of B environments passes."""
+"""What a wrapper may know of an environment: `EnvDescription` stays, an `EnvState` of B environments passes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class WrongEnvironment(TypeError):
     """A wrapper on an environment that lacks what it works on; names both and what would do."""
 
 
-class Moment(Protocol):
+class EnvState(Protocol):
     """What is the case now in B environments, beside what their observations show."""
 
     @property
-    def task_numbers(self) -> Int64Array:  # (B,) place of each current task in the world's tasks
+    def task_numbers(self) -> Int64Array:  # (B,) place of each current task in the description's tasks
         ...
 
     @property
@@ -53,7 +53,7 @@ class Moment(Protocol):
 
 
 @dataclass(frozen=True)
-class World:
+class EnvDescription:
     """What is the same in every episode of the environment beneath a wrapper."""
 
     wrapper: str  # the wrapper's name, for errors
@@ -108,11 +108,11 @@ class World:
         return space
 
 
-class StatesMoment:
-    """The `Moment` of states, nothing having narrowed what is legal."""
+class StatesOf:
+    """The `EnvState` of states, nothing having narrowed what is legal."""
 
-    def __init__(self, world: World, states: Sequence[State] = ()) -> None:
-        self._world = world
+    def __init__(self, description: EnvDescription, states: Sequence[State] = ()) -> None:
+        self._description = description
         self._states = states
 
     def states(self) -> Sequence[State]:
@@ -121,7 +121,7 @@ class StatesMoment:
 
     @property
     def task_numbers(self) -> Int64Array:
-        return np.array([self._world.tasks.number(state.task.id) for state in self.states()], np.int64)
+        return np.array([self._description.tasks.number(state.task.id) for state in self.states()], np.int64)
 
     @property
     def steps(self) -> Int64Array:
@@ -129,14 +129,14 @@ class StatesMoment:
 
     @property
     def items(self) -> Int16Array:
-        capacity = self._world.item_capacity
+        capacity = self._description.item_capacity
         return np.stack([item_array(state.scene, capacity) for state in self.states()])
 
     def legal(self) -> BoolArray:
-        return np.stack([self._world.dynamics.legal_mask(state) for state in self.states()])
+        return np.stack([self._description.dynamics.legal_mask(state) for state in self.states()])
 
     def goal_reached(self) -> BoolArray:
-        return np.array([self._world.dynamics.goal_reached(state) for state in self.states()], np.bool_)
+        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], np.bool_)
 
 
 def scene_of(array: Int16Array) -> Scene:
