@@ -215,7 +215,6 @@ class ScatterHeads(nn.Module):
         self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.value = nn.Linear(width, VALUE_CHANNELS)
-        self.norm = nn.LayerNorm(CELL_HIDDEN)
         self.mix = nn.Linear(VALUE_CHANNELS + CELL_HIDDEN, CELL_HIDDEN)
         self.box = nn.Linear(width, CELL_HIDDEN)
         self.out = nn.Linear(CELL_HIDDEN, CELL_CHANNELS)
@@ -237,7 +236,7 @@ class ScatterHeads(nn.Module):
         cells = each.new_zeros(statements * boxes, CELLS**2, each.shape[-1])
         cells = cells.index_add(0, inputs.cell_places, each).unflatten(0, (statements, boxes))
         places, legal = self.geometry(cells[..., :GEOMETRY_CHANNELS])
-        found = torch.cat([cells[..., GEOMETRY_CHANNELS:], self.norm(places)], -1)
+        found = torch.cat([cells[..., GEOMETRY_CHANNELS:], places], -1)
         hidden = F.relu(self.mix(found) + self.box(box[:, :boxes])[..., None, :])
         return self.out(hidden), legal
 
