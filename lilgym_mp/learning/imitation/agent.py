@@ -26,7 +26,7 @@ from lilgym_mp.perception import read_scene
 from lilgym_mp.rules import make_dynamics
 
 KIND = "imitation"
-VERSION = 2
+VERSION = 1
 MOST_BOXES = 50_000  # distinct boxes that a policy remembers
 
 
