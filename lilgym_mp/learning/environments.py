@@ -21,7 +21,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.recipe import Recipe
 from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_lift import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 TRAINING_SPLIT = "train"
@@ -63,7 +63,7 @@ class _SolvableMatchingTasks(TaskChange):
 class _SolvableNLVRReward(EnvWrapper[_SolvableMatchingTasks]):
     """`NLVRReward` without the tasks that no scene of the corpus solves."""
 
-    does = _SolvableMatchingTasks
+    transformation_class = _SolvableMatchingTasks
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
