@@ -14,6 +14,7 @@ from lilgym_mp.cli.errors import CommandError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from lilgym_mp.cli.experiment_ray import carry_out_on_ray
     from lilgym_mp.cli.experiment_runs import Attempt
 
 RESULTS = Path("results")
@@ -29,7 +30,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("file", type=Path, metavar="FILE.toml", help="what to run; docs/experiments.md tells its keys")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"results (default: {RESULTS}/FILE)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="runs at a time on this machine (default: 1)")
+    parser.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help='on the Ray cluster there ("auto": the one that this machine is of), a processor for each run',
+    )
     parser.add_argument("--list", action="store_true", help="print the commands, and run nothing")
     parser.set_defaults(run=run)
 
@@ -38,17 +44,24 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
     from lilgym_mp.cli.experiment_runs import Standing, attempts, carry_out
 
-    if args.jobs < 1:
-        raise CommandError(f"--jobs must be at least 1, not {args.jobs}")
+    jobs = 1 if args.jobs is None else args.jobs
+    if jobs < 1:
+        raise CommandError(f"--jobs must be at least 1, not {jobs}")
+    if args.ray is not None and args.jobs is not None:
+        raise CommandError("--jobs is for runs on this machine; how many go at once with --ray, the cluster says")
     plan = read_plan(args.file)
     if args.list:
         for planned in plan:
             print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands if words))
         return 0
     place = args.out or RESULTS / args.file.stem
-    made = attempts(plan, place, max(1, (os.cpu_count() or 1) // args.jobs))
+    threads = 1 if args.ray is not None else max(1, (os.cpu_count() or 1) // jobs)
+    made = attempts(plan, place, threads)
     with Display(made) as display:
-        carry_out(made, args.jobs, display.update, display.every)
+        if args.ray is None:
+            carry_out(made, jobs, display.update, display.every)
+        else:
+            carry_out_on_ray(made, args.ray, threads, display.update, display.every)
     failed = [attempt for attempt in made if attempt.standing is Standing.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.fault} (log: {attempt.log})")
@@ -87,7 +100,7 @@ class Display:
             self._live.refresh()
             return
         for attempt in self._made:
-            name, standing = attempt.planned.name, str(attempt.standing)
+            name, standing = attempt.planned.name, state(attempt)
             if self._told.get(name, "waiting") != standing:
                 print(f"{name}: {standing}", flush=True)
             self._told[name] = standing
@@ -112,11 +125,16 @@ def row(attempt: Attempt) -> list[str]:
     left = spent * (1 - share) / share if share else None
     return [
         attempt.planned.name,
-        str(attempt.standing),
+        state(attempt),
         "" if share is None else f"{100 * share:.0f} %",
         minutes(spent) if spent else "",
         "" if left is None else minutes(left),
     ]
+
+
+def state(attempt: Attempt) -> str:
+    """Its standing, and where it goes on."""
+    return f"{attempt.standing} {attempt.where}".strip()
 
 
 def minutes(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
@@ -36,14 +37,20 @@ class Standing(StrEnum):
 class Attempt:
     """One run on its way."""
 
-    def __init__(self, planned: PlannedRun, directory: Path, threads: int) -> None:
+    def __init__(self, planned: PlannedRun, named: Path, threads: int, cwd: Path = Path()) -> None:
+        """`named`: the results, as commands name them; `cwd`: where these are run."""
         self.planned = planned
-        self.run = directory / RUNS / planned.name
-        self.episodes = directory / EPISODES / planned.name
-        self.log = directory / LOGS / f"{planned.name}.log"
-        self.marker = directory / FINISHED / f"{planned.name}.json"
+        self.named = named
+        self.cwd = cwd
+        self.directory = cwd / named
+        self.run = self.directory / RUNS / planned.name
+        self.episodes = self.directory / EPISODES / planned.name
+        self.log = self.directory / LOGS / f"{planned.name}.log"
+        self.marker = self.directory / FINISHED / f"{planned.name}.json"
         self.threads = threads
         self.standing = Standing.WAITING
+        self.where = ""  # the node of a run on a cluster
+        self.remote_share: float | None = None  # of its training, as told from there
         self.began: float | None = None
         self.seconds = 0.0
         self.fault = ""
@@ -81,7 +88,7 @@ class Attempt:
             self.fault, self.standing = f"{fault.filename}: {fault.strerror}", Standing.FAILED
         else:
             self.seconds = round(time.monotonic() - self.began, 1)
-            write_json(self.marker, {"commands": self.planned.commands, "seconds": self.seconds})
+            mark_finished(self)
             self.standing = Standing.FINISHED
 
     def _train(self) -> None:
@@ -92,16 +99,17 @@ class Attempt:
         resumed = (self.run / "checkpoint.pt").exists()
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
-        place = ["--out", str(self.run), "--threads", str(self.threads)]
+        place = ["--out", str(self.named / RUNS / self.planned.name), "--threads", str(self.threads)]
         self._call([*self.planned.train, *place, *["--resume"] * resumed])
         trained.touch()
 
     def _evaluate(self) -> None:
         self.standing = Standing.EVALUATING
-        agent = [str(self.run), "--alone", "--threads", str(self.threads)] if self.planned.train else []
+        run, episodes = (str(self.named / kind / self.planned.name) for kind in (RUNS, EPISODES))
+        agent = [run, "--alone", "--threads", str(self.threads)] if self.planned.train else []
         for words in self.planned.evaluate:
             first, *rest = words
-            self._call([first, *agent[:1], *rest, *agent[1:], "--record", str(self.episodes), "--force"])
+            self._call([first, *agent[:1], *rest, *agent[1:], "--record", episodes, "--force"])
 
     def _call(self, words: Sequence[str]) -> None:
         """Raises _Failed with the last line of the log."""
@@ -113,7 +121,14 @@ class Attempt:
             log.flush()
             command = [sys.executable, "-m", "lilgym_mp", *words]
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
+                command,
+                cwd=self.cwd,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_end_with_parent if sys.platform == "linux" else None,
             )
             code = self._process.wait()
         if code:
@@ -127,8 +142,15 @@ class Attempt:
             self._process.send_signal(signal.SIGTERM)
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Files and directories that are the run's own."""
+        return self.run, self.episodes, self.log
+
+    @property
     def share_done(self) -> float | None:
         """Of the training, by its progress; None where nothing is known."""
+        if self.remote_share is not None:
+            return self.remote_share
         if self.standing is not Standing.TRAINING or self.planned.budget is None:
             return None
         key, whole = self.planned.budget
@@ -145,11 +167,26 @@ class _Failed(Exception):
     """A command that did not succeed."""
 
 
-def attempts(plan: Sequence[PlannedRun], directory: Path, threads: int) -> list[Attempt]:
+def mark_finished(attempt: Attempt) -> None:
+    """Lets the run be left out next time."""
+    write_json(attempt.marker, {"commands": attempt.planned.commands, "seconds": attempt.seconds})
+
+
+if sys.platform == "linux":
+    _LIBC = ctypes.CDLL(None)
+    _SIGNAL_AT_DEATH_OF_PARENT = 1  # PR_SET_PDEATHSIG
+
+
+def _end_with_parent() -> None:
+    """Lets this process save and end when the one that started it is killed, lest two train one run when it goes on."""
+    _LIBC.prctl(_SIGNAL_AT_DEATH_OF_PARENT, signal.SIGTERM)
+
+
+def attempts(plan: Sequence[PlannedRun], named: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
     """Every run of the plan, those finished before marked so. Raises CommandError, OutputError."""
     for name in (RUNS, EPISODES, LOGS, FINISHED):
-        writable_directory(directory / name)
-    made = [Attempt(planned, directory, threads) for planned in plan]
+        writable_directory(cwd / named / name)
+    made = [Attempt(planned, named, threads, cwd) for planned in plan]
     for attempt in made:
         attempt.done_before()
     return made

@@ -1,0 +1,135 @@
+"""`lilgym-mp experiment --ray`: runs on a real cluster of two nodes on this machine, one of which is killed."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
+from lilgym_mp.cli.experiment_ray import carry_out_on_ray, packed, unpack
+from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts
+from lilgym_mp.evaluation.episodes import SUFFIX, read_header
+
+NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'
+TWO_RUNS = """
+configurations = ["TowerScratch"]
+seeds = [0, 1]
+[[learners]]
+learner = "ppo"
+steps = 4096
+"""
+
+
+@pytest.fixture
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A head with one processor."""
+    pytest.importorskip("ray", reason=NEEDS_RAY)
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # else other work on this machine comes first
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    yield made
+    made.shutdown()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_ray__a_run_whose_node_is_killed_is_made_again_on_another_and_results_are_brought_back(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    doomed = cluster.add_node(num_cpus=1)
+    monkeypatch.chdir(tmp_path)
+    Path("two.toml").write_text(TWO_RUNS)
+    made = attempts(read_plan(Path("two.toml")), Path("results"), 1)
+    seen: set[str] = set()
+
+    def watch() -> None:
+        nonlocal doomed
+        seen.update(attempt.where for attempt in made)
+        training = [a.standing is Standing.TRAINING and a.share_done is not None for a in made]
+        if doomed is not None and all(training):
+            cluster.remove_node(doomed, allow_graceful=False)
+            doomed = None
+
+    carry_out_on_ray(made, cluster.address, 1, watch, 0.2)
+    assert doomed is None
+    assert [attempt.standing for attempt in made] == [Standing.FINISHED] * 2, [attempt.fault for attempt in made]
+    assert any("attempt 2" in where for where in seen)
+    for attempt in made:
+        assert json.loads(attempt.marker.read_text())["commands"] == attempt.planned.commands
+        assert (attempt.run / "agent.safetensors").exists()
+        (recording,) = attempt.episodes.glob(f"*{SUFFIX}")
+        header = read_header(recording)
+        assert header is not None
+        assert header.run == f"results/runs/{attempt.planned.name}"
+        assert "$ lilgym-mp evaluate" in attempt.log.read_text()
+    assert main(["experiment", "two.toml", "--out", "results"]) == 0  # which finds them finished
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_ray__ctrl_c_brings_back_what_runs_have_saved_and_a_failing_run_stops_no_other(cluster: Any, tmp_path: Path):
+    file = tmp_path / "long.toml"
+    file.write_text(TWO_RUNS.replace("4096", "10_000_000"))
+    bad = PlannedRun("bad", (), (("no-such-command",),))
+    made = attempts([bad, *read_plan(file)[:1]], tmp_path / "results", 1)
+
+    def interrupt() -> None:
+        if made[1].share_done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        carry_out_on_ray(made, cluster.address, 1, interrupt, 0.2)
+    assert [attempt.standing for attempt in made] == [Standing.FAILED, Standing.INTERRUPTED]
+    assert "no-such-command" in made[0].fault
+    assert (made[1].run / "checkpoint.pt").exists()
+    assert not made[1].marker.exists()
+
+
+def test_packed__holds_a_run_and_nothing_else_and_is_unpacked_elsewhere(tmp_path: Path):
+    plan = [PlannedRun(name, (), ()) for name in ("a", "b")]
+    here, other = attempts(plan, tmp_path / "here", 1)
+    for attempt in (here, other):
+        attempt.run.mkdir()
+        (attempt.run / "checkpoint.pt").write_text(attempt.planned.name)
+        attempt.log.write_text("said")
+    (there,) = attempts(plan[:1], Path("there"), 1, tmp_path)
+    unpack(packed(here), there)
+    found = sorted(path.relative_to(tmp_path) for path in (tmp_path / "there").rglob("*") if path.is_file())
+    assert found == [Path("there/logs/a.log"), Path("there/runs/a/checkpoint.pt")]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--ray", "auto", "--jobs", "2"], "--jobs is for runs on this machine"),
+        (["--jobs", "0"], "--jobs must be at least 1"),
+    ],
+)
+def test_experiment__combinations_that_cannot_be_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+):
+    (tmp_path / "two.toml").write_text(TWO_RUNS)
+    assert main(["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), *words]) == USAGE_ERROR
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_ray__a_corpus_that_nodes_would_not_find_is_refused(tmp_path: Path):
+    attempt = Attempt(PlannedRun("a", ("train", "ppo", "--corpus", "own.jsonl"), ()), tmp_path, 1)
+    with pytest.raises(CommandError, match=r"own\.jsonl is a path from here; with --ray name a file by a whole path"):
+        carry_out_on_ray([attempt], "auto", 1, time.sleep, 1.0)
+
+
+def test_ray__no_cluster_is_said_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("ray", reason=NEEDS_RAY)
+    monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+    attempt = Attempt(PlannedRun("a", (), ()), tmp_path, 1)
+    with pytest.raises(CommandError, match="--ray auto: no cluster could be joined there"):
+        carry_out_on_ray([attempt], "auto", 1, lambda: None, 1.0)
