@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.cli.errors import CommandError
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
-    from lilgym_mp.cli.experiment_ray import carry_out_on_ray
     from lilgym_mp.cli.experiment_runs import Attempt
 
 RESULTS = Path("results")
@@ -42,6 +42,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
+    from lilgym_mp.cli.experiment_ray import carry_out_on_ray
     from lilgym_mp.cli.experiment_runs import Standing, attempts, carry_out
 
     jobs = 1 if args.jobs is None else args.jobs
@@ -74,13 +75,14 @@ def run(args: argparse.Namespace) -> int:
 class Display:
     """How the runs stand: a live table on a terminal, else a line for each change. A context manager."""
 
-    def __init__(self, made: Sequence[Attempt]) -> None:
-        from rich.console import Console
+    def __init__(self, made: Sequence[Attempt], console: Console | None = None) -> None:
+        """`console`: to show them on, standard output by default."""
+        from rich import get_console
         from rich.live import Live
 
         self._made = made
         self._told: dict[str, str] = {}
-        console = Console()
+        console = console or get_console()
         live = Live(console=console, get_renderable=self._table, auto_refresh=False)
         self._live = live if console.is_terminal else None
         self.every = 1.0

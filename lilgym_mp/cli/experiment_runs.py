@@ -133,7 +133,8 @@ class Attempt:
             code = self._process.wait()
         if code:
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise _Failed(f"exit code {code}: {lines[-1] if lines else ''}")
+            how = f"exit code {code}" if code > 0 else f"ended by {signal.Signals(-code).name}"
+            raise _Failed(f"{how}: {lines[-1] if lines else ''}")
 
     def stop(self) -> None:
         """Asks the run's process to save and end."""

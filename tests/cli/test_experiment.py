@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import io
 import json
+import signal
+import subprocess
+import sys
+import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.experiment import minutes, row
+from lilgym_mp.cli.experiment import Display, minutes, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts, carry_out
 from tests.own_corpus import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
+FEW = "envs = 2\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
 SMALL = """
 configurations = ["TowerScratch"]
 [[learners]]
@@ -149,6 +156,101 @@ def test_carry_out__a_failure_stops_no_other_run_and_is_told_with_its_log(tmp_pa
     assert "no-such-command" in made[0].log.read_text()
     again = attempts(plans, tmp_path, 1)
     assert [attempt.standing for attempt in again] == [Standing.WAITING, Standing.FINISHED]
+
+
+def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
+    slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
+    plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
+    for name in ("runs", "episodes", "logs", "finished"):
+        (tmp_path / name).mkdir()
+    made = [Attempt(plans[0], tmp_path, 1), Script(plans[1], tmp_path, 1)]
+
+    def kill() -> None:
+        process = made[0]._process
+        if process is not None and process.poll() is None:
+            process.kill()
+
+    carry_out(made, 1, kill, 0.1)
+    assert [attempt.standing for attempt in made] == [Standing.FAILED, Standing.FINISHED]
+    assert made[0].fault.startswith("ended by SIGKILL: $ lilgym-mp evaluate")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a killed command leaves its runs alone")
+def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
+    process = begun(tmp_path, "10_000_000")
+    run = child_of(process.pid)
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and is_alive(run):
+        time.sleep(0.2)
+    assert not is_alive(run)
+    assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
+
+
+def begun(directory: Path, steps: str) -> subprocess.Popen[str]:
+    """An experiment in a process of its own, once its run has some progress."""
+    file = written(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
+    command = [sys.executable, "-m", "lilgym_mp", "experiment", str(file), "--out", str(directory / "out")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
+    while not progress.exists():
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.1)
+    return process
+
+
+def child_of(pid: int) -> int:
+    parents = {int(stat.parent.name): int(stat.read_text().rpartition(")")[2].split()[1]) for stat in all_stats()}
+    (child,) = [found for found, parent in parents.items() if parent == pid]
+    return child
+
+
+def is_alive(pid: int) -> bool:
+    return pid in {
+        int(stat.parent.name) for stat in all_stats() if stat.read_text().rpartition(")")[2].split()[0] != "Z"
+    }
+
+
+def all_stats() -> list[Path]:
+    """The descriptions of this machine's processes."""
+    return list(Path("/proc").glob("[0-9]*/stat"))
+
+
+def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
+    process = begun(tmp_path, "6_400")
+    process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=120)[0]
+    assert process.returncode == 130, said
+    assert "ppo-TowerScratch-0: interrupted" in said
+    run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
+    before = (run / "progress.jsonl").read_text()
+    assert 0 < len(before.splitlines()) < 200
+    assert main(["experiment", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out")]) == 0
+    after = (run / "progress.jsonl").read_text()
+    assert after.startswith(before)
+    assert json.loads(after.splitlines()[-1])["steps"] == 6_400
+    assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
+
+
+def test_display__is_a_live_table_on_a_terminal_and_lines_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    made = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
+    (tmp_path / "runs" / "one").mkdir(parents=True)
+    (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
+    screen = io.StringIO()
+    with Display(made, Console(file=screen, force_terminal=True, width=90)) as display:
+        made[0].standing, made[0].seconds = Standing.TRAINING, 30.0
+        display.update()
+        made[0].where = "on 10.0.0.7"
+        display.update()
+    shown = screen.getvalue()
+    for text in ("run", "state", "left", "one", "waiting", "training on 10.0.0.7", "25 %", "0:30", "1:30"):
+        assert text in shown
+    with Display(made, Console(file=io.StringIO())) as display:
+        made[1].standing = Standing.TRAINING
+        display.update()
+        display.update()
+    assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: training\n"
 
 
 def test_attempts__a_run_made_with_other_options_is_refused(tmp_path: Path):
