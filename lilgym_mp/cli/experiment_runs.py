@@ -137,7 +137,9 @@ class Attempt:
             raise _Failed(f"{how}: {lines[-1] if lines else ''}")
 
     def stop(self) -> None:
-        """Asks the run's process to save and end."""
+        """Asks the run's process, once, to save and end: a second time would interrupt that."""
+        if self._stopped.is_set():
+            return
         self._stopped.set()
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -188,40 +189,44 @@ def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
     assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
 
 
-def begun(directory: Path, steps: str) -> subprocess.Popen[str]:
+def begun(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     """An experiment in a process of its own, once its run has some progress."""
     file = written(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
     command = [sys.executable, "-m", "lilgym_mp", "experiment", str(file), "--out", str(directory / "out")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    with (directory / "said").open("w") as said:
+        process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
     progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
     while not progress.exists():
-        assert process.poll() is None, process.communicate()[0]
+        assert process.poll() is None, (directory / "said").read_text()
         time.sleep(0.1)
     return process
 
 
 def child_of(pid: int) -> int:
-    parents = {int(stat.parent.name): int(stat.read_text().rpartition(")")[2].split()[1]) for stat in all_stats()}
-    (child,) = [found for found, parent in parents.items() if parent == pid]
+    """The only process that this one has started."""
+    (child,) = [
+        found for found in map(int, filter(str.isdigit, os.listdir("/proc"))) if status(found)[1:2] == [str(pid)]
+    ]
     return child
 
 
+def status(pid: int) -> list[str]:
+    """Its state, its parent and more, by proc(5); nothing of a process that is not there."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return []
+
+
 def is_alive(pid: int) -> bool:
-    return pid in {
-        int(stat.parent.name) for stat in all_stats() if stat.read_text().rpartition(")")[2].split()[0] != "Z"
-    }
-
-
-def all_stats() -> list[Path]:
-    """The descriptions of this machine's processes."""
-    return list(Path("/proc").glob("[0-9]*/stat"))
+    return status(pid)[:1] not in ([], ["Z"])
 
 
 def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
     process = begun(tmp_path, "6_400")
     process.send_signal(signal.SIGINT)
-    said = process.communicate(timeout=120)[0]
-    assert process.returncode == 130, said
+    code, said = process.wait(timeout=120), (tmp_path / "said").read_text()
+    assert code == 130, said
     assert "ppo-TowerScratch-0: interrupted" in said
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
