@@ -21,12 +21,12 @@ PAPER_NOTE = (
 
 
 def results(found: Gathered) -> Iterator[Item]:
-    yield rests_on(found)
-    yield recorded_by(found)
-    yield table_1(found)
     yield table_2(found)
     yield from figure_3(found)
     yield from figure_5(found)
+    yield rests_on(found)
+    yield recorded_by(found)
+    yield table_1(found)
 
 
 def rests_on(found: Gathered) -> Item:

@@ -223,18 +223,18 @@ def is_alive(pid: int) -> bool:
 
 
 def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
-    process = begun(tmp_path, "6_400")
+    process = begun(tmp_path, "3_200")
     process.send_signal(signal.SIGINT)
     code, said = process.wait(timeout=120), (tmp_path / "said").read_text()
     assert code == 130, said
     assert "ppo-TowerScratch-0: interrupted" in said
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
-    assert 0 < len(before.splitlines()) < 200
+    assert 0 < len(before.splitlines()) < 100
     assert main(["experiment", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out")]) == 0
     after = (run / "progress.jsonl").read_text()
     assert after.startswith(before)
-    assert json.loads(after.splitlines()[-1])["steps"] == 6_400
+    assert json.loads(after.splitlines()[-1])["steps"] == 3_200
     assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
 
 
