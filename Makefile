@@ -18,7 +18,7 @@ endif
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint style types imports docs pictures bench clean
+.PHONY: help install demo test lint style types imports docs pictures test-matrix bench clean
 
 help:  ## this list
 	@echo "make TARGET [PYTHON=python3.11] [ARGS=...]"
@@ -66,6 +66,19 @@ imports: $(INSTALLED_FORM)
 $(INSTALLED_FORM): install
 	@rm -rf $@
 	@$(BIN)/python -c 'from setuptools import setup; setup()' --quiet build_py --build-lib $@
+
+test-matrix: test-oldest test-newest  ## the tests with the oldest and the newest Gymnasium, NumPy and PettingZoo
+
+.PHONY: test-oldest test-newest
+test-oldest: MATRIX := constraints-oldest.txt
+test-newest: MATRIX := constraints.txt
+test-oldest test-newest: test-%:
+	@rm -rf build/matrix/$*
+	@$(PYTHON) -m venv build/matrix/$*
+	@build/matrix/$*/bin/python -m pip install --quiet --constraint constraints.txt torch
+	@build/matrix/$*/bin/python -m pip install --quiet --constraint $(MATRIX) --editable '.[dev]'
+	@build/matrix/$*/bin/python -m pip list 2>/dev/null | grep -i -E '^(gymnasium|numpy|pettingzoo|stable_baselines3|numba) '
+	@build/matrix/$*/bin/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 docs: $(INSTALLED_FORM)  ## the documentation as a site, in build/site
 	$(BIN)/python scripts/write_environment_pages.py

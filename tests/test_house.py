@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -72,6 +73,17 @@ def test_packaging__every_module_and_data_file_is_shipped(installed_form: Path):
         if not (installed_form / name.replace(".", "/") / path.name).exists()
     ]
     assert not missing, f"add to tool.setuptools.package-data in pyproject.toml: {missing}"
+
+
+def test_packaging__a_source_distribution_has_the_package_and_no_tests(tmp_path: Path):
+    _needs("setuptools")
+    program = "from setuptools import setup; setup()"
+    _passes(sys.executable, "-c", program, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
+    (packed,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(packed) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert not [name for name in names if name.startswith("tests/")]
+    assert {"wrappers/__init__.py", "data/builtin.jsonl.gz", "lilgym_mp/py.typed", "README.md"} <= names
 
 
 @pytest.mark.parametrize("layout", ["checkout", "installed"])
