@@ -16,10 +16,10 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, refuse_copying
+from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
-from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings, VerdictTable
+from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, ResultTable, Settings
 from lilgym_mp.envs.window import RENDER_FPS
 from lilgym_mp.frames import frame
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
@@ -49,7 +49,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     single_action_space: spaces.Discrete
     single_observation_space: spaces.Dict
 
-    def __init__(self, settings: Settings, block: Block, *, render_mode: str | None, copy: bool) -> None:
+    def __init__(self, settings: Settings, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
         self.num_envs = settings.num_envs
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
@@ -62,8 +62,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
         self._autoreset = settings.autoreset
         self._evaluation = settings.evaluation
-        self._block = block
-        self._verdicts = VerdictTable.of(self.dynamics)
+        self._buffers = buffers
+        self._results = ResultTable.of(self.dynamics)
         self._evaluated = 0
         self._play(settings.tasks())
 
@@ -82,7 +82,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     @abstractmethod
     def _write(self, what: str) -> None:
-        """Brings the block's "mask", "goal" or "items" up to date."""
+        """Brings the buffers' "mask", "goal" or "items" up to date."""
 
     @abstractmethod
     def _states(self) -> list[State]: ...
@@ -122,15 +122,15 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """
         self._check_open()
         options = checked_options(options, RESET_OPTIONS)
-        which = self._chosen(options.get("reset_mask"))
+        env_ids = self._chosen(options.get("reset_mask"))
         tasks = self._task_numbers(options.get("task"))
-        everywhere = len(which) == self.num_envs
+        everywhere = len(env_ids) == self.num_envs
         if not everywhere and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
-        seeds = self._fresh_seeds(seed, which)
+        seeds = self._fresh_seeds(seed, env_ids)
         self._evaluated = 0 if everywhere else self._evaluated
-        self._reset(Reset(which, [seeds[n] for n in which], [tasks[n] for n in which], everywhere))
-        for number in which.tolist():
+        self._reset(Reset(env_ids, [seeds[n] for n in env_ids], [tasks[n] for n in env_ids], everywhere))
+        for number in env_ids.tolist():
             self._seeds[number] = self._seeds[number] if seeds[number] is None else seeds[number]
         self._is_started = True
         return self._observe(), self._infos()
@@ -152,7 +152,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {given}")
         return [None if name is None else self.tasks.number(name) for name in task]
 
-    def _fresh_seeds(self, seed: int | Sequence[int | None] | None, which: Int64Array) -> list[int | None]:
+    def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a generator to be made anew, or None."""
         if is_list(seed):
             seed = cast("Sequence[int | None]", seed)
@@ -164,7 +164,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         else:
             first = checked_seed(seed)
             seeds = [None if first is None else first + number for number in range(self.num_envs)]
-        for number in which.tolist():
+        for number in env_ids.tolist():
             if seeds[number] is None and self._seeds[number] is None:
                 seeds[number] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
         return seeds
@@ -181,15 +181,15 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         autoreset, when an environment has ended.
         """
         self._check_started()  # and open: nothing is written before
-        self._block.action[:] = self._checked(actions)
+        self._buffers.action[:] = self._checked(actions)
         self._step()
-        verdict = self._block.verdict
-        table = self._verdicts
+        result = self._buffers.result
+        table = self._results
         return (
             self._observe(),
-            table.rewards.take(verdict),
-            table.terminated.take(verdict),
-            table.truncated.take(verdict),
+            table.rewards.take(result),
+            table.terminated.take(result),
+            table.truncated.take(result),
             self._infos(),
         )
 
@@ -206,7 +206,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
                 f"actions must be {self.num_envs} whole numbers, one for each environment,"
                 f" not {array.dtype} of shape {array.shape}"
             )
-        ended = self._block.ended
+        ended = self._buffers.ended
         if self._autoreset is AutoresetMode.DISABLED and ended.any():
             numbers = ", ".join(map(str, np.flatnonzero(ended)))
             raise gym.error.ResetNeeded(f"environments {numbers} have ended; reset them with a reset_mask first")
@@ -222,51 +222,51 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return array
 
     def _observe(self) -> Observations:
-        block = self._block
+        buffers = self._buffers
         if self._arrays is not None:
             return {
                 "image": self._images(),
-                "statement": self._arrays.rows.take(block.task, axis=0),
-                "target": self._targets.take(block.task)[:, None],
+                "statement": self._arrays.rows.take(buffers.task, axis=0),
+                "target": self._targets.take(buffers.task)[:, None],
             }
         return {
             "image": self._images(),
-            "statement": tuple(self._statements.take(block.task).tolist()),
-            "target": self._targets.take(block.task),
+            "statement": tuple(self._statements.take(buffers.task).tolist()),
+            "target": self._targets.take(buffers.task),
         }
 
     def _images(self) -> UInt8Array:
         """(N, height, width, 3) what observations show; the caller's to keep if `copy`."""
-        return self._block.image.copy() if self.copy else self._block.image
+        return self._buffers.image.copy() if self.copy else self._buffers.image
 
     def _infos(self) -> Infos:
         """As Gymnasium's vector environments have them: arrays (N,), each with a mask `_name` of where it holds."""
-        block = self._block
+        buffers = self._buffers
         infos: Infos = {}
-        if np.count_nonzero(block.ended):  # in a fifth of the time of `any`, as `nonzero` is in one of `flatnonzero`
-            infos = self._end_infos(block.ended.copy())
-        if np.count_nonzero(block.started):
-            started = block.started.copy()
+        if np.count_nonzero(buffers.ended):  # in a fifth of the time of `any`, as `nonzero` is in one of `flatnonzero`
+            infos = self._end_infos(buffers.ended.copy())
+        if np.count_nonzero(buffers.started):
+            started = buffers.started.copy()
             numbers = started.nonzero()[0]
             task_ids = np.empty(self.num_envs, object)  # None at first
-            task_ids[numbers] = self._task_ids[block.task[numbers]]
+            task_ids[numbers] = self._task_ids[buffers.task[numbers]]
             infos |= {"task": task_ids, "_task": started}
         return infos
 
     def _end_infos(self, ended: BoolArray) -> Infos:
-        block, verdicts = self._block, self._verdicts
+        buffers, results = self._buffers, self._results
         infos: Infos = {
-            "outcome": verdicts.endings[block.verdict],
+            "outcome": results.endings[buffers.result],
             "_outcome": ended,
-            "is_success": verdicts.successes[block.verdict],
+            "is_success": results.successes[buffers.result],
             "_is_success": ended.copy(),
         }
-        invalid = block.invalid != NO_REASON
+        invalid = buffers.invalid != NO_REASON
         if np.count_nonzero(invalid):
-            infos |= {"invalid_reason": _REASON_NAMES[block.invalid], "_invalid_reason": invalid}
+            infos |= {"invalid_reason": _REASON_NAMES[buffers.invalid], "_invalid_reason": invalid}
         if self._evaluation:
-            infos |= {"repeated": block.repeated & ended, "_repeated": ended.copy()}
-            self._evaluated += int((ended & ~block.repeated).sum())
+            infos |= {"repeated": buffers.repeated & ended, "_repeated": ended.copy()}
+            self._evaluated += int((ended & ~buffers.repeated).sum())
         if self._autoreset is AutoresetMode.SAME_STEP:
             final = np.empty(self.num_envs, object)  # None at first
             for number in ended.nonzero()[0].tolist():
@@ -280,18 +280,18 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return infos
 
     def _last_action(self, number: int) -> LastAction | None:
-        block = self._block
-        verdict = int(block.verdict[number])
-        if verdict == NO_ACTION or block.started[number]:
+        buffers = self._buffers
+        result = int(buffers.result[number])
+        if result == NO_ACTION or buffers.started[number]:
             return None
-        reason = int(block.invalid[number])
+        reason = int(buffers.invalid[number])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-        return LastAction(int(block.action[number]), self.dynamics.step_results[verdict], invalid)
+        return LastAction(int(buffers.action[number]), self.dynamics.step_results[result], invalid)
 
     def _last_observation(self, number: int) -> Observation | dict[str, Any]:
-        task_number = int(self._block.last_task[number])
+        task_number = int(self._buffers.last_task[number])
         task = self.tasks[task_number]
-        image = self._block.last_image[number].copy()
+        image = self._buffers.last_image[number].copy()
         if self._arrays is not None:
             target = np.array([task.target], np.int64)
             return {"image": image, "statement": self._arrays.rows[task_number].copy(), "target": target}
@@ -309,17 +309,17 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     @property
     def task_numbers(self) -> Int64Array:
         """(N,) a new array: place in `tasks` of each current task."""
-        return self._block.task.copy()
+        return self._buffers.task.copy()
 
     @property
     def steps(self) -> Int64Array:
         """(N,) a new array: actions taken in each current episode."""
-        return self._block.steps.copy()
+        return self._buffers.steps.copy()
 
     @property
     def actions(self) -> Int64Array:
         """(N,) a new array: the actions of the last step."""
-        return self._block.action.copy()
+        return self._buffers.action.copy()
 
     @property
     def horizon(self) -> int:
@@ -329,7 +329,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     @property
     def item_capacity(self) -> int:
         """Slots of a box in `scene_array`."""
-        return self._block.items.shape[2]
+        return self._buffers.items.shape[2]
 
     def action_masks(self) -> BoolArray:
         """(N, actions) a new array: whether each action is valid now."""
@@ -346,7 +346,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     def _written(self, what: str) -> Any:
         self._check_started()
         self._write(what)
-        return getattr(self._block, what).copy()
+        return getattr(self._buffers, what).copy()
 
     def states(self) -> list[State]:
         """The current state of each environment."""
@@ -356,16 +356,16 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     @property
     def last_task_numbers(self) -> Int64Array:
         """(N,) a new array: as `task_numbers`, of the episodes that last ended (autoreset mode SAME_STEP)."""
-        return self._block.last_task.copy()
+        return self._buffers.last_task.copy()
 
     @property
     def last_steps(self) -> Int64Array:
         """(N,) a new array: as `steps`, of the episodes that last ended (autoreset mode SAME_STEP)."""
-        return self._block.last_steps.copy()
+        return self._buffers.last_steps.copy()
 
     def last_scene_array(self) -> Int16Array:
         """(N, 3, capacity, 5) a new array: as `scene_array`, at the end of the episodes that last ended (SAME_STEP)."""
-        return self._block.last_items.copy()
+        return self._buffers.last_items.copy()
 
     def encode_actions(self, actions: Any) -> Int64Array:
         """(N,) numbers of N actions in the released array form, (N, slots). Raises ActionError."""
@@ -404,9 +404,9 @@ class BatchedEnv(LilGymVectorEnv):
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
         checked = Settings.of(num_envs, **settings)
-        block = Block.new(checked.forms())
-        super().__init__(checked, block, render_mode=render_mode, copy=copy)
-        self._engine = Engine(checked, block)
+        buffers = Buffers.new(checked.forms())
+        super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
+        self._engine = Engine(checked, buffers)
 
     def _reset(self, order: Reset) -> None:
         self._engine.reset(order)

@@ -20,7 +20,7 @@ from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appear
 from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.envs.block import NO_REASON, ArrayForm, Block, block_forms
+from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
@@ -28,7 +28,7 @@ from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, Outcome, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
-NO_ACTION = 2 * len(ActionStatus)  # number in `Block.verdict` where an episode was started instead of an action taken
+NO_ACTION = 2 * len(ActionStatus)  # number in `Buffers.result` where an episode was started instead of an action taken
 
 
 @dataclass(frozen=True)
@@ -93,24 +93,24 @@ class Settings:
     def tasks(self) -> TaskSet:
         return load_tasks(self.corpus, self.appearance, self.start, self.split)
 
-    def forms(self) -> dict[str, ArrayForm]:
-        """The form of the block's arrays."""
+    def forms(self) -> dict[str, ArraySpec]:
+        """The form of the buffers' arrays."""
         dynamics = self.dynamics()
         capacity = item_capacity(self.tasks(), dynamics)
-        return block_forms(self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset)
+        return buffer_specs(self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset)
 
 
 class Reset(NamedTuple):
     """An order to begin episodes."""
 
-    which: Int64Array  # (k,) environments, ascending
+    env_ids: Int64Array  # (k,) environments, ascending
     seeds: Sequence[int | None]  # (k,) None: the generator goes on
     tasks: Sequence[int | None]  # (k,) numbers of tasks; None: whichever comes next
     everywhere: bool  # in the whole batch: evaluation begins anew
 
 
-class VerdictTable(NamedTuple):
-    """What verdicts mean, by number; the last row is NO_ACTION's."""
+class ResultTable(NamedTuple):
+    """What step results are, by index; the last row is NO_ACTION's."""
 
     rewards: Float64Array  # (9,)
     terminated: BoolArray  # (9,)
@@ -119,34 +119,34 @@ class VerdictTable(NamedTuple):
     successes: BoolArray  # (9,)
 
     @classmethod
-    def of(cls, dynamics: Dynamics) -> VerdictTable:
-        verdicts = dynamics.step_results
+    def of(cls, dynamics: Dynamics) -> ResultTable:
+        results = dynamics.step_results
         return cls(
-            rewards=np.array([*(verdict.reward for verdict in verdicts), 0.0]),
-            terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
-            truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
+            rewards=np.array([*(one.reward for one in results), 0.0]),
+            terminated=np.array([*(one.terminated for one in results), False]),
+            truncated=np.array([*(one.truncated for one in results), False]),
             endings=np.array(
-                [*(str(v.outcome) if v.terminated or v.truncated else None for v in verdicts), None], object
+                [*(str(one.outcome) if one.terminated or one.truncated else None for one in results), None], object
             ),
-            successes=np.array([*(verdict.outcome is Outcome.SUCCESS for verdict in verdicts), False]),
+            successes=np.array([*(one.outcome is Outcome.SUCCESS for one in results), False]),
         )
 
 
 class Engine:
-    """Environments `first` .. `first + N - 1` of a batch, over their part of its block."""
+    """Environments `first` .. `first + N - 1` of a batch, over their part of its buffers."""
 
-    def __init__(self, settings: Settings, block: Block, first: int = 0) -> None:
+    def __init__(self, settings: Settings, buffers: Buffers, first: int = 0) -> None:
         self.dynamics = settings.dynamics()
-        self.block = block
+        self.buffers = buffers
         self._image_size = settings.image_size
         self.play(settings.tasks())
         self._autoreset = settings.autoreset
         self._first = first
         self._stride = settings.num_envs
         self._evaluation = settings.evaluation
-        count = len(block.action)
-        verdicts = VerdictTable.of(self.dynamics)
-        self._ends = verdicts.terminated | verdicts.truncated
+        count = len(buffers.action)
+        results = ResultTable.of(self.dynamics)
+        self._ends = results.terminated | results.truncated
         self._generators: list[np.random.Generator | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # tasks to come, the next one last
         self._episodes = np.zeros(count, np.int64)  # begun in evaluation
@@ -156,7 +156,7 @@ class Engine:
         """Draws from `tasks` henceforth; a reset of all environments must follow."""
         self.tasks = tasks
         self._task_count = len(tasks)
-        self.core = make_core(self.dynamics, tasks, self.block, self._image_size)
+        self.core = make_core(self.dynamics, tasks, self.buffers, self._image_size)
         self._writers = {
             "mask": self.core.write_masks,
             "goal": self.core.write_goals,
@@ -165,52 +165,52 @@ class Engine:
 
     def reset(self, order: Reset) -> None:
         """Begins episodes in some environments; the others stay as they are."""
-        which, seeds, tasks, everywhere = order
-        block = self.block
-        block.started[:] = False
-        for number, seed in zip(which.tolist(), seeds, strict=True):
+        env_ids, seeds, tasks, everywhere = order
+        buffers = self.buffers
+        buffers.started[:] = False
+        for number, seed in zip(env_ids.tolist(), seeds, strict=True):
             if seed is not None or self._generators[number] is None:
                 self._generators[number] = seeding.np_random(seed)[0]
                 self._drawn[number].clear()
         if everywhere:
             self._episodes[:] = 0
-        chosen = [self._next_task(n) if task is None else task for n, task in zip(which.tolist(), tasks, strict=True)]
-        self._begin(which, chosen)
-        block.verdict[which] = NO_ACTION
-        block.invalid[which] = NO_REASON
-        block.ended[which] = False
+        chosen = [self._next_task(n) if task is None else task for n, task in zip(env_ids.tolist(), tasks, strict=True)]
+        self._begin(env_ids, chosen)
+        buffers.result[env_ids] = NO_ACTION
+        buffers.invalid[env_ids] = NO_REASON
+        buffers.ended[env_ids] = False
 
     def step(self) -> None:
-        """Takes `block.action`, and begins new episodes as the autoreset mode has it."""
-        block = self.block
-        block.started[:] = False
-        waiting = block.ended.nonzero()[0]
+        """Takes `buffers.action`, and begins new episodes as the autoreset mode has it."""
+        buffers = self.buffers
+        buffers.started[:] = False
+        waiting = buffers.ended.nonzero()[0]
         if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):
-            self.core.step((~block.ended).nonzero()[0])
+            self.core.step((~buffers.ended).nonzero()[0])
             self._begin_next(waiting)
-            block.verdict[waiting] = NO_ACTION
-            block.invalid[waiting] = NO_REASON
+            buffers.result[waiting] = NO_ACTION
+            buffers.invalid[waiting] = NO_REASON
         else:
             self.core.step(None)
-        self._ends.take(block.verdict, out=block.ended)
+        self._ends.take(buffers.result, out=buffers.ended)
         if self._evaluation:
-            np.logical_and(block.ended, self._repeats, out=block.repeated)
-        ended = block.ended.nonzero()[0]
+            np.logical_and(buffers.ended, self._repeats, out=buffers.repeated)
+        ended = buffers.ended.nonzero()[0]
         if self._autoreset is AutoresetMode.SAME_STEP and len(ended):
             for number in ended.tolist():  # copied once, while an array of numbers would have it copied twice
-                block.last_image[number] = block.image[number]
-            block.last_task[ended] = block.task[ended]
-            block.last_steps[ended] = block.steps[ended]
+                buffers.last_image[number] = buffers.image[number]
+            buffers.last_task[ended] = buffers.task[ended]
+            buffers.last_steps[ended] = buffers.steps[ended]
             self.core.write_items()
-            block.last_items[ended] = block.items[ended]
+            buffers.last_items[ended] = buffers.items[ended]
             self._begin_next(ended)
 
-    def _begin_next(self, which: Int64Array) -> None:
-        self._begin(which, [self._next_task(number) for number in which.tolist()])
+    def _begin_next(self, env_ids: Int64Array) -> None:
+        self._begin(env_ids, [self._next_task(number) for number in env_ids.tolist()])
 
-    def _begin(self, which: Int64Array, tasks: Sequence[int]) -> None:
-        self.core.start(which, np.array(tasks, np.int64))
-        self.block.started[which] = True
+    def _begin(self, env_ids: Int64Array, tasks: Sequence[int]) -> None:
+        self.core.start(env_ids, np.array(tasks, np.int64))
+        self.buffers.started[env_ids] = True
 
     def _next_task(self, number: int) -> int:
         """At random, or in evaluation the tasks `g`, `g + stride`, ... for the batch's environment `g`."""
@@ -228,9 +228,9 @@ class Engine:
         return task if task < len(self.tasks) else place % len(self.tasks)
 
     def write(self, what: str) -> None:
-        """Brings the block's "mask", "goal" or "items" up to date."""
+        """Brings the buffers' "mask", "goal" or "items" up to date."""
         self._writers[what]()
 
     def states(self) -> list[State]:
         """The current state of each environment."""
-        return [self.core.state(number) for number in range(len(self.block.action))]
+        return [self.core.state(number) for number in range(len(self.buffers.action))]

@@ -33,7 +33,7 @@ import numpy as np
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
-from lilgym_mp.envs.block import ALIGNMENT, ArrayForm, Block, block_size
+from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import Engine, Reset, Settings
 from lilgym_mp.envs.shared_memory import SharedMemory
@@ -161,23 +161,23 @@ class Assignment:
 
 
 def _control_size(workers: int) -> int:
-    """Bytes before the block's arrays."""
+    """Bytes before the buffers' arrays."""
     return workers * Post.LINES * ALIGNMENT
 
 
-def _pages_form(settings: Settings, pages: int) -> ArrayForm:
-    return ArrayForm((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
+def _pages_form(settings: Settings, pages: int) -> ArraySpec:
+    return ArraySpec((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
 
 
 def _laid_out(
     shared: SharedMemory, settings: Settings, workers: int, pages: int
-) -> tuple[memoryview, Block, UInt8Array]:
-    """The words of the posts, the block, and the pages (pages, N, height, width, 3) for copies of its images."""
+) -> tuple[memoryview, Buffers, UInt8Array]:
+    """The words of the posts, the buffers, and the pages (pages, N, height, width, 3) for copies of its images."""
     control = _control_size(workers)
     forms, form = settings.forms(), _pages_form(settings, pages)
     memory = shared.memory[control:]
-    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), block_size(forms)).reshape(form.shape)
-    return shared.memory[:control].cast("q"), Block.over(memory, forms), copies
+    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), buffers_size(forms)).reshape(form.shape)
+    return shared.memory[:control].cast("q"), Buffers.over(memory, forms), copies
 
 
 def _work(
@@ -197,9 +197,9 @@ def _work(
         connection.close()
     try:
         ends = _ends_of_caller()
-        words, block, pages = _laid_out(assignment.shared, assignment.settings, workers, assignment.pages)
+        words, buffers, pages = _laid_out(assignment.shared, assignment.settings, workers, assignment.pages)
         part = slice(assignment.first, assignment.stop)
-        engine = Engine(assignment.settings, block.part(part.start, part.stop), part.start)
+        engine = Engine(assignment.settings, buffers.part(part.start, part.stop), part.start)
         messages.send(None)
         post = Post(words, assignment.number)
         count = 0
@@ -210,7 +210,7 @@ def _work(
                 break
             _carry_out(engine, order, messages)
             if post.page != NO_PAGE:
-                pages[post.page, part] = engine.block.image
+                pages[post.page, part] = engine.buffers.image
             post.answer(count)
             if post.is_asleep(worker=False):
                 caller_bell.send_bytes(b"!")
@@ -330,14 +330,14 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._timeout = _checked_timeout(timeout_seconds)
         self._count = 0
         pages = PAGES if copy and count > 1 else 0
-        size = _control_size(count) + block_size(checked.forms()) + _pages_form(checked, pages).size
+        size = _control_size(count) + buffers_size(checked.forms()) + _pages_form(checked, pages).size
         self._shared = SharedMemory(size)
         self._dismissal = weakref.finalize(self, _dismiss, self._workers, self._shared, self._owner)
-        words, block, self._pages = _laid_out(self._shared, checked, count, pages)
+        words, buffers, self._pages = _laid_out(self._shared, checked, count, pages)
         self._page_start = size - _pages_form(checked, pages).size
         self._lent: list[weakref.ref[Any] | None] = [None] * pages  # to whom each page was given
         self._page = NO_PAGE
-        super().__init__(checked, block, render_mode=render_mode, copy=copy)
+        super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
         self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
         self._own = slice(0, bounds[1])
@@ -356,7 +356,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
             _check_room(len(assignments), self._shared)
             if assignments and context.get_start_method() == "fork":
                 _rehearse(settings)
-            self._engine = Engine(settings, self._block.part(0, self._own.stop))
+            self._engine = Engine(settings, self._buffers.part(0, self._own.stop))
             for assignment in assignments:
                 _hire(context, assignment, len(assignments) + 1, words, self._workers)
         for worker in self._workers:
@@ -392,7 +392,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def _copy_own_images(self) -> None:
         if self._page != NO_PAGE:
-            self._pages[self._page, self._own] = self._engine.block.image
+            self._pages[self._page, self._own] = self._engine.buffers.image
 
     def _free_page(self) -> int:
         """A page that nobody holds any more, or NO_PAGE."""
@@ -572,7 +572,7 @@ def _rehearse(settings: Settings) -> None:
     """
     few = min(settings.num_envs, FEWEST_COMPILED)
     settings = replace(settings, num_envs=few)
-    engine = Engine(settings, Block.new(settings.forms()))
+    engine = Engine(settings, Buffers.new(settings.forms()))
     engine.reset(Reset(np.arange(few), [0] * few, [None] * few, everywhere=True))
     engine.step()
     for what in _WRITES:
@@ -629,8 +629,8 @@ def _deaf_to_interrupts(context: Any) -> Iterator[None]:
 
 def _part(order: Reset, first: int, stop: int) -> Reset:
     """What of an order concerns environments first .. stop - 1, numbered from 0."""
-    low, high = np.searchsorted(order.which, [first, stop]).tolist()
-    return Reset(order.which[low:high] - first, order.seeds[low:high], order.tasks[low:high], order.everywhere)
+    low, high = np.searchsorted(order.env_ids, [first, stop]).tolist()
+    return Reset(order.env_ids[low:high] - first, order.seeds[low:high], order.tasks[low:high], order.everywhere)
 
 
 def usable_cores() -> int:

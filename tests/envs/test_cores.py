@@ -22,7 +22,7 @@ from lilgym_mp.appearances.placement import is_free, placement_tables
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
-from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
+from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, kernels, make_core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
@@ -36,7 +36,7 @@ from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scatter_boxes, s
 
 COUNT = 9
 REMOVE_SHARE, STOP_SHARE, ANY_SHARE = 0.2, 0.05, 0.1
-COPIED = ("image", "task", "steps", "verdict", "invalid")
+COPIED = ("image", "task", "steps", "result", "invalid")
 
 
 def task_set(starts: list[Scene]) -> TaskSet:
@@ -67,13 +67,13 @@ def random_starts(appearance: str) -> list[Scene]:
 
 
 class Side:
-    """One core with its block."""
+    """One core with its buffers."""
 
     def __init__(self, core: Callable[..., Core], dynamics: Dynamics, tasks: TaskSet, image_size: str = "half") -> None:
         capacity = item_capacity(tasks, dynamics)
         actions = dynamics.appearance.action_count
-        self.block = Block.new(block_forms(COUNT, image_size, actions, capacity, AutoresetMode.NEXT_STEP))
-        self.core = core(dynamics, tasks, self.block, image_size)
+        self.buffers = Buffers.new(buffer_specs(COUNT, image_size, actions, capacity, AutoresetMode.NEXT_STEP))
+        self.core = core(dynamics, tasks, self.buffers, image_size)
 
     def write_all(self) -> None:
         self.core.write_masks()
@@ -85,7 +85,7 @@ def assert_equal(one: Side, other: Side) -> None:
     for side in (one, other):
         side.write_all()
     for name in (*COPIED, "mask", "goal", "items"):
-        assert np.array_equal(getattr(one.block, name), getattr(other.block, name)), name
+        assert np.array_equal(getattr(one.buffers, name), getattr(other.buffers, name)), name
     for number in range(COUNT):
         assert one.core.state(number) == other.core.state(number)
 
@@ -121,13 +121,13 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
         for side in (one, other):
             side.core.start(beginning, tasks)
         assert_equal(one, other)
-        actions = [an_action(dynamics, mask, chance) for mask in one.block.mask]
+        actions = [an_action(dynamics, mask, chance) for mask in one.buffers.mask]
         for side in (one, other):
-            side.block.action[:] = actions
+            side.buffers.action[:] = actions
             side.core.step(which)
         played = every if which is None else which
-        met.update(one.block.invalid[played].tolist())
-        ended = played[ends[one.block.verdict[played]]]
+        met.update(one.buffers.invalid[played].tolist())
+        ended = played[ends[one.buffers.result[played]]]
         beginning = np.union1d(ended, np.flatnonzero(chance.random(COUNT) < 0.02))
     assert_equal(one, other)
     return met
@@ -196,10 +196,10 @@ def test_scatter_core__a_release_snap_out_of_the_box_is_followed_and_drawn(there
     for side in (arrays, loop):
         side.core.start(np.arange(COUNT), np.zeros(COUNT, np.int64))
         for each in (action, RemoveItem(3, 0), AddItem(9, 2, Shape.CIRCLE, Y, SMALL)):
-            side.block.action[:] = dynamics.appearance.encode(each)
+            side.buffers.action[:] = dynamics.appearance.encode(each)
             side.core.step(None)
     assert_equal(arrays, loop)
-    assert np.array_equal(arrays.block.image[0], draw(arrays.core.state(0).scene, "half"))
+    assert np.array_equal(arrays.buffers.image[0], draw(arrays.core.state(0).scene, "half"))
 
 
 def test_scatter_core__play_on_from_items_that_overlap() -> None:
@@ -235,8 +235,8 @@ def fresh_choice() -> Iterator[None]:
 
 def core_of(dynamics: Dynamics, count: int) -> type:
     tasks = task_set([Scene.empty()])
-    block = Block.new(block_forms(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
-    return type(make_core(dynamics, tasks, block, "half"))
+    buffers = Buffers.new(buffer_specs(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
+    return type(make_core(dynamics, tasks, buffers, "half"))
 
 
 @pytest.mark.parametrize(("appearance", "compiled"), [("tower", TowerCore), ("scatter", ScatterCore)])
@@ -301,4 +301,4 @@ def test_waiting__spends_a_step_and_leaves_the_scene(core: Callable[..., Core]):
         for env_id, state in zip(env_ids.tolist(), before, strict=True):
             transition = dynamics.wait(state)
             assert side.core.state(env_id) == transition.state
-            assert side.block.verdict[env_id] == transition.result.code
+            assert side.buffers.result[env_id] == transition.result.code

@@ -34,10 +34,10 @@ def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules
     for task in range(len(scenes)):
         side.core.start(np.array([0]), np.array([task]))
         for action in (0, *np.flatnonzero(dynamics.appearance.legal_mask(scenes[task], dynamics.rules.placement))[-2:]):
-            side.block.action[:] = action
+            side.buffers.action[:] = action
             side.core.step(np.array([0]))
             side.core.write_masks()
-            assert np.array_equal(side.block.mask[0], dynamics.legal_mask(side.core.state(0)))
+            assert np.array_equal(side.buffers.mask[0], dynamics.legal_mask(side.core.state(0)))
 
 
 @BY_RULES

@@ -164,7 +164,7 @@ def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None
 def test_a_worker_that_raises__hands_on_its_traceback(workers: WorkerVectorEnv) -> None:
     pids = workers.worker_pids
     no_such_task = len(workers.tasks)
-    workers._block.action[:] = 0
+    workers._buffers.action[:] = 0
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
         workers._reset(Reset(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], everywhere=True))
     assert_gone(pids)

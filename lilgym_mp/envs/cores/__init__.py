@@ -1,4 +1,4 @@
-"""Cores: many episodes of one MDP, stepped together over the arrays of a `Block`.
+"""Cores: many episodes of one MDP, stepped together over the arrays of `Buffers`.
 
 `ScalarCore` asks `rules` about one scene after another and serves every appearance. `TowerCore` and `ScatterCore` do
 the same in compiled code, for batches; they are imported, and with them numba, when a batch first needs one.
@@ -13,7 +13,7 @@ from importlib import import_module
 
 from lilgym_mp.appearances import Appearance, Scatter, Tower
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import Block
+from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.scalar import ScalarCore
 from lilgym_mp.rules import Dynamics
@@ -27,15 +27,15 @@ _COMPILED: Mapping[type[Appearance], tuple[str, str]] = {
 }  # by appearance: module and class
 
 
-def make_core(dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> Core:
+def make_core(dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> Core:
     """The fastest core for the appearance and the number of environments."""
     appearance = type(dynamics.appearance)
-    compiled = _compiled(appearance) if len(block.action) >= FEWEST_COMPILED else None
-    return (compiled or ScalarCore)(dynamics, tasks, block, image_size)
+    compiled = _compiled(appearance) if len(buffers.action) >= FEWEST_COMPILED else None
+    return (compiled or ScalarCore)(dynamics, tasks, buffers, image_size)
 
 
 @cache
-def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Block, str], Core] | None:
+def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Buffers, str], Core] | None:
     """The compiled core of an appearance. None where there is none and, with a warning, where numba cannot be used."""
     if appearance not in _COMPILED:
         return None

@@ -9,7 +9,7 @@ import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, Block
+from lilgym_mp.envs.buffers import NO_REASON, Buffers
 from lilgym_mp.rules import ActionStatus, Dynamics, State, result_index
 from lilgym_mp.scene import Scene
 
@@ -21,66 +21,66 @@ _STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # by whether the target is 
 
 
 class Core(ABC):
-    """N episodes. Results go to the block, but for what `engine.Engine` records of ends and starts of episodes.
+    """N episodes. Results go to the buffers, but for what `engine.Engine` records of ends and starts of episodes.
 
-    The number of actions taken is kept in the block alone.
+    The number of actions taken is kept in the buffers alone.
     """
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers) -> None:
         self.dynamics = dynamics
         self._tasks = tasks
-        self._block = block
-        self._every = np.arange(len(block.action))
+        self._buffers = buffers
+        self._every = np.arange(len(buffers.action))
         results = dynamics.step_results
         self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
 
     def start(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         """Begins tasks (k,), by index, in environments (k,)."""
-        self._block.task[env_ids] = tasks
-        self._block.steps[env_ids] = 0
+        self._buffers.task[env_ids] = tasks
+        self._buffers.steps[env_ids] = 0
         self._begin(env_ids, tasks)
 
     def step(self, env_ids: Int64Array | None) -> None:
-        """Takes `block.action` in environments (k,), ascending, or in all: `rules.Dynamics.step` over arrays."""
-        block = self._block
+        """Takes `buffers.action` in environments (k,), ascending, or in all: `rules.Dynamics.step` over arrays."""
+        buffers = self._buffers
         chosen = slice(None) if env_ids is None else env_ids
         env_ids = self._every if env_ids is None else env_ids
-        actions = block.action[chosen]
-        steps = block.steps[chosen] + 1
+        actions = buffers.action[chosen]
+        steps = buffers.steps[chosen] + 1
         last = steps >= self.dynamics.horizon
         reasons = self._edit(env_ids, actions, self._applies.take(last))
         status = _EDIT_STATUS.take(reasons == NO_REASON)
         stops = (actions == 0).nonzero()[0]
         if len(stops):
             status[stops] = _STOP_STATUS.take(self._solved(env_ids[stops]))
-        block.steps[chosen] = steps
-        block.verdict[chosen] = result_index(status, last=last)
-        block.invalid[chosen] = reasons
+        buffers.steps[chosen] = steps
+        buffers.result[chosen] = result_index(status, last=last)
+        buffers.invalid[chosen] = reasons
 
     def wait(self, env_ids: Int64Array) -> None:
         """`rules.Dynamics.wait` in environments (k,)."""
-        block = self._block
-        steps = block.steps[env_ids] + 1
-        block.steps[env_ids] = steps
-        block.verdict[env_ids] = result_index(VALID_EDIT, last=steps >= self.dynamics.horizon)
-        block.invalid[env_ids] = NO_REASON
+        buffers = self._buffers
+        steps = buffers.steps[env_ids] + 1
+        buffers.steps[env_ids] = steps
+        buffers.result[env_ids] = result_index(VALID_EDIT, last=steps >= self.dynamics.horizon)
+        buffers.invalid[env_ids] = NO_REASON
 
     def state(self, env_id: int) -> State:
-        block = self._block
+        buffers = self._buffers
         scene = self._scenes_of(np.array([env_id]))[0]
-        return State(self._tasks[block.task[env_id]], scene, int(block.steps[env_id]))
+        return State(self._tasks[buffers.task[env_id]], scene, int(buffers.steps[env_id]))
 
     def write_goals(self) -> None:
-        """`block.goal` of all environments."""
-        self._block.goal[:] = self._solved(self._every)
+        """`buffers.goal` of all environments."""
+        self._buffers.goal[:] = self._solved(self._every)
 
     @abstractmethod
     def write_masks(self) -> None:
-        """`block.mask` of all environments."""
+        """`buffers.mask` of all environments."""
 
     @abstractmethod
     def write_items(self) -> None:
-        """`block.items` of all environments."""
+        """`buffers.items` of all environments."""
 
     @abstractmethod
     def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
@@ -88,7 +88,7 @@ class Core(ABC):
 
     @abstractmethod
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        """(k,) why actions are invalid, as in `block.invalid`; NO_REASON for valid edits and for STOP.
+        """(k,) why actions are invalid, as in `buffers.invalid`; NO_REASON for valid edits and for STOP.
 
         Valid edits are made where `applies` (k,).
         """
@@ -99,5 +99,5 @@ class Core(ABC):
 
     def _solved(self, env_ids: Int64Array) -> list[bool]:
         """(k,) whether STOP succeeds in environments (k,)."""
-        pairs = zip(self._block.task[env_ids].tolist(), self._scenes_of(env_ids), strict=True)
+        pairs = zip(self._buffers.task[env_ids].tolist(), self._scenes_of(env_ids), strict=True)
         return [self._tasks[task].solved_by(scene) for task, scene in pairs]

@@ -12,7 +12,7 @@ import numpy as np
 from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, LOOKS, look_of
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import Block
+from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.kernels import NO_ITEM, Painting, Scenes, Starts, compiling
@@ -28,9 +28,9 @@ _LOOK_FIELDS = np.array(LOOKS, np.int16)
 class CompiledCore(Core):
     """A core whose scenes are `kernels.Scenes`; subclasses make the edits of their appearance."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
-        super().__init__(dynamics, tasks, block)
-        rows, capacity = BOX_COUNT * len(block.action), block.items.shape[2]
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+        super().__init__(dynamics, tasks, buffers)
+        rows, capacity = BOX_COUNT * len(buffers.action), buffers.items.shape[2]
         side = BOX_SIDE // shrink_of(image_size)
         self._image_size = image_size
         self._painting = _painting(image_size)
@@ -39,14 +39,14 @@ class CompiledCore(Core):
             counts=np.zeros(rows, np.int64),
             versions=np.zeros(rows, np.int64),
             weighted=np.zeros((rows, side, side), np.uint8),
-            images=block.image.reshape(len(block.image), -1),
+            images=buffers.image.reshape(len(buffers.image), -1),
         )
         self._starts = Starts(
             items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
             counts=np.zeros(BOX_COUNT * len(tasks), np.int64),
         )
         self._has_start = [False] * len(tasks)  # whether `_starts` holds the task's start scene
-        self._written_items = np.full(rows, NEVER_SEEN)  # versions that `block.items` shows
+        self._written_items = np.full(rows, NEVER_SEEN)  # versions that `buffers.items` shows
         with compiling(kernels.begin):
             kernels.begin(self._painting, self._current, self._starts, self._every[:0], self._every[:0])
 
@@ -67,7 +67,7 @@ class CompiledCore(Core):
         return self._tasks[task].start
 
     def write_items(self) -> None:
-        written = self._block.items.reshape(len(self._written_items), *self._block.items.shape[2:])
+        written = self._buffers.items.reshape(len(self._written_items), *self._buffers.items.shape[2:])
         with compiling(kernels.write_items):
             kernels.write_items(self._current, _LOOK_FIELDS, EMPTY, self._written_items, written)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block
+from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS, Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
@@ -17,10 +17,10 @@ from lilgym_mp.scene import Scene
 class ScalarCore(Core):
     """Serves every appearance: a scene and a canvas for each environment."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
-        super().__init__(dynamics, tasks, block)
-        self._scenes = [tasks[0].start] * len(block.action)
-        self._canvases = [Canvas(image_size, image) for image in block.image]
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+        super().__init__(dynamics, tasks, buffers)
+        self._scenes = [tasks[0].start] * len(buffers.action)
+        self._canvases = [Canvas(image_size, image) for image in buffers.image]
 
     def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for env_id, task in zip(env_ids.tolist(), tasks.tolist(), strict=True):
@@ -47,10 +47,10 @@ class ScalarCore(Core):
         return [self._scenes[env_id] for env_id in env_ids.tolist()]
 
     def write_masks(self) -> None:
-        for mask, scene in zip(self._block.mask, self._scenes, strict=True):
+        for mask, scene in zip(self._buffers.mask, self._scenes, strict=True):
             mask[:] = self.dynamics.appearance.legal_mask(scene, self.dynamics.rules.placement)
 
     def write_items(self) -> None:
-        items = self._block.items
+        items = self._buffers.items
         for slots, scene in zip(items, self._scenes, strict=True):
             slots[:] = item_array(scene, items.shape[2])

@@ -15,7 +15,7 @@ from lilgym_mp.appearances.numbering import LOOK_KINDS, cell_and_look
 from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS, Block
+from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.compiled import NEVER_SEEN, CompiledCore, item_of
@@ -32,9 +32,9 @@ KEPT_ITEMS = 16_384
 class ScatterCore(CompiledCore):
     """A `Scene` is made only when a program or the caller asks for one, of the boxes that changed since the last."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
-        super().__init__(dynamics, tasks, block, image_size)
-        count = len(block.action)
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+        super().__init__(dynamics, tasks, buffers, image_size)
+        count = len(buffers.action)
         self._appearance = cast(Scatter, dynamics.appearance)
         self._tables = grid_tables(self._appearance, dynamics.rules.placement)
         self._scenes = [Scene.empty()] * count  # as of the versions in `_scene_versions`
@@ -43,7 +43,7 @@ class ScatterCore(CompiledCore):
         self._outside = np.zeros(count, np.bool_)  # environments whose scenes are kept in `_scenes` alone
         self._starts_outside = np.zeros(len(tasks), np.bool_)  # tasks that start so, as far as they have been played
         self._canvases: dict[int, Canvas] = {}  # of `_outside`
-        self._written_masks: Int64Array | None = None  # versions that `block.mask` shows
+        self._written_masks: Int64Array | None = None  # versions that `buffers.mask` shows
         with compiling(kernels.edit_scatters):
             self._edit(self._every[:0], self._every[:0], np.zeros(0, np.bool_))
 
@@ -67,7 +67,7 @@ class ScatterCore(CompiledCore):
         """Has `_scenes` alone represent an environment from now on."""
         self._outside[env_id] = True
         if env_id not in self._canvases:
-            self._canvases[env_id] = Canvas(self._image_size, self._block.image[env_id])
+            self._canvases[env_id] = Canvas(self._image_size, self._buffers.image[env_id])
         self._canvases[env_id].show(self._scenes[env_id])
 
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
@@ -117,7 +117,7 @@ class ScatterCore(CompiledCore):
             scenes[env_id] = scenes[env_id].with_box(box, Box(tuple(map(_item_of, there[:count]))))
 
     def write_masks(self) -> None:
-        appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._block.mask
+        appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._buffers.mask
         if self._written_masks is None:
             self._written_masks = np.full(len(self._current.versions), NEVER_SEEN)
             mask[:] = False
@@ -131,7 +131,7 @@ class ScatterCore(CompiledCore):
 
     def write_items(self) -> None:
         super().write_items()
-        items = self._block.items
+        items = self._buffers.items
         for env_id in self._outside.nonzero()[0].tolist():
             items[env_id] = item_array(self._scenes[env_id], items.shape[2])
             self._written_items[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NEVER_SEEN

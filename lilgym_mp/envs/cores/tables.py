@@ -18,7 +18,7 @@ from lilgym_mp.appearances.placement import (
     search_offsets,
 )
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.envs.block import NO_REASON, REASON_NUMBERS
+from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, Item
 
 MOST_ROWS = 50  # of a cell that fit into one number as bits; higher cells are divided into parts

@@ -7,7 +7,7 @@ import numpy as np
 from lilgym_mp.appearances.tower import EDIT_REASONS, tower_tables
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.block import REASON_NUMBERS, Block
+from lilgym_mp.envs.buffers import REASON_NUMBERS, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.compiled import CompiledCore, number_of
 from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
@@ -18,8 +18,8 @@ from lilgym_mp.scene import BOX_COUNT, Scene
 class TowerCore(CompiledCore):
     """Scenes are made of the appearance's shared boxes."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, block: Block, image_size: str) -> None:
-        super().__init__(dynamics, tasks, block, image_size)
+    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+        super().__init__(dynamics, tasks, buffers, image_size)
         tables = tower_tables()
         self._tables = tables
         self._edits = TowerEdits(
@@ -30,7 +30,7 @@ class TowerCore(CompiledCore):
             heights=tables.heights,
             reasons=np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS]),
         )
-        self._stacks = np.zeros(BOX_COUNT * len(block.action), np.int64)  # by row
+        self._stacks = np.zeros(BOX_COUNT * len(buffers.action), np.int64)  # by row
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
         self._start_stacks = np.array([[tables.numbers[box.items] for box in task.start.boxes] for task in tasks])
         with compiling(kernels.edit_towers):
@@ -54,4 +54,4 @@ class TowerCore(CompiledCore):
 
     def write_masks(self) -> None:
         left, middle, right = self._tables.heights[self._by_env].T
-        self._block.mask[:] = self._tables.legal[left, middle, right]
+        self._buffers.mask[:] = self._tables.legal[left, middle, right]

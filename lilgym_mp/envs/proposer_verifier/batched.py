@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.envs.block import refuse_copying
+from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import checked_flag, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.proposer_verifier.game import TurnError

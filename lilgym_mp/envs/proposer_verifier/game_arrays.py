@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
-from lilgym_mp.envs.block import INVALID_REASONS, NO_REASON, Block, block_forms
+from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.proposer_verifier.game import EDIT
 from lilgym_mp.envs.proposer_verifier.rewards import Judged
@@ -30,7 +30,7 @@ from lilgym_mp.envs.single import end_info
 from lilgym_mp.rules import State, Transition
 
 Info = dict[str, Any]
-NOTHING, WAIT, PROPOSAL, STOP = map(int, Counted)  # plain numbers for arrays, as in `envs.block`
+NOTHING, WAIT, PROPOSAL, STOP = map(int, Counted)  # plain numbers for arrays, as in `envs.buffers`
 
 
 class GameArrays:
@@ -49,9 +49,9 @@ class GameArrays:
         self._game = game = world.game
         self._dynamics = dynamics = game.conditions.dynamics
         actions, capacity = dynamics.appearance.action_count, world.item_capacity
-        forms = block_forms(num_games, world.image_size, actions, capacity, AutoresetMode.DISABLED)
-        self._block = Block.new(forms)
-        self._core = make_core(dynamics, world.tasks, self._block, world.image_size)
+        forms = buffer_specs(num_games, world.image_size, actions, capacity, AutoresetMode.DISABLED)
+        self._buffers = Buffers.new(forms)
+        self._core = make_core(dynamics, world.tasks, self._buffers, world.image_size)
         self._tables = _Tables.of(world)
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
@@ -59,7 +59,7 @@ class GameArrays:
         self._rulings = np.zeros(num_games, np.int64)  # the last turn's
         self._holds = np.zeros(num_games, np.int64)  # whether what it judged was true, where that matters
         self._ends: dict[tuple[int, int], Info] = {}  # by verdict and reason
-        self._has_masks = self._has_items = False  # whether those in the block are of the present scenes
+        self._has_masks = self._has_items = False  # whether those in the buffers are of the present scenes
         self._first = np.array([[role in game.protocol.first] for role in Role])  # (2, 1) who moves first
         self.moves = np.zeros((len(Role), num_games), np.bool_)
         self.intents = np.zeros(num_games, np.int64)
@@ -132,33 +132,33 @@ class GameArrays:
 
     def _counted(self, counted: Int64Array, asked: Int64Array) -> Int64Array:
         """Has the MDPs take what counts. (N,) numbers of the verdicts, or the rulebook's `nothing_played`."""
-        block = self._block
-        block.action[:] = np.where(counted == STOP, STOP_ACTION, asked)
-        block.verdict[:] = self._game.rulebook.nothing_played
+        buffers = self._buffers
+        buffers.action[:] = np.where(counted == STOP, STOP_ACTION, asked)
+        buffers.result[:] = self._game.rulebook.nothing_played
         acting, waiting = (counted >= PROPOSAL).nonzero()[0], (counted == WAIT).nonzero()[0]
         if len(acting):
             self._core.step(None if len(acting) == len(counted) else acting)
             self._has_masks = self._has_items = False
         if len(waiting):
             self._core.wait(waiting)
-        return block.verdict.astype(np.int64)
+        return buffers.result.astype(np.int64)
 
     @property
     def images(self) -> UInt8Array:
         """(N, height, width, 3), brought up to date in every turn; not to be written."""
-        return self._block.image
+        return self._buffers.image
 
     @property
     def tasks(self) -> Int64Array:
         """(N,) numbers of the tasks; not to be written."""
-        return self._block.task
+        return self._buffers.task
 
     def items(self) -> Int16Array:
         """(N, 3, capacity, 5) `item_array` of the scenes; not to be written."""
         if not self._has_items:
             self._core.write_items()
             self._has_items = True
-        return self._block.items
+        return self._buffers.items
 
     def masks(self, role: Role, which: Int64Array) -> Int8Array:
         """(k, actions) a new array: `Game.legal_mask` in the games (k,)."""
@@ -180,7 +180,7 @@ class GameArrays:
         if not self._has_masks:
             self._core.write_masks()
             self._has_masks = True
-        return self._block.mask
+        return self._buffers.mask
 
     def mdp(self, number: int) -> State:
         """The state of the MDP of a game."""
@@ -188,8 +188,8 @@ class GameArrays:
 
     def last_end(self, number: int) -> Info:
         """`end_info` of the last turn of a game, which ended it: a new dict."""
-        block = self._block
-        key = int(block.verdict[number]), int(block.invalid[number])
+        buffers = self._buffers
+        key = int(buffers.result[number]), int(buffers.invalid[number])
         if key not in self._ends:
             verdict, reason = key
             invalid = None if reason == NO_REASON else INVALID_REASONS[reason]

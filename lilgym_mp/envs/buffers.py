@@ -18,13 +18,13 @@ from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.render import image_shape
 
-INVALID_REASONS = tuple(InvalidReason)  # by number in `Block.invalid`
+INVALID_REASONS = tuple(InvalidReason)  # by number in `Buffers.invalid`
 REASON_NUMBERS = {reason: number for number, reason in enumerate(INVALID_REASONS)}
 NO_REASON = -1
 ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
 
 
-class ArrayForm(NamedTuple):
+class ArraySpec(NamedTuple):
     shape: tuple[int, ...]
     dtype: Any
 
@@ -35,14 +35,14 @@ class ArrayForm(NamedTuple):
 
 
 @dataclass
-class Block:
-    """What N environments are told and have to tell."""
+class Buffers:
+    """The arrays of N environments: their actions, and the results of the last step or reset."""
 
     action: Int64Array  # (N,)
     image: UInt8Array  # (N, height, width, 3)
     task: Int64Array  # (N,) number of the current task
     steps: Int64Array  # (N,) actions taken in the episode
-    verdict: Int8Array  # (N,) number of the last action's `rules.StepResult`
+    result: Int8Array  # (N,) index of the last action's `rules.StepResult`
     invalid: Int8Array  # (N,) number in INVALID_REASONS, or NO_REASON
     ended: BoolArray  # (N,) the last action ended the episode
     started: BoolArray  # (N,) an episode was started in the last call
@@ -55,22 +55,22 @@ class Block:
     goal: BoolArray  # (N,) on demand
     items: NDArray[np.int16]  # (N, 3, capacity, 5) on demand
 
-    def part(self, first: int, stop: int) -> Block:
+    def part(self, first: int, stop: int) -> Buffers:
         """The arrays of environments first .. stop - 1, as views."""
-        return Block(**{name: array[first:stop] for name, array in self.arrays()})
+        return Buffers(**{name: array[first:stop] for name, array in self.arrays()})
 
     def arrays(self) -> Iterator[tuple[str, Any]]:
         return ((field.name, getattr(self, field.name)) for field in fields(self))
 
     @classmethod
-    def new(cls, forms: Mapping[str, ArrayForm]) -> Block:
+    def new(cls, forms: Mapping[str, ArraySpec]) -> Buffers:
         """Arrays of their own, zero."""
         arrays: dict[str, Any] = {name: np.zeros(form.shape, form.dtype) for name, form in forms.items()}
         return cls(**arrays)
 
     @classmethod
-    def over(cls, memory: memoryview, forms: Mapping[str, ArrayForm]) -> Block:
-        """Arrays one after another in `memory`, which has `block_size(forms)` bytes."""
+    def over(cls, memory: memoryview, forms: Mapping[str, ArraySpec]) -> Buffers:
+        """Arrays one after another in `memory`, which has `buffers_size(forms)` bytes."""
         arrays: dict[str, Any] = {}
         offset = 0
         for name, (shape, dtype) in forms.items():
@@ -80,39 +80,39 @@ class Block:
 
 
 def refuse_copying(batch: object) -> NoReturn:
-    """Raises TypeError for an object over a Block, as its `__reduce__`: a copy's views would be of other arrays."""
+    """Raises TypeError for an object over buffers, as its `__reduce__`: a copy's views would be of other arrays."""
     name = type(batch).__name__
     raise TypeError(f"a {name} can be neither pickled nor copied, since its parts share arrays; make another one")
 
 
-def block_forms(
+def buffer_specs(
     num_envs: int, image_size: str, actions: int, capacity: int, autoreset: AutoresetMode
-) -> dict[str, ArrayForm]:
-    """The form of every array of a Block."""
-    flags, numbers = ArrayForm((num_envs,), np.bool_), ArrayForm((num_envs,), np.int64)
-    small = ArrayForm((num_envs,), np.int8)
+) -> dict[str, ArraySpec]:
+    """The form of every array of Buffers."""
+    flags, numbers = ArraySpec((num_envs,), np.bool_), ArraySpec((num_envs,), np.int64)
+    small = ArraySpec((num_envs,), np.int8)
     images = (num_envs, *image_shape(image_size))
     kept = num_envs if autoreset is AutoresetMode.SAME_STEP else 0
     return {
         "action": numbers,
-        "image": ArrayForm(images, np.uint8),
+        "image": ArraySpec(images, np.uint8),
         "task": numbers,
         "steps": numbers,
-        "verdict": small,
+        "result": small,
         "invalid": small,
         "ended": flags,
         "started": flags,
         "repeated": flags,
-        "last_image": ArrayForm((kept, *images[1:]), np.uint8),
+        "last_image": ArraySpec((kept, *images[1:]), np.uint8),
         "last_task": numbers,
         "last_steps": numbers,
-        "last_items": ArrayForm((kept, 3, capacity, 5), np.int16),
-        "mask": ArrayForm((num_envs, actions), np.bool_),
+        "last_items": ArraySpec((kept, 3, capacity, 5), np.int16),
+        "mask": ArraySpec((num_envs, actions), np.bool_),
         "goal": flags,
-        "items": ArrayForm((num_envs, 3, capacity, 5), np.int16),
+        "items": ArraySpec((num_envs, 3, capacity, 5), np.int16),
     }
 
 
-def block_size(forms: Mapping[str, ArrayForm]) -> int:
-    """Bytes of a Block."""
+def buffers_size(forms: Mapping[str, ArraySpec]) -> int:
+    """Bytes of Buffers."""
     return sum(form.size for form in forms.values())
