@@ -192,7 +192,17 @@ def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
 def begun(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     """An experiment in a process of its own, once its run has some progress."""
     file = written(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
-    command = [sys.executable, "-m", "lilgym_mp", "experiment", str(file), "--out", str(directory / "out")]
+    command = [
+        sys.executable,
+        "-m",
+        "lilgym_mp",
+        "experiment",
+        str(file),
+        "--out",
+        str(directory / "out"),
+        "--jobs",
+        "2",
+    ]
     with (directory / "said").open("w") as said:
         process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
     progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
@@ -223,18 +233,18 @@ def is_alive(pid: int) -> bool:
 
 
 def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
-    process = begun(tmp_path, "3_200")
+    process = begun(tmp_path, "640")
     process.send_signal(signal.SIGINT)
     code, said = process.wait(timeout=120), (tmp_path / "said").read_text()
     assert code == 130, said
     assert "ppo-TowerScratch-0: interrupted" in said
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
-    assert 0 < len(before.splitlines()) < 100
-    assert main(["experiment", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert 0 < len(before.splitlines()) < 20
+    assert main(["experiment", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 0
     after = (run / "progress.jsonl").read_text()
     assert after.startswith(before)
-    assert json.loads(after.splitlines()[-1])["steps"] == 3_200
+    assert json.loads(after.splitlines()[-1])["steps"] >= 640
     assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
 
 
