@@ -91,6 +91,7 @@ def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
     parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
     parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
+    imitating += ["--pretraining", "0"]  # in so short a run it takes more time than it saves
     return [
         Learner(
             PARSE_AND_PLAN,
