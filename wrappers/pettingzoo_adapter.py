@@ -60,8 +60,9 @@ class RewardChange:
         self._value = np.zeros(1)
 
     def start(self) -> None:
-        self._mdp = self._session.state.mdp
-        self._value = self._transformation.values([self._mdp])
+        mdp: State = self._session.state.mdp
+        self._mdp = mdp
+        self._value = self._transformation.values([mdp])
 
     def changed(self, rewards: Sequence[float]) -> list[float]:
         """The rewards of the turn that was just played, after the change."""
@@ -168,8 +169,8 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
         self.sides = sides  # by agent; SingleAgentView plays through them
         self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
-        self._added = dict.fromkeys(AGENTS, 0.0)  # to each agent's reward of this turn
-        self._all_added = dict.fromkeys(AGENTS, 0.0)  # and to its rewards since it last acted
+        self._added: dict[str, float] = {}  # to each agent's reward of this turn
+        self._all_added: dict[str, float] = {}  # and to its rewards since it last acted
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.sides[agent].observation_space
@@ -177,8 +178,8 @@ class GameTurns(BaseWrapper[str, Any, Any]):
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
         self._told = None
-        self._added = dict.fromkeys(AGENTS, 0.0)
-        self._all_added = dict.fromkeys(AGENTS, 0.0)
+        self._added = dict.fromkeys(map(str, AGENTS), 0.0)
+        self._all_added = dict.fromkeys(map(str, AGENTS), 0.0)
         for side in self.sides.values():
             side.start()
 
@@ -200,12 +201,12 @@ class GameTurns(BaseWrapper[str, Any, Any]):
 
     @property
     def rewards(self) -> dict[str, float]:
-        return {agent: reward + self._added[agent] for agent, reward in self.env.rewards.items()}
+        return {agent: reward + self._added.get(agent, 0.0) for agent, reward in self.env.rewards.items()}
 
     @property
     def _cumulative_rewards(self) -> dict[str, float]:
         beneath: Mapping[str, float] = self.env._cumulative_rewards
-        return {agent: reward + self._all_added[agent] for agent, reward in beneath.items()}
+        return {agent: reward + self._all_added.get(agent, 0.0) for agent, reward in beneath.items()}
 
     def observe(self, agent: str) -> Any:
         observation = super().observe(agent)
