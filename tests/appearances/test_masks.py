@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.mask_exactness import scenes_of, wrong_actions
+from checks.mask_exactness import scenes_of, wrong_actions
 from lilgym_mp.actions import AddItem, RemoveItem
 from lilgym_mp.appearances import Grid, InvalidReason, PlacementRules, Scatter, make_appearance
 from lilgym_mp.arrays import BoolArray

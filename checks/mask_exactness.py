@@ -2,7 +2,7 @@
 
 Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA, of the official one; the others come
 from random play of valid edits, from such start scenes and from the empty one.
-Run: python benchmarks/mask_exactness.py [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
+Run: python checks/mask_exactness.py [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
 """
 
 from __future__ import annotations

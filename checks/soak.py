@@ -3,7 +3,7 @@
 Every step draws, for each environment, one of the legal actions, STOP among them, with images, masks and the truth of
 programs. Memory is read after the garbage collector has run. The last line compares the second half's mean with that
 of the quarter before it, as caches fill at the beginning.
-Run: python benchmarks/soak.py [--steps 5000000] [--configuration ScatterFlipIt] [--num-envs 256]
+Run: python checks/soak.py [--steps 5000000] [--configuration ScatterFlipIt] [--num-envs 256]
 """
 
 from __future__ import annotations
