@@ -1,6 +1,6 @@
 """Train sb3-contrib's MaskablePPO on the environments by hand, and evaluate it beside random play.
 
-`lilgym-mp train ppo` does the same with checkpoints, resuming and logs; this is what lies beneath, to change at will.
+`lilgym-mp train ppo` has a loop of its own, without masks; this one is Stable-Baselines3's, to change at will.
 Needs the extra "sb3": pip install "lilgym-mp[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
 """
 

@@ -30,7 +30,7 @@ def read_curve(run: Path) -> Curve:
     """The smoothed curve of a run. Raises OSError, ValueError, KeyError where there is none."""
     lines = [json.loads(line) for line in (run / "progress.jsonl").read_text().splitlines()]
     updates = [(line["steps"], line["accuracy"]) for line in lines if line["accuracy"] is not None]
-    recipe = json.loads((run / "run.json").read_text())["recipe"]
+    recipe = json.loads((run / "run.json").read_text())["identity"]["recipe"]
     return Curve(f"seed {recipe['seed']}", list(smoothed(updates, SMOOTHED_OVER)))
 
 

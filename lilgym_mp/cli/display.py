@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from lilgym_mp.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.training import Progress as TrainingProgress
+    from lilgym_mp.learning.ppo.training import Progress as TrainingProgress
 
 
 class TrainingDisplay:

@@ -15,16 +15,17 @@ from lilgym_mp.evaluation.contestants import BUILT_IN
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.recipe import Recipe
+from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, PPORecipe, make_recipe
 
 PARSE_AND_PLAN, IMITATION, PPO = "parse-and-plan", "imitation", "ppo"
-RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: Recipe}
+RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: PPORecipe}
 # By learner, options of its training beside the recipe, with their defaults.
 BUDGETS: Mapping[str, Mapping[str, Any]] = {
     PARSE_AND_PLAN: {},
     IMITATION: {"minutes": 10.0},
-    PPO: {"steps": 200_000, "evaluate_every": None},
+    PPO: {"steps": 1_000_000, "evaluate_every": None},
 }
+TEXTS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, further options of its training
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
@@ -145,7 +146,7 @@ def _learner_runs(
     if not isinstance(kind, str) or kind not in RECIPES:
         raise file.fault(f"{where}learner", f"unknown learner {kind!r}; choose from {', '.join(RECIPES)}")
     recipe = [field.name for field in fields(RECIPES[kind]) if field.name != "seed"]
-    file.known(where, learner, (*LEARNER_KEYS, *BUDGETS[kind], *recipe))
+    file.known(where, learner, (*LEARNER_KEYS, *BUDGETS[kind], *TEXTS.get(kind, ()), *recipe))
     name = learner.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
         raise file.fault(f"{where}name", f"must be of letters, digits and -, _, +, not {name!r}")
@@ -206,8 +207,12 @@ def _checked_options(
         kinds = int if key == "evaluate_every" else int | float
         if key in options and (isinstance(value, bool) or not isinstance(value, kinds) or value <= 0):
             raise file.fault(f"{where}{key}", f"must be a number above 0, not {value!r}")
-    rest = {key: value for key, value in options.items() if key not in budgets}
+    texts = TEXTS.get(kind, ())
+    rest = {key: value for key, value in options.items() if key not in budgets and key not in texts}
     defaults = {field.name: field.default for field in fields(RECIPES[kind])}
+    for key in texts:
+        if not isinstance(options.get(key, ""), str):
+            raise file.fault(f"{where}{key}", f"must be of type str, not {options[key]!r}")
     for key, value in rest.items():
         wanted = type(defaults[key])
         if type(value) is not wanted and not (wanted is float and type(value) is int):
@@ -215,6 +220,8 @@ def _checked_options(
     try:
         if kind == IMITATION and configuration:
             default_recipe(CONFIGURATIONS[configuration][0], **rest)
+        elif kind == PPO and configuration:
+            make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **rest)
         else:
             RECIPES[kind](**rest)
     except ValueError as fault:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -36,8 +36,19 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_recipe(parser: argparse.ArgumentParser, recipe: Any, leave_out: Collection[str] = ()) -> None:
-    """An option for each field of a recipe's dataclass, whose metadata describe it."""
+def add_recipe(
+    parser: argparse.ArgumentParser,
+    recipe: Any,
+    leave_out: Collection[str] = (),
+    *,
+    choices: Mapping[str, Sequence[str]] | None = None,
+    defaults_of: str | None = None,
+) -> None:
+    """An option for each field of a recipe's dataclass, whose metadata describe it.
+
+    `choices`: what fields of texts may be; `defaults_of`: the named recipe whose values the defaults are.
+    """
+    origin = "" if defaults_of is None else f" in {defaults_of}"
     group = parser.add_argument_group("recipe")
     for setting in fields(recipe):
         if setting.name in leave_out:
@@ -46,10 +57,16 @@ def add_recipe(parser: argparse.ArgumentParser, recipe: Any, leave_out: Collecti
         if kind is bool:
             state = "on" if setting.default else "off"
             group.add_argument(
-                flag, action=argparse.BooleanOptionalAction, default=None, help=f"{described} (default: {state})"
+                flag,
+                action=argparse.BooleanOptionalAction,
+                default=None,
+                help=f"{described} (default: {state}{origin})",
             )
+        elif kind is str:
+            listed = (choices or {})[setting.name]
+            group.add_argument(flag, choices=listed, help=f"{described} (default: {setting.default}{origin})")
         else:
-            group.add_argument(flag, type=kind, metavar="N", help=f"{described} (default: {setting.default:g})")
+            group.add_argument(flag, type=kind, metavar="N", help=f"{described} (default: {setting.default:g}{origin})")
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:

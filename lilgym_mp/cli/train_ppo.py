@@ -1,4 +1,4 @@
-"""`lilgym-mp train ppo`: proximal policy optimisation with masks of legal actions."""
+"""`lilgym-mp train ppo`: proximal policy optimisation from rewards alone."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.choices import choose
 from lilgym_mp.cli.display import TrainingDisplay
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import (
     INTERRUPTED,
     RUNS,
     add_configuration,
+    add_device,
     add_recipe,
     add_settings,
     option,
@@ -19,20 +21,19 @@ from lilgym_mp.cli.options import (
     said_settings,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.recipe import DESCRIPTIONS, Recipe
+from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.training import Run
+    from lilgym_mp.learning.ppo.training import Run
 
-DEFAULT_STEPS = 200_000
-DEFAULT_BACKEND = "batched"
+DEFAULT_STEPS = 1_000_000
 
 
 def add_parser(learners: Any) -> None:
     parser = learners.add_parser(
         "ppo",
         help="proximal policy optimisation, from rewards alone",
-        description="Train an agent with masked proximal policy optimisation. Ctrl-C saves and ends.",
+        description="Train an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves and ends.",
     )
     add_configuration(parser, nargs="?", help=f"one of {', '.join(CONFIGURATIONS)}")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"the run's directory (default: {RUNS}/CONFIGURATION)")
@@ -41,7 +42,15 @@ def add_parser(learners: Any) -> None:
         "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="actions in all (default: %(default)s)"
     )
     parser.add_argument(
-        "--save-every", type=int, default=20_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
+        "--recipe",
+        metavar="NAME",
+        help=f"{', '.join(sorted(RECIPES))}, or a TOML file of settings (default: {DEFAULT_RECIPE})",
+    )
+    parser.add_argument(
+        "--weights", type=Path, metavar="DIR", help="pretrained weights: config.json, model.safetensors, tokenizer"
+    )
+    parser.add_argument(
+        "--save-every", type=int, default=100_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
     )
     parser.add_argument(
         "--evaluate-every",
@@ -49,73 +58,102 @@ def add_parser(learners: Any) -> None:
         metavar="N",
         help="steps between evaluations on dev, for learning curves (default: none)",
     )
-    parser.add_argument(
-        "--backend",
-        default=DEFAULT_BACKEND,
-        metavar="NAME",
-        help="how environments run: batched, workers, or Stable-Baselines3's subproc and dummy (default: %(default)s)",
-    )
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="for the network (default: %(default)s)")
+    add_device(parser)
     add_settings(parser)
-    add_recipe(parser, Recipe)
+    add_recipe(parser, PPORecipe, choices=CHOICES, defaults_of=DEFAULT_RECIPE)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.environments import check_backend
-    from lilgym_mp.learning.ppo_agent import save_agent
-    from lilgym_mp.learning.training import train
+    from lilgym_mp.learning.agents import AGENT_FILE
+    from lilgym_mp.learning.ppo.training import train_ppo
 
-    check_backend(args.backend)
     for name in ("steps", "save_every", "evaluate_every", "threads"):
         if (value := getattr(args, name)) is not None and value < 1:
             raise CommandError(f"--{option(name)} must be at least 1, not {value}")
-    ready = _resumed(args) if args.resume else _begun(args)
-    print(_described(ready, args.steps))
-    with TrainingDisplay(ready.steps, args.steps) as display:
-        done = train(
-            ready,
-            args.steps,
-            backend=args.backend,
+    place, arguments = _resumed(args) if args.resume else _begun(args)
+    with _Display(args.steps, place) as display:
+        agent = train_ppo(
+            out=place,
+            steps=args.steps,
+            device=args.device,
+            resume=args.resume,
             save_every=args.save_every,
             evaluate_every=args.evaluate_every,
             threads=args.threads,
-            on_update=display,
+            on_begin=display.begin,
+            on_progress=display,
+            **arguments,
         )
-    save_agent(done)
-    place = done.directory.path
-    print(f"saved {done.directory.checkpoint_file} after {done.steps:,} steps")
-    if done.steps < args.steps:
+    details = agent.description.details
+    print(f"saved {place / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
+    if details["interrupted"]:
         print(f"interrupted; go on with: lilgym-mp train ppo --resume --out {place} --steps {args.steps}")
         return INTERRUPTED
-    print(f"evaluate it with: lilgym-mp evaluate {place}")
+    if details["validation_accuracy"] is not None:
+        share, steps = 100 * details["validation_accuracy"], details["validation_steps"]
+        print(f"the agent is the one after {steps:,} steps, with {share:.1f} % of the tasks held out from train")
+    print(f"evaluate it with: lilgym-mp evaluate {place} --corpus {arguments['settings'].corpus}")
     return 0
 
 
-def _begun(args: argparse.Namespace) -> Run:
-    from lilgym_mp.learning.training import begin_run
-
+def _begun(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     if args.configuration is None:
         raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
-    recipe = Recipe(**said(args, list(DESCRIPTIONS)))
-    return begin_run(args.out or RUNS / args.configuration, Settings(**said_settings(args)), recipe)
+    choose("configuration", args.configuration, CONFIGURATIONS)
+    name = args.recipe or DEFAULT_RECIPE
+    return args.out or RUNS / args.configuration, {
+        "settings": Settings(**said_settings(args)),
+        "recipe": make_recipe(name, args.configuration, **said(args, list(DESCRIPTIONS))),
+        "recipe_name": name,
+        "weights": args.weights,
+    }
 
 
-def _resumed(args: argparse.Namespace) -> Run:
-    from lilgym_mp.learning.training import open_run
+def _resumed(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    from lilgym_mp.learning.ppo.training import saved_arguments
 
     if args.out is None and args.configuration is None:
         raise CommandError("name what to resume: --out DIR, or a configuration")
     place = args.out or RUNS / args.configuration
-    return open_run(place, {**said_settings(args), **said(args, list(DESCRIPTIONS))}, untrained=True)
+    asked = {
+        **({"recipe_name": args.recipe} if args.recipe else {}),
+        **({"weights": str(args.weights)} if args.weights else {}),
+        "environment": said_settings(args),
+        "recipe": said(args, list(DESCRIPTIONS)),
+    }
+    return place, saved_arguments(place, asked)
 
 
-def _described(ready: Run, steps: int) -> str:
-    settings, recipe = ready.identity.settings, ready.identity.recipe
-    weights = sum(weight.numel() for weight in ready.make_network().parameters())
-    origin = f", after {ready.steps:,} before" if ready.steps else ""
-    return (
-        f"{settings.configuration}, corpus {settings.corpus}, {len(ready.tasks):,} training tasks;"
-        f" {steps:,} steps{origin}; {weights:,} weights, seed {recipe.seed}\n"
-        f"run directory: {ready.directory.path}   curves: tensorboard --logdir {ready.directory.tensorboard}"
-    )
+class _Display:
+    """Says what is trained, once it is known, then shows each update. A context manager."""
+
+    def __init__(self, steps: int, place: Path) -> None:
+        self._steps, self._place = steps, place
+        self._display: TrainingDisplay | None = None
+
+    def __enter__(self) -> _Display:
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        if self._display is not None:
+            self._display.__exit__(*fault)
+
+    def begin(self, run: Run) -> None:
+        recipe, model = run.recipe, run.model
+        origin = f", after {run.steps:,} before" if run.steps else ""
+        frozen = f" and {model.frozen_parameters:,} that stay as they are" if model.frozen_parameters else ""
+        print(
+            f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
+            f" tasks, {len(run.tasks.validation):,} for validation; {self._steps:,} steps{origin}\n"
+            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}{run.papers_count()};"
+            f" {'PPO+SF' if recipe.stop_forcing else 'PPO'}, {'a' if recipe.mask else 'no'} mask of legal actions,"
+            f" seed {recipe.seed}\n"
+            f"run directory: {self._place}",
+            flush=True,
+        )
+        self._display = TrainingDisplay(run.steps, self._steps)
+
+    def __call__(self, progress: Any) -> None:
+        if self._display is not None:
+            self._display(progress)

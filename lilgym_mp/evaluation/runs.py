@@ -42,9 +42,10 @@ def evaluate(
     seed: int = 0,
     passes: int = 1,
     batch_size: int = BATCH_SIZE,
+    task_ids: Sequence[str] | None = None,
     on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> list[Episode]:
-    """One episode for each task of the split and pass, in file order, pass after pass.
+    """One episode for each task of the split, or of `task_ids` in it, and pass: in that order, pass after pass.
 
     The same arguments give the same episodes when the policy is a function of its arguments; `batch_size` is one
     of them, as episodes side by side share the random numbers. `on_episode` hears of each as it ends.
@@ -52,7 +53,7 @@ def evaluate(
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
-    task_ids = settings.make(split).evaluation_tasks() * passes
+    task_ids = tuple(settings.make(split).evaluation_tasks() if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
     episodes: list[Episode | None] = [None] * len(task_ids)
     for index, episode in _played(policy, envs, task_ids, np.random.default_rng(seed)):

@@ -22,7 +22,7 @@ AGENT_FILE = "agent.safetensors"
 KINDS: Mapping[str, str] = {
     "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
     "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
-    "ppo": "lilgym_mp.learning.ppo_agent:load_agent",
+    "ppo": "lilgym_mp.learning.ppo.agent:load_agent",
 }
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-
-from stable_baselines3.common.callbacks import BaseCallback
 
 from lilgym_mp.actions import Stop
 from lilgym_mp.corpus import CorpusError, load_tasks
@@ -95,38 +93,7 @@ def _share(held: Sequence[bool]) -> float:
     return sum(held) / len(held)
 
 
-class LearningCurve(BaseCallback):
-    """Adds a line to a file at the beginning of training, then every so many steps."""
-
-    def __init__(
-        self, evaluator: DevEvaluator, every: int, file: Path, policy: Callable[[], Policy], clock: TrainingClock
-    ) -> None:
-        """`policy`: gives the agent as it is now. A file that is there goes on from its last line."""
-        super().__init__()
-        self._evaluator, self._every, self._file = evaluator, every, file
-        self._policy, self._clock = policy, clock
-        self._last_steps = _last_steps(file)
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_start(self) -> None:
-        if self._last_steps is None or self.num_timesteps - self._last_steps >= self._every:
-            self.add_point()
-
-    def add_point(self) -> None:
-        """Evaluates the agent, unless it has been at this number of steps."""
-        steps = self.model.num_timesteps
-        if self._last_steps is not None and steps <= self._last_steps:
-            return
-        with self._clock.paused():
-            found = self._evaluator(self._policy(), steps, self._clock.seconds)
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(found._asdict()) + "\n")
-        self._last_steps = steps
-
-
-def _last_steps(file: Path) -> int | None:
+def last_steps(file: Path) -> int | None:
     """How far the run was at the file's last whole line, None where there is none."""
     if not file.exists():
         return None

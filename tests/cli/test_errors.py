@@ -43,9 +43,14 @@ MISTAKES = {
     "unknown rules": (["play", "TowerScratch", "--rules", "mine"], "invalid choice: 'mine'"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
-    "unknown backend": (
-        ["train", "ppo", "TowerScratch", "--backend", "mpi"],
-        "unknown backend 'mpi'; choose from batched, dummy",
+    "unknown recipe of ppo": (
+        ["train", "ppo", "TowerScratch", "--recipe", "best"],
+        "unknown recipe 'best'; choose from ours, paper, release",
+    ),
+    "unknown model of ppo": (["train", "ppo", "TowerScratch", "--model", "gpt"], "invalid choice: 'gpt'"),
+    "no pretrained weights": (
+        ["train", "ppo", "TowerScratch", "--model", "c3-bert"],
+        "the model 'c3-bert' needs pretrained weights: name their directory with --weights",
     ),
     "a grid across separators": (
         ["train", "ppo", "ScatterScratch", "--grid", "20x5"],

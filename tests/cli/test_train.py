@@ -20,7 +20,7 @@ from lilgym_mp.evaluation import Settings
 from tests.own_corpus import write_own_corpus
 
 LilGym = Callable[..., str]
-SMALL = ["--envs", "2", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
+SMALL = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
 
 
 @pytest.fixture(autouse=True)
@@ -54,20 +54,27 @@ def trained(lilgym: LilGym, place: Path, *options: str) -> str:
 
 
 def test_train__says_where_everything_is(lilgym: LilGym, tmp_path: Path, own: Path):
-    said = trained(lilgym, tmp_path / "run", "--stop-forcing", "--recolour", "--corpus", str(own))
-    assert f"TowerScratch, corpus {own}, 4 training tasks; 64 steps" in said
-    assert f"tensorboard --logdir {tmp_path / 'run' / 'tensorboard'}" in said
-    assert f"saved {tmp_path / 'run' / 'checkpoint.pt'} after 64 steps" in said
+    said = trained(lilgym, tmp_path / "run", "--stop-forcing", "--no-recolour", "--corpus", str(own))
+    assert f"TowerScratch, corpus {own}, 3 training tasks, 0 for validation; 64 steps" in said
+    assert "PPO+SF, no mask of legal actions, seed 0" in said
+    assert f"run directory: {tmp_path / 'run'}" in said
+    assert f"saved {tmp_path / 'run' / 'agent.safetensors'} after 64 steps" in said
     assert f"lilgym-mp evaluate {tmp_path / 'run'}" in said
 
 
 def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path: Path):
-    trained(lilgym, tmp_path, "--no-anneal", "--learning-rate", "0.003", "--seed", "4", "--rules", "release")
-    written = json.loads((tmp_path / "run.json").read_text())
+    options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
+    trained(lilgym, tmp_path, *options, "--recipe", "paper", "--mask")
+    written = json.loads((tmp_path / "run.json").read_text())["identity"]
+    assert (written["recipe_name"], written["recipe"]["mask"], written["recipe"]["critic"]) == (
+        "paper",
+        True,
+        "separate",
+    )
     assert written["environment"]["rules"] == "release"
     assert written["recipe"]["rollout"] == 32
     assert written["recipe"]["learning_rate"] == 0.003
-    assert (written["recipe"]["anneal"], written["recipe"]["seed"]) == (False, 4)
+    assert (written["recipe"]["schedule"], written["recipe"]["seed"]) == ("constant", 4)
 
 
 def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, tmp_path: Path):
@@ -90,15 +97,16 @@ def test_train__resuming_another_configuration_is_refused_naming_both(
 def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL]) == 0
+    assert (
+        main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL, "--held-out", "0"]) == 0
+    )
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
     assert lines[-1].startswith("640 of 640 steps, ")
 
 
-@pytest.mark.parametrize("backend", ["batched", "subproc"])
-def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Path, backend: str):
-    """Ctrl-C in a terminal goes to the whole process group, the environments' processes included."""
+def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Path):
+    """Ctrl-C in a terminal goes to the whole process group."""
     place = tmp_path / "run"
     program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
     (tmp_path / "main.py").write_text(program)
@@ -114,7 +122,7 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
         "100000000",
     ]
     with subprocess.Popen(
-        [*command, *SMALL, "--backend", backend],
+        [*command, *SMALL],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -126,7 +134,7 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
         said, faults = process.communicate(timeout=120)
     assert "Traceback" not in faults
     assert process.returncode == 130, faults
-    assert f"saved {place / 'checkpoint.pt'}" in said
+    assert f"saved {place / 'agent.safetensors'}" in said
     assert f"go on with: lilgym-mp train ppo --resume --out {place}" in said
     assert ends(process.pid)
 
@@ -161,7 +169,6 @@ def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_pat
     agent = written["results"][0]
     assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
     assert agent["supervision"].startswith("rewards alone")
-    assert agent["recipe"]["steps"] == 64
     assert agent["recipe"]["recolour"] is True
     assert 0 <= agent["accuracy"] <= 1
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
@@ -212,7 +219,7 @@ def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, tm
 
     trained(lilgym, tmp_path)
     description, tensors = load_model(tmp_path / AGENT_FILE)
-    tensors["policy.logits.bias"][0] = 1000.0
+    tensors["types.bias"][0] = 1000.0
     save_model(tmp_path / AGENT_FILE, description, tensors)
     said = lilgym("evaluate", tmp_path)
     assert f"note: ppo ({tmp_path}), greedy stops at once in every episode of TowerScratch" in said
@@ -276,8 +283,8 @@ def test_demo__a_second_one_takes_another_directory(tmp_path: Path):
 def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path):
     from lilgym_mp.evaluation.episodes import read_episodes
 
-    trained(lilgym, tmp_path / "run")
-    ways = ["--actions", "greedy", "sampled", "--mask", "as-trained", "off", "--name", "mine"]
+    trained(lilgym, tmp_path / "run", "--mask")
+    ways = ["--mask", "as-trained", "off", "--name", "mine"]
     command = ["evaluate", tmp_path / "run", *ways, "--record", tmp_path / "kept"]
     assert "sampled, mask off" in lilgym(*command, "--policy", "random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]

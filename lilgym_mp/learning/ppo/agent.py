@@ -1,0 +1,114 @@
+"""The agent that PPO trains: its model file, and its policy on images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.corpus import VocabularyError
+from lilgym_mp.evaluation import Observations, Settings
+from lilgym_mp.evaluation import Policy as EvaluatedPolicy
+from lilgym_mp.learning.agents import AgentError, check_configuration
+from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore
+from lilgym_mp.learning.ppo.models.making import make_model
+from lilgym_mp.learning.ppo.models.protocol import Model
+from lilgym_mp.learning.ppo.models.weights import WeightsError
+from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.rollout import policy_of
+from lilgym_mp.learning.ppo.states import BoxTable
+
+KIND = "ppo"
+VERSION = 2
+MASKED = "illegal actions masked in training and in play"
+UNMASKED = "no mask of legal actions"
+MOST_BOXES = 50_000  # distinct boxes that a policy remembers
+
+
+class ModelPolicy:
+    """A model as evaluations call it."""
+
+    def __init__(self, model: Model, *, mask: bool, sampled: bool) -> None:
+        self.needs_masks = mask
+        self._model, self._sampled = model, sampled
+        self._table = BoxTable()
+        self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        if len(self._table) > MOST_BOXES:
+            self._table = BoxTable()
+        numbers: dict[str, int] = {}
+        statement_of = [numbers.setdefault(text, len(numbers)) for text in observations.statements]
+        boxes_of = self._table.indices(observations.images)
+        targets = observations.targets.astype(np.int64)
+        states = self._table.states(tuple(numbers), np.array(statement_of, np.int64), boxes_of, targets)
+        with torch.no_grad():
+            policy, _ = policy_of(self._model, states, legal if self.needs_masks else None)
+        self.stop_probabilities = policy.stop_probability().float().cpu().numpy()
+        return policy.sample(rng) if self._sampled else policy.likeliest()
+
+
+@dataclass(frozen=True)
+class PPOAgent:
+    """A trained model with what it was trained in."""
+
+    description: ModelDescription
+    settings: Settings
+    model: Model
+    mask: bool
+
+    def policy(self, settings: Settings, *, sampled: bool = False) -> EvaluatedPolicy:
+        """Raises AgentError for another configuration or grid than it was trained in."""
+        check_configuration(self.description, settings)
+        if settings.grid != self.settings.grid:
+            raise AgentError(f"this agent was trained on the grid {self.settings.grid}, not {settings.grid}")
+        return ModelPolicy(self.model, mask=self.mask, sampled=sampled)
+
+
+def describe(
+    settings: Settings,
+    recipe: PPORecipe,
+    recipe_name: str,
+    configurations: tuple[str, ...],
+    model: Model,
+    found: Mapping[str, Any],
+) -> ModelDescription:
+    """`found`: what else is worth keeping, such as how long the training took."""
+    supervision = f"rewards alone (corpus {settings.corpus}); {MASKED if recipe.mask else UNMASKED}"
+    if model.frozen_parameters or recipe.model != "ours":
+        supervision += "; pretrained weights"
+    details = {
+        "settings": settings.to_json(),
+        "recipe_name": recipe_name,
+        "mask": recipe.mask,
+        "model": dict(model.details()),
+        **found,
+    }
+    return ModelDescription(KIND, VERSION, configurations, supervision, recipe.to_json(), details)
+
+
+def load_agent(path: Path, device: str = "auto") -> PPOAgent:
+    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
+    target = chosen_device(device)
+    description, tensors = load_model(path, target)
+    if (description.kind, description.version) != (KIND, VERSION):
+        found = f"{description.kind!r}, version {description.version}"
+        raise ModelFileError(f"{path}: a model of kind {found}; must be {KIND!r}, version {VERSION}")
+    try:
+        settings = Settings.from_json(description.details["settings"])
+        recipe = PPORecipe.from_json(description.recipe)
+        appearance = make_appearance(settings.appearance, settings.grid)
+        model = make_model(recipe, appearance, details=description.details["model"])
+    except WeightsError:
+        raise
+    except (KeyError, TypeError, ValueError, VocabularyError) as fault:
+        raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
+    restore(model, tensors, path)
+    return PPOAgent(description, settings, model.to(target).eval(), recipe.mask)

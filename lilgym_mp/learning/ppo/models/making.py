@@ -1,0 +1,60 @@
+"""A model by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.learning.ppo.models.ours import OurNetwork
+from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
+from lilgym_mp.learning.ppo.models.weights import WeightsError
+from lilgym_mp.learning.ppo.recipe import PRETRAINED, PPORecipe
+from lilgym_mp.learning.ppo.type_first import MOST_ACTIONS
+
+Make = Callable[[bool, bool], Model]  # of whether it acts and whether it judges
+
+
+def make_model(
+    recipe: PPORecipe,
+    appearance: Appearance,
+    *,
+    statements: Iterable[str] = (),
+    weights: Path | None = None,
+    details: Mapping[str, Any] | None = None,
+) -> Model:
+    """A new model whose words are those of `statements`, or with `details` the one that a model file describes.
+
+    Raises WeightsError for a directory of weights that does not serve, ValueError for an appearance with too many
+    actions.
+    """
+    if appearance.action_count > MOST_ACTIONS:
+        raise ValueError(
+            f"{appearance.action_count:,} actions are too many for a policy that lists them, at most {MOST_ACTIONS:,};"
+            " choose a coarser grid"
+        )
+    if recipe.model in PRETRAINED:
+        make = _pretrained(recipe, appearance, weights, details)
+    else:
+        if weights is not None:
+            raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
+        make = _ours(appearance, statements, details)
+    if recipe.critic == "separate":
+        return SeparateCritic(make(True, False), make(False, True))
+    return make(True, True)
+
+
+def _ours(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
+    words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
+    sizes = {} if details is None else dict(details["sizes"])
+    return lambda acts, judges: OurNetwork(appearance, words, **sizes)
+
+
+def _pretrained(
+    recipe: PPORecipe, appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None
+) -> Make:
+    from lilgym_mp.learning.ppo.models import pretrained  # needs transformers
+
+    return pretrained.maker(recipe.model, appearance, weights, details)

@@ -1,0 +1,260 @@
+"""Our network: boxes read from pixels, understood in the light of the statement, and put together to a scene.
+
+Whatever depends on a box alone is calculated once for each distinct box, whatever depends on a statement and a box
+once for each such pair, however many states of a batch share them; a state then costs little. Nothing is pretrained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from lilgym_mp.actions import ActionType
+from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances.numbering import LOOKS
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Attention, Feedforward, Text
+from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
+from lilgym_mp.learning.ppo.states import SIDE, States
+from lilgym_mp.learning.ppo.type_first import box_cells, joint_layout
+from lilgym_mp.scene import BOX_COUNT, Colour
+
+PATCH = 10  # pixels a side
+PATCHES = SIDE // PATCH  # along each side of a box
+MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
+HIDDEN = -1e4  # added to the scores of places without a word
+SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
+MOST_REMEMBERED = 20_000  # statements
+
+
+class Read(NamedTuple):
+    """S statements as the layers attend to them."""
+
+    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each pair layer, then for scenes
+    mask: Tensor  # (S, 1, 1, T) added to scores
+
+
+class Boxes(NamedTuple):
+    """U distinct boxes, without any statement."""
+
+    vectors: Tensor  # (U, d)
+    patches: Tensor  # (U, 5, 5, C)
+
+
+class OurNetwork(Model):
+    """Images and words in, nothing pretrained: about 0.85 million parameters."""
+
+    def __init__(
+        self,
+        appearance: Appearance,
+        vocabulary: Vocabulary,
+        *,
+        width: int = 112,
+        heads: int = 4,
+        text_layers: int = 2,
+        pair_layers: int = 2,
+    ) -> None:
+        super().__init__()
+        self.vocabulary = vocabulary
+        self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
+        self.layout = joint_layout(appearance)
+        self.text = Text(len(vocabulary), width, heads, text_layers, dropout=0.0)
+        self.boxes = BoxEncoder(width, 64 if isinstance(appearance, Scatter) else 32)
+        self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
+        self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
+        self.part = nn.Linear(width, width)
+        self.part_place = nn.Parameter(0.02 * torch.randn(BOX_COUNT, width))
+        self.scene_in = nn.Linear(width, width)
+        self.scene_reading = Attention(width, heads)
+        self.scene_feedforward = Feedforward(width)
+        self.truth = nn.Linear(width, 1)
+        self.target = nn.Embedding(2, width)
+        self.judge = Feedforward(width)
+        self.types = nn.Linear(width, len(ActionType))
+        self.value = nn.Linear(width, 1)
+        self.act_box = nn.Linear(width, width)
+        self.act_scene = nn.Linear(width, width)
+        self.act_feedforward = Feedforward(width)
+        self.arguments = (
+            ScatterArguments(appearance, width) if isinstance(appearance, Scatter) else TowerArguments(width)
+        )
+        for layer in (self.types, self.truth):
+            nn.init.orthogonal_(layer.weight, SMALL_GAIN)
+            nn.init.zeros_(layer.bias)
+        self._remembered: dict[str, list[Tensor]] = {}
+
+    def details(self) -> Mapping[str, Any]:
+        return {"words": list(self.vocabulary.words), "sizes": self.sizes}
+
+    def forget(self) -> None:
+        self._remembered.clear()
+
+    def forward(self, states: States) -> Prediction:
+        device = self.value.weight.device
+        read = self._read(states.statements)
+        boxes = self.boxes(torch.from_numpy(states.boxes).to(device))
+        padded = _padded(states)
+        pair_boxes, pairs_of, scenes, rows, targets = (torch.from_numpy(array).to(device) for array in padded)
+        pairs = boxes.vectors.index_select(0, pair_boxes.flatten()).view(*pair_boxes.shape, -1)  # (S, P, d)
+        for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
+            pairs = feedforward(reading(pairs, key_value, read.mask))
+        pairs = pairs.flatten(0, 1)
+        scene = self._scenes(pairs, scenes, read).index_select(0, rows)  # (N, d)
+        judged = self.judge(scene + self.target(targets))
+        of_state = pairs.index_select(0, pairs_of.flatten()).view(-1, BOX_COUNT, pairs.shape[-1])
+        acting = self.act_feedforward(self.act_box(of_state) + self.act_scene(judged)[:, None])  # (N, 3, d)
+        patches = boxes.patches.index_select(0, torch.from_numpy(states.boxes_of).to(device).flatten())
+        types = self.types(judged)
+        reached = self.truth(scene).squeeze(1) * (2 * targets - 1)
+        types = torch.cat([types[:, :1] + reached[:, None], types[:, 1:]], 1)
+        adds, removes = self.arguments(acting, patches.unflatten(0, (-1, BOX_COUNT)))
+        return Prediction(
+            types.float(), (adds.float(), removes.float()), torch.tanh(self.value(judged).float()).squeeze(1)
+        )
+
+    def _scenes(self, pairs: Tensor, scenes: Tensor, read: Read) -> Tensor:
+        """(S * M, d) of M scenes of each statement: `scenes` (S, M, 3) are their places in `pairs`."""
+        parts = self.part(pairs).index_select(0, scenes.flatten()).view(*scenes.shape, -1)
+        whole = self.scene_in(F.relu(parts + self.part_place).sum(2))
+        return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask)).flatten(0, 1)
+
+    def _read(self, statements: tuple[str, ...]) -> Read:
+        """The statements read; without gradients each is read once and remembered until `forget`."""
+        if torch.is_grad_enabled():
+            return self._read_anew(statements)
+        if len(self._remembered) > MOST_REMEMBERED:
+            self.forget()
+        new = tuple(one for one in statements if one not in self._remembered)
+        if new:
+            read = self._read_anew(new)
+            for row, statement in enumerate(new):
+                count = int((read.mask[row, 0, 0] == 0).sum())
+                self._remembered[statement] = [key_value[row, :count] for key_value in read.key_values]
+        known = [self._remembered[one] for one in statements]
+        key_values = tuple(
+            nn.utils.rnn.pad_sequence(list(parts), batch_first=True) for parts in zip(*known, strict=True)
+        )
+        lengths = torch.tensor([len(parts[0]) for parts in known], device=key_values[0].device)
+        places = torch.arange(key_values[0].shape[1], device=lengths.device)
+        return Read(key_values, _mask(places[None] < lengths[:, None]))
+
+    def _read_anew(self, statements: tuple[str, ...]) -> Read:
+        rows = [self.vocabulary.encode(one, LONGEST_STATEMENT) for one in statements]
+        words = np.stack(rows)
+        words = words[:, : max(1, int((words != 0).sum(1).max()))]
+        words[:, 0] = np.maximum(words[:, 0], 1)  # a statement without words is an unknown one
+        numbers = torch.from_numpy(words).to(self.value.weight.device)
+        mask = _mask(numbers != 0)
+        x = self.text(numbers, mask)
+        readers = (*self.readings, self.scene_reading)
+        return Read(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+
+
+def _mask(is_word: Tensor) -> Tensor:
+    return torch.zeros(is_word.shape, device=is_word.device).masked_fill_(~is_word, HIDDEN)[:, None, None]
+
+
+class _Padded(NamedTuple):
+    pair_boxes: Int64Array  # (S, P) the distinct boxes of each statement, the first of all in vacant places
+    pairs_of: Int64Array  # (N, 3) places of each state's boxes in the S * P
+    scenes: Int64Array  # (S, M, 3) the same by statement, 0 in vacant places
+    rows: Int64Array  # (N,) where each state is among the S * M
+    targets: Int64Array  # (N,)
+
+
+def _padded(states: States) -> _Padded:
+    """The states arranged by statement."""
+    count, box_count = len(states.statements), len(states.boxes)
+    codes = states.statement_of[:, None] * box_count + states.boxes_of
+    pairs, places = np.unique(codes, return_inverse=True)
+    owners, boxes = np.divmod(pairs, box_count)
+    pair_ranks, most_pairs = _ranks(owners, count)
+    pair_boxes = np.zeros((count, most_pairs), np.int64)
+    pair_boxes[owners, pair_ranks] = boxes
+    pairs_of = (owners * most_pairs + pair_ranks)[places.reshape(-1, BOX_COUNT)]
+    order = np.argsort(states.statement_of, kind="stable")
+    ranks = np.empty(len(order), np.int64)
+    ranks[order], most = _ranks(states.statement_of[order], count)
+    scenes = np.zeros((count, most, BOX_COUNT), np.int64)
+    scenes[states.statement_of, ranks] = pairs_of
+    return _Padded(pair_boxes, pairs_of, scenes, states.statement_of * most + ranks, states.targets)
+
+
+def _ranks(owners: Int64Array, count: int) -> tuple[Int64Array, int]:
+    """For sorted owners, how many of the same stand before each; and the most that one has."""
+    counts = np.bincount(owners, minlength=count)
+    starts = counts.cumsum() - counts
+    return np.arange(len(owners)) - starts[owners], int(counts.max())
+
+
+class BoxEncoder(nn.Module):
+    """A box's pixels to a vector, and to one for each of its 5 x 5 patches."""
+
+    def __init__(self, width: int, channels: int) -> None:
+        super().__init__()
+        self.patch = nn.Linear(PATCH * PATCH * 3, channels)
+        self.around = nn.Conv2d(channels, channels, 3, padding=1)
+        self.whole = nn.Linear(PATCHES**2 * channels, width)
+        self.feedforward = Feedforward(width)
+
+    def forward(self, boxes: Tensor) -> Boxes:
+        """(U, 50, 50, 3) uint8."""
+        cut = boxes.view(-1, PATCHES, PATCH, PATCHES, PATCH, 3).permute(0, 1, 3, 2, 4, 5)
+        pixels = torch.empty(cut.shape, device=boxes.device)
+        pixels.copy_(cut)
+        pixels = pixels.sub_(MIDDLE_GREY).div_(HALF_RANGE).view(len(boxes), PATCHES, PATCHES, -1)
+        patches = F.relu(self.patch(pixels))
+        patches = patches + F.relu(self.around(patches.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
+        return Boxes(self.feedforward(self.whole(patches.flatten(1))), patches)
+
+
+class TowerArguments(nn.Module):
+    """A colour to add to each box, or the top block to remove."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.out = nn.Linear(width, len(Colour) + 1)
+        nn.init.orthogonal_(self.out.weight, SMALL_GAIN)
+
+    def forward(self, acting: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3 * 3) of ADD and (N, 3) of REMOVE from (N, 3, d)."""
+        found = self.out(acting)
+        return found[..., :-1].flatten(1), found[..., -1]
+
+
+class ScatterArguments(nn.Module):
+    """A cell and a look to add there, or a cell to remove from."""
+
+    CELL = 64
+
+    def __init__(self, appearance: Scatter, width: int, channels: int = 64) -> None:
+        super().__init__()
+        self.rows, self.columns, _ = box_cells(appearance)
+        self.seen = nn.Linear(channels, self.CELL)
+        self.place = nn.Parameter(0.02 * torch.randn(self.rows * self.columns, self.CELL))
+        self.box = nn.Linear(width, self.CELL)
+        self.cell = nn.Linear(self.CELL, self.CELL)
+        self.add = nn.Linear(self.CELL, len(LOOKS))
+        self.wanted = nn.Linear(width, len(LOOKS))
+        self.remove = nn.Linear(self.CELL, 1)
+        self.cell_of_box = nn.Linear(width, self.CELL)
+        for layer in (self.add, self.wanted, self.remove):
+            nn.init.orthogonal_(layer.weight, SMALL_GAIN)
+
+    def forward(self, acting: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3 * cells * 27) of ADD and (N, 3 * cells) of REMOVE from (N, 3, d) and (N, 3, 5, 5, C)."""
+        seen = self.seen(patches)
+        if (self.rows, self.columns) != (PATCHES, PATCHES):
+            flat = seen.flatten(0, 1).permute(0, 3, 1, 2)
+            flat = F.interpolate(flat, size=(self.rows, self.columns), mode="nearest").permute(0, 2, 3, 1)
+            seen = flat.unflatten(0, seen.shape[:2])
+        hidden = F.relu(seen.flatten(2, 3) + self.place + self.box(acting)[:, :, None])
+        hidden = F.relu(self.cell(hidden)) * self.cell_of_box(acting)[:, :, None]  # (N, 3, cells, 64)
+        adds = self.add(hidden) + self.wanted(acting)[:, :, None]
+        return adds.flatten(1), self.remove(hidden).flatten(1)

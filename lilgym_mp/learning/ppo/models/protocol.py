@@ -1,0 +1,67 @@
+"""What PPO asks of a network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from torch import Tensor, nn
+
+from lilgym_mp.learning.ppo.states import States
+from lilgym_mp.learning.ppo.type_first import Layout
+
+
+class Prediction(NamedTuple):
+    """Logits of a `Policy`, and values, of N states."""
+
+    types: Tensor  # (N, 3)
+    heads: tuple[Tensor, ...]  # (N, size) of each head of the layout
+    values: Tensor  # (N,) in -1 .. 1
+
+
+class Model(nn.Module):
+    """A policy with a critic. Statements come as texts: how they are read is the model's own."""
+
+    layout: Layout
+
+    def forward(self, states: States) -> Prediction:
+        raise NotImplementedError
+
+    def forget(self) -> None:
+        """To be called when the weights have changed, where the model remembers what it read."""
+
+    def details(self) -> Mapping[str, Any]:
+        """What a model file must hold, beside tensors, to build it again, as JSON."""
+        return {}
+
+    @property
+    def trained_parameters(self) -> int:
+        return sum(weight.numel() for weight in self.parameters() if weight.requires_grad)
+
+    @property
+    def frozen_parameters(self) -> int:
+        """Of networks that stay as they are, which the model file leaves out."""
+        return 0
+
+
+class SeparateCritic(Model):
+    """Two networks of one kind: one acts, the other judges."""
+
+    def __init__(self, actor: Model, critic: Model) -> None:
+        super().__init__()
+        self.layout = actor.layout
+        self.actor, self.critic = actor, critic
+
+    def forward(self, states: States) -> Prediction:
+        return self.actor(states)._replace(values=self.critic(states).values)
+
+    def forget(self) -> None:
+        self.actor.forget()
+        self.critic.forget()
+
+    def details(self) -> Mapping[str, Any]:
+        return self.actor.details()
+
+    @property
+    def frozen_parameters(self) -> int:
+        return self.actor.frozen_parameters

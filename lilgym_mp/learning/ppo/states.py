@@ -1,0 +1,90 @@
+"""What policies see of many states, without repetition: distinct statements, and distinct boxes of the images."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.arrays import Int64Array, UInt8Array
+from lilgym_mp.render import SEPARATOR_RGB, image_shape
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH
+
+IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
+SIDE = IMAGE_SHAPE[0]  # pixels of a box
+PITCH = BOX_PITCH * SIDE // BOX_SIDE  # pixels from a box to the next
+assert IMAGE_SHAPE[1] == IMAGE_WIDTH * SIDE // BOX_SIDE
+_BYTES = SIDE * SIDE * 3
+_WORDS = -(-_BYTES // 8)  # of 8 bytes
+
+
+class States(NamedTuple):
+    """N states of S statements with U boxes; each statement and box is used by some state."""
+
+    statements: tuple[str, ...]  # S
+    boxes: UInt8Array  # (U, 50, 50, 3)
+    statement_of: Int64Array  # (N,)
+    boxes_of: Int64Array  # (N, 3) left to right
+    targets: Int64Array  # (N,) 1: make the statement true, 0: false
+
+    def images(self) -> UInt8Array:
+        """(N, 50, 190, 3) the half-size images, put together from their boxes."""
+        images = np.full((len(self.targets), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
+        for place in range(BOX_COUNT):
+            images[:, :, place * PITCH : place * PITCH + SIDE] = self.boxes[self.boxes_of[:, place]]
+        return images
+
+
+class BoxTable:
+    """Distinct boxes of images, numbered in the order in which they are met."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, int] = {}
+        self._boxes = np.empty((64, SIDE, SIDE, 3), np.uint8)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    @property
+    def boxes(self) -> UInt8Array:
+        """(U, 50, 50, 3)."""
+        return self._boxes[: len(self._known)]
+
+    def indices(self, images: UInt8Array) -> Int64Array:
+        """(N, 3) the boxes of N half-size images (N, 50, 190, 3), entered where they are new."""
+        boxes = np.stack([images[:, :, p * PITCH : p * PITCH + SIDE] for p in range(BOX_COUNT)], axis=1)
+        boxes = boxes.reshape(-1, SIDE, SIDE, 3)
+        found = np.empty(len(boxes), np.int64)
+        for index, code in enumerate(_codes(boxes).tolist()):
+            place = self._known.get(code)
+            if place is None:
+                place = self._known[code] = len(self._known)
+                if place == len(self._boxes):
+                    self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
+                self._boxes[place] = boxes[index]
+            found[index] = place
+        return found.reshape(-1, BOX_COUNT)
+
+    def states(
+        self, statements: tuple[str, ...], statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
+    ) -> States:
+        """`statement_of` (N,) are places in `statements`, of which any number may not be used."""
+        kept, statement_of = np.unique(statement_of, return_inverse=True)
+        used, places = np.unique(boxes_of, return_inverse=True)
+        return States(
+            tuple(statements[place] for place in kept.tolist()),
+            self._boxes[used],
+            statement_of,
+            places.reshape(-1, BOX_COUNT),
+            targets,
+        )
+
+
+_MULTIPLIERS = np.random.default_rng(0).integers(0, 2**63, _WORDS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+
+
+def _codes(boxes: UInt8Array) -> np.ndarray:
+    """(M,) uint64 sums of products modulo 2^64: equal for two different boxes once in 2^63 or less."""
+    padded = np.zeros((len(boxes), 8 * _WORDS), np.uint8)
+    padded[:, :_BYTES] = boxes.reshape(len(boxes), -1)
+    return padded.view(np.uint64) @ _MULTIPLIERS

@@ -1,0 +1,250 @@
+"""Policies that choose the type of an action first, then only the arguments that the type needs.
+
+An argument that a type does not need is marginalised: it adds nothing to the action's log-probability. Source: Wu et
+al. 2023, section 6 (the action head of all models).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances.numbering import LOOKS, look_of
+from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+
+NOT_NEEDED = -1
+STOP = 0  # index of the action
+MOST_ACTIONS = 50_000
+
+
+class Head(NamedTuple):
+    """An argument that is chosen, given the type, independently of the others."""
+
+    name: str
+    size: int
+    types: tuple[ActionType, ...]  # that need it
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the heads' choices mean for each action of an appearance."""
+
+    heads: tuple[Head, ...]
+    types: Int64Array  # (actions,) type of each, NOT_NEEDED for one that the heads leave out
+    choices: Int64Array  # (actions, heads) what each head must choose; NOT_NEEDED where the type does not need it
+
+    @property
+    def action_count(self) -> int:
+        return len(self.types)
+
+    def actions(self, types: Int64Array, choices: Sequence[Int64Array]) -> Int64Array:
+        """(N,) actions of N types and of N choices of each head, those not needed ignored."""
+        found = np.full(len(types), STOP, np.int64)
+        for kind in (ActionType.ADD, ActionType.REMOVE):
+            rows = np.flatnonzero(types == kind)
+            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if kind in head.types)
+            found[rows] = self._table(kind)[needed]
+        return found
+
+    def _table(self, kind: ActionType) -> Int64Array:
+        """The action of each choice of the heads that the type needs."""
+        needed = [index for index, head in enumerate(self.heads) if kind in head.types]
+        return _table(self, kind, tuple(needed))
+
+    def __hash__(self) -> int:
+        return id(self)
+
+
+@cache
+def _table(layout: Layout, kind: ActionType, needed: tuple[int, ...]) -> Int64Array:
+    table = np.empty([layout.heads[index].size for index in needed], np.int64)
+    actions = np.flatnonzero(layout.types == kind)
+    table[tuple(layout.choices[actions, index] for index in needed)] = actions
+    return table
+
+
+_EDITS = (ActionType.ADD, ActionType.REMOVE)
+_SLOTS = {  # names of the slots of the released array form after the type, and who needs them
+    3: (("box", _EDITS), ("colour", (ActionType.ADD,))),
+    6: (
+        ("x", _EDITS),
+        ("y", _EDITS),
+        ("shape", (ActionType.ADD,)),
+        ("colour", (ActionType.ADD,)),
+        ("size", (ActionType.ADD,)),
+    ),
+}
+
+
+@cache
+def factored_layout(appearance: Appearance) -> Layout:
+    """A head for each slot of the released array form; ADD and REMOVE share those of the position, as released.
+
+    Tower: box 3, colour 3. Scatter on the released grid: x 19, y 5, shape 3, colour 3, size 3.
+    """
+    count = appearance.action_count
+    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(count)], np.int64)
+    slots = _SLOTS[arrays.shape[1]]
+    heads = tuple(Head(name, int(arrays[:, 1 + i].max()) + 1, types) for i, (name, types) in enumerate(slots))
+    return Layout(heads, arrays[:, 0], arrays[:, 1:])
+
+
+@cache
+def joint_layout(appearance: Appearance) -> Layout:
+    """One head for all that an ADD needs, by box, cell of the box and look, and one for a REMOVE's box and cell.
+
+    A Tower box is one cell with three looks, its colours. Scatter's cells on separators are left out: they have no
+    probability, as nothing is ever valid there.
+    """
+    count = appearance.action_count
+    found = [_joint(appearance, appearance.decode(index)) for index in range(count)]
+    types = np.array([kind for kind, _ in found], np.int64)
+    adds, removes = ([choice for kind, choice in found if kind == wanted] for wanted in _EDITS)
+    choices = np.full((count, 2), NOT_NEEDED, np.int64)
+    choices[types == ActionType.ADD, 0] = adds
+    choices[types == ActionType.REMOVE, 1] = removes
+    heads = Head("add", 1 + max(adds), (ActionType.ADD,)), Head("remove", 1 + max(removes), (ActionType.REMOVE,))
+    return Layout(heads, types, choices)
+
+
+def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
+    """The type, and the choice of its one head; NOT_NEEDED for an action on a separator."""
+    match action:
+        case AddBlock(box, colour):
+            return ActionType.ADD, box * len(Colour) + colour
+        case RemoveBlock(box):
+            return ActionType.REMOVE, box
+        case AddItem(column, row, shape, colour, size):
+            cell = _cell(appearance, column, row)
+            return (
+                (NOT_NEEDED, 0) if cell is None else (ActionType.ADD, cell * len(LOOKS) + look_of(shape, colour, size))
+            )
+        case RemoveItem(column, row):
+            cell = _cell(appearance, column, row)
+            return (NOT_NEEDED, 0) if cell is None else (ActionType.REMOVE, cell)
+        case _:
+            return ActionType.STOP, NOT_NEEDED
+
+
+def _cell(appearance: Appearance, column: int, row: int) -> int | None:
+    """The cell counted box by box, row by row; None on a separator."""
+    assert isinstance(appearance, Scatter)
+    rows, columns, pitch = box_cells(appearance)
+    box, across = divmod(column, pitch)
+    return None if across >= columns else (box * rows + row) * columns + across
+
+
+def box_cells(appearance: Scatter) -> tuple[int, int, int]:
+    """Rows and columns of a box's cells, and columns from a box to the next."""
+    columns, rows = appearance.grid
+    width = IMAGE_WIDTH // columns
+    return rows, BOX_SIDE // width, BOX_PITCH // width
+
+
+def cells_of(appearance: Appearance) -> int:
+    """Cells of all boxes, separators left out."""
+    if not isinstance(appearance, Scatter):
+        return BOX_COUNT
+    rows, columns, _ = box_cells(appearance)
+    return BOX_COUNT * rows * columns
+
+
+class Policy:
+    """The distributions over actions of N states, of the logits of the type and of each head."""
+
+    def __init__(self, layout: Layout, types: Tensor, heads: Sequence[Tensor], legal: Tensor | None = None) -> None:
+        """`types` (N, 3) and `heads` (N, size) each; `legal` (N, actions) leaves nothing else its probability."""
+        self.layout = layout
+        self.types = torch.log_softmax(types, -1)
+        self.heads = [torch.log_softmax(head, -1) for head in heads]
+        self.masked = None if legal is None else _masked(self.joint(), legal)
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        """(N,) of N actions."""
+        if self.masked is not None:
+            return self.masked.gather(1, actions[:, None]).squeeze(1)
+        kinds, choices = _tensors(self.layout, actions.device)
+        kind, choice = kinds[actions], choices[actions]
+        total = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
+        for index, head in enumerate(self.heads):
+            chosen = choice[:, index]
+            found = head.gather(1, chosen.clamp(min=0)[:, None]).squeeze(1)
+            total = total + torch.where(chosen == NOT_NEEDED, torch.zeros_like(found), found)
+        return total.masked_fill(kind == NOT_NEEDED, -torch.inf)
+
+    def entropy(self) -> Tensor:
+        """(N,) exact: the type's, and each head's as often as it is needed."""
+        if self.masked is not None:
+            return _entropy(self.masked)
+        total = _entropy(self.types)
+        probabilities = self.types.exp()
+        for head, found in zip(self.layout.heads, self.heads, strict=True):
+            total = total + probabilities[:, list(head.types)].sum(1) * _entropy(found)
+        return total
+
+    def joint(self) -> Tensor:
+        """(N, actions) log-probability of every action."""
+        kinds, choices = _tensors(self.layout, self.types.device)
+        total = self.types[:, kinds.clamp(min=0)]
+        for index, head in enumerate(self.heads):
+            needed = choices[:, index] != NOT_NEEDED
+            found = head[:, choices[:, index].clamp(min=0)]
+            total = total + torch.where(needed, found, torch.zeros_like(found))
+        return total.masked_fill(kinds == NOT_NEEDED, -torch.inf)
+
+    def sample(self, rng: np.random.Generator) -> Int64Array:
+        """(N,) actions drawn."""
+        if self.masked is not None:
+            return _drawn(_array(self.masked), rng)
+        types = _drawn(_array(self.types), rng)
+        return self.layout.actions(types, [_drawn(_array(head), rng) for head in self.heads])
+
+    def likeliest(self) -> Int64Array:
+        """(N,) the likeliest type with its likeliest arguments; with a mask, the likeliest legal action."""
+        if self.masked is not None:
+            return _array(self.masked).argmax(1)
+        return self.layout.actions(_array(self.types).argmax(1), [_array(head).argmax(1) for head in self.heads])
+
+    def stop_probability(self) -> Tensor:
+        """(N,)."""
+        return (self.types if self.masked is None else self.masked)[:, STOP].exp()
+
+
+def _masked(log_probabilities: Tensor, legal: Tensor) -> Tensor:
+    kept = log_probabilities.masked_fill(~legal, -torch.inf)
+    return kept - kept.logsumexp(1, keepdim=True)
+
+
+def _entropy(log_probabilities: Tensor) -> Tensor:
+    """(N,) of (N, size); what has no probability counts nothing."""
+    finite = log_probabilities.clamp(min=torch.finfo(log_probabilities.dtype).min)
+    return -(log_probabilities.exp() * finite).sum(1)
+
+
+def _array(tensor: Tensor) -> Float32Array:
+    return tensor.detach().float().cpu().numpy()
+
+
+def _drawn(log_probabilities: Float32Array, rng: np.random.Generator) -> Int64Array:
+    """(N,) places, drawn from (N, size)."""
+    sums = np.exp(log_probabilities).cumsum(1)
+    thresholds = rng.random(len(sums)) * sums[:, -1]
+    return (sums <= thresholds[:, None]).sum(1)
+
+
+@cache
+def _tensors(layout: Layout, device: torch.device) -> tuple[Tensor, Tensor]:
+    return torch.from_numpy(layout.types).to(device), torch.from_numpy(layout.choices).to(device)
+
+
+def mask_of(legal: BoolArray, device: torch.device) -> Tensor:
+    return torch.from_numpy(legal).to(device)

@@ -1,0 +1,300 @@
+"""The models: what they see, tiny pretrained directories, and directories that cannot serve."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.appearances import Scatter, Tower, make_appearance
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.ppo.models.making import make_model
+from lilgym_mp.learning.ppo.models.ours import OurNetwork
+from lilgym_mp.learning.ppo.models.weights import WeightsError
+from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.learning.ppo.states import BoxTable, States
+from lilgym_mp.learning.ppo.training import train_ppo
+
+STATEMENTS = ("There is a blue block.", "All of it is black.", "Two towers.")
+
+
+def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]:
+    """States of start scenes and their images."""
+    env = Settings(name).make_batch("train", count)
+    observations, _ = env.reset(seed=0)
+    table = BoxTable()
+    boxes_of = table.indices(observations["image"])
+    statement_of = np.arange(count) % len(STATEMENTS)
+    states = table.states(STATEMENTS, statement_of, boxes_of, observations["target"].astype(np.int64))
+    return states, observations["image"].copy()
+
+
+@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+def test_states__give_the_images_back_and_keep_each_box_once(name: str):
+    states, images = seen(name, 40)
+    assert (states.images() == images).all()
+    assert len(np.unique(states.boxes.reshape(len(states.boxes), -1), axis=0)) == len(states.boxes)
+
+
+def test_states__of_some_rows_have_their_statements_and_boxes_alone():
+    table = BoxTable()
+    _, images = seen(count=6)
+    boxes_of = table.indices(images)
+    chosen = np.array([4, 1])
+    states = table.states(STATEMENTS, np.array([2, 0]), boxes_of[chosen], np.array([1, 0]))
+    assert (states.images() == images[chosen]).all()
+    assert [states.statements[place] for place in states.statement_of] == [STATEMENTS[2], STATEMENTS[0]]
+    assert len(states.statements) == 2
+
+
+@pytest.fixture
+def ours() -> OurNetwork:
+    torch.manual_seed(0)
+    return OurNetwork(Tower(), Vocabulary.from_statements(STATEMENTS))
+
+
+def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: OurNetwork):
+    states, images = seen(count=6)
+    together = ours(states)
+    for row in range(6):
+        table = BoxTable()
+        alone = ours(
+            table.states(STATEMENTS, states.statement_of[[row]], table.indices(images[[row]]), states.targets[[row]])
+        )
+        torch.testing.assert_close(alone.types[0], together.types[row], atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(alone.heads[0][0], together.heads[0][row], atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
+
+
+def test_ours__remembers_statements_until_told_to_forget(ours: OurNetwork):
+    states, _ = seen()
+    with torch.no_grad():
+        first = ours(states).values
+        torch.testing.assert_close(first, ours(states).values)
+    torch.testing.assert_close(first, ours(states).values.detach())
+    with torch.no_grad():
+        for layer in ours.readings:
+            layer.key_value.weight.mul_(3)  # pyright: ignore
+        torch.testing.assert_close(first, ours(states).values)
+        ours.forget()
+        assert not torch.allclose(first, ours(states).values)
+
+
+def test_ours__everything_in_it_has_a_gradient():
+    for appearance in (Tower(), Scatter()):
+        torch.manual_seed(0)
+        model = OurNetwork(appearance, Vocabulary.from_statements(STATEMENTS))
+        states, _ = seen("TowerFlipIt" if appearance.name == "tower" else "ScatterFlipIt")
+        found = model(states)
+        total = sum((head * torch.randn_like(head)).sum() for head in (found.types, *found.heads))
+        (total + found.values.sum()).backward()
+        lacking = [name for name, weight in model.named_parameters() if weight.grad is None]
+        assert lacking == []
+
+
+def test_ours__reads_statement_target_and_every_box(ours: OurNetwork):
+    states, _ = seen()
+
+    def types(changed: States) -> torch.Tensor:
+        return ours(changed).types[0].detach()
+
+    before = types(states)
+    assert not torch.allclose(before, types(states._replace(targets=1 - states.targets)))
+    assert not torch.allclose(before, types(states._replace(statements=STATEMENTS[::-1])))
+    other = states.boxes.copy()
+    other[states.boxes_of[0, 2]] = 0
+    assert not torch.allclose(before, types(states._replace(boxes=other)))
+
+
+@pytest.mark.parametrize("critic", ["separate", "shared"])
+def test_critic__that_is_separate_shares_no_weight_with_the_policy(critic: str):
+    recipe = make_recipe("ours", "TowerFlipIt", critic=critic)
+    model = make_model(recipe, Tower(), statements=STATEMENTS)
+    model(seen()[0]).values.sum().backward()
+    touched = {name for name, weight in model.named_parameters() if weight.grad is not None}
+    if critic == "separate":
+        assert touched
+        assert all(name.startswith("critic.") for name in touched)
+    else:
+        assert any(name.startswith("text.") for name in touched)
+
+
+# Pretrained
+
+
+VOCABULARY = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "there", "is", "a", "blue", "block", "all", "true", "false", "."]
+TINY = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
+
+
+def write_tokenizer(place: Path) -> None:
+    from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
+    from transformers import PreTrainedTokenizerFast
+
+    words = {word: number for number, word in enumerate(VOCABULARY)}
+    tokenizer = Tokenizer(models.WordPiece(words, unk_token="[UNK]"))
+    tokenizer.normalizer = normalizers.BertNormalizer(lowercase=True)
+    tokenizer.pre_tokenizer = pre_tokenizers.BertPreTokenizer()
+    tokenizer.post_processor = processors.BertProcessing(("[SEP]", 3), ("[CLS]", 2))
+    special = {"unk_token": "[UNK]", "cls_token": "[CLS]", "sep_token": "[SEP]", "pad_token": "[PAD]"}
+    PreTrainedTokenizerFast(tokenizer_object=tokenizer, **special).save_pretrained(place)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Directories of weights of tiny random configurations, by architecture."""
+    transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
+    torch.manual_seed(0)
+    size = len(VOCABULARY)
+    vision = {**TINY, "image_size": 32, "patch_size": 16}
+    vilt = transformers.ViltConfig(vocab_size=size, max_position_embeddings=20, **{**vision, "image_size": 64})
+    networks = {
+        "bert": transformers.BertModel(transformers.BertConfig(vocab_size=size, **TINY)),
+        "vilt": transformers.ViltModel(vilt),
+        "flava": transformers.FlavaModel(
+            transformers.FlavaConfig(
+                text_config={**TINY, "vocab_size": size, "max_position_embeddings": 20},
+                image_config=vision,
+                multimodal_config=TINY,
+                hidden_size=16,
+                projection_dim=16,
+            )
+        ),
+    }
+    places: dict[str, Path] = {}
+    for name, network in networks.items():
+        places[name] = tmp_path_factory.mktemp("weights") / name
+        network.save_pretrained(places[name])
+        write_tokenizer(places[name])
+    return places
+
+
+ARCHITECTURE = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
+SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1, "held_out": 0.0}
+
+
+@pytest.mark.parametrize("critic", ["separate", "shared"])
+@pytest.mark.parametrize("model", sorted(ARCHITECTURE))
+def test_pretrained__trains_is_saved_and_plays_again(
+    tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
+):
+    settings = Settings("TowerFlipIt", corpus=own, horizon=3)
+    recipe = make_recipe("paper", "TowerFlipIt", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
+    weights = tiny[ARCHITECTURE[model]]
+    agent = train_ppo(settings, recipe, tmp_path, steps=8, weights=weights, device="cpu")
+    assert agent.description.supervision.endswith("no mask of legal actions; pretrained weights")
+    again = open_agent(tmp_path, "cpu")
+    played = [evaluate(each.policy(settings), settings, "dev") for each in (agent, again)]
+    assert played[0] == played[1]
+    train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
+
+
+def test_c3_bert__has_the_releases_number_of_trained_parameters_at_full_size(tiny: dict[str, Path]):
+    recipe = make_recipe("release", "TowerScratch", model="c3-bert")
+    model = make_model(recipe, Tower(), weights=tiny["bert"])
+    width, full = 16, 768
+    at_full_size = model.trained_parameters + 2 * 512 * (full - width)  # the statement joins two layers of 512
+    assert round(at_full_size / 1e6, 2) == 2.59
+    assert model.frozen_parameters > 0
+    assert not any("encoder" in name for name in model.state_dict())
+
+
+def test_frozen_bert__is_the_mean_over_layers_and_word_pieces_alone(tiny: dict[str, Path]):
+    from transformers import BertModel
+
+    from lilgym_mp.learning.ppo.models.pretrained import FrozenBert
+
+    encoder = FrozenBert(tiny["bert"])
+    found = encoder.vectors(["There is a block.", "blue"], torch.device("cpu"))
+    network: Any = BertModel.from_pretrained(tiny["bert"]).eval()
+    numbers = [VOCABULARY.index(word) for word in ("[CLS]", "blue", "[SEP]")]
+    with torch.no_grad():
+        layers = network(torch.tensor([numbers]), output_hidden_states=True).hidden_states
+    assert len(layers) == 3
+    torch.testing.assert_close(found[1], torch.stack(layers).mean(0)[0, 1], atol=1e-5, rtol=1e-4)
+    assert not found.requires_grad
+
+
+def test_vilt__sees_the_target_and_trains_the_embedding_of_its_token(tiny: dict[str, Path]):
+    recipe = make_recipe("release", "TowerScratch", model="vilt")
+    model = make_model(recipe, make_appearance("tower"), weights=tiny["vilt"]).eval()
+    states, _ = seen(count=2)
+    found = model(states)
+    with torch.no_grad():
+        assert not torch.allclose(found.types, model(states._replace(targets=1 - states.targets)).types)
+    found.types.square().sum().backward()
+    embeddings = model.get_submodule("actor.transformer.network").get_input_embeddings().weight  # pyright: ignore
+    assert embeddings.grad[len(VOCABULARY)].abs().sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        ("none", "needs pretrained weights: name their directory with --weights, of the architecture bert"),
+        ("nowhere", "no directory of weights: there is no such place"),
+        ("other", r"config\.json: of the architecture 'vilt'; the model 'c3-bert' needs bert"),
+        ("no config", r"incomplete: it has no config\.json"),
+        ("no object", r"config\.json: must be a JSON object"),
+        ("bad config", r"config\.json: cannot be read"),
+        ("pickle", r"incomplete: it has no model\.safetensors; pytorch_model\.bin may hold pickled objects"),
+        ("no tokenizer", "incomplete: it has no tokenizer"),
+        ("cut", "cannot be loaded|is damaged"),
+        ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
+    ],
+)
+def test_weights__that_cannot_serve_are_refused_by_name(tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str):
+    from safetensors.torch import load_file, save_file
+
+    place = tmp_path / "weights"
+    shutil.copytree(tiny["vilt" if damage == "other" else "bert"], place)
+    tensors, config = place / "model.safetensors", place / "config.json"
+    if damage == "no config":
+        config.unlink()
+    elif damage == "no object":
+        config.write_text("[]")
+    elif damage == "bad config":
+        config.write_text("{")
+    elif damage == "pickle":
+        tensors.rename(place / "pytorch_model.bin")
+    elif damage == "no tokenizer":
+        (place / "tokenizer.json").unlink()
+    elif damage == "cut":
+        tensors.write_bytes(tensors.read_bytes()[:100])
+    elif damage == "few tensors":
+        kept = {name: tensor for name, tensor in load_file(tensors).items() if "embeddings" not in name}
+        save_file(kept, tensors, {"format": "pt"})
+    named = {"none": None, "nowhere": tmp_path / "nowhere"}.get(damage, place)
+    with pytest.raises(WeightsError, match=fault):
+        make_model(make_recipe("paper", "TowerScratch", model="c3-bert"), Tower(), weights=named)
+
+
+def test_weights__of_an_agent_that_changed_since_are_refused(tmp_path: Path, own: str, tiny: dict[str, Path]):
+    place = tmp_path / "weights"
+    shutil.copytree(tiny["bert"], place)
+    recipe = make_recipe("paper", "TowerScratch", model="c3-bert", **SHORT)
+    train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path / "run", steps=8, weights=place, device="cpu")
+    (place / "more.safetensors").write_bytes(b"")
+    with (place / "model.safetensors").open("ab") as file:
+        file.write(b"0")
+    with pytest.raises(WeightsError, match=r"cannot be loaded|is damaged|not the weights that the agent"):
+        open_agent(tmp_path / "run", "cpu")
+    shutil.rmtree(place)
+    with pytest.raises(WeightsError, match="there is no such place"):
+        open_agent(tmp_path / "run", "cpu")
+
+
+def test_weights__are_not_for_ours():
+    with pytest.raises(WeightsError, match="'ours' has no pretrained weights; leave --weights out"):
+        make_model(replace(make_recipe("ours", "TowerScratch")), Tower(), weights=Path("somewhere"))
+
+
+def test_config__of_a_model_file_is_json(tiny: dict[str, Path]):
+    model = make_model(make_recipe("paper", "TowerScratch", model="vilt"), Tower(), weights=tiny["vilt"])
+    assert json.loads(json.dumps(dict(model.details()))) == {"weights": str(tiny["vilt"])}

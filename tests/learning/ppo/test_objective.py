@@ -1,0 +1,124 @@
+"""Advantages and the loss, by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.learning.ppo.objective import (
+    Experience,
+    Learnt,
+    generalised_advantages,
+    losses,
+    policy_loss,
+    value_loss,
+    weighed,
+)
+from lilgym_mp.learning.ppo.recipe import PPORecipe
+
+GAMMA, LAMBDA = 0.9, 0.8
+STEP_COST = -0.1
+
+
+def advantages(rewards: list[float], values: list[float], *, ended: bool, after: float = 0.0) -> list[float]:
+    """Of an episode's last steps; `after`: the value of the state that follows where it goes on."""
+    ends = [False] * (len(rewards) - 1) + [ended]
+    arrays = (np.array(column, np.float32)[:, None] for column in (rewards, values))
+    found = generalised_advantages(*arrays, np.array(ends)[:, None], np.array([after], np.float32), GAMMA, LAMBDA)
+    return found[:, 0].tolist()
+
+
+@pytest.mark.parametrize(
+    "reward",
+    [pytest.param(1.0, id="success"), pytest.param(-1.0, id="wrong stop, invalid action or horizon")],
+)
+def test_advantages__of_an_episode_that_ends_bootstrap_nothing(reward: float):
+    first, last = 0.3, 0.5
+    gap = reward - last
+    wanted = [STEP_COST + GAMMA * last - first + GAMMA * LAMBDA * gap, gap]
+    assert advantages([STEP_COST, reward], [first, last], ended=True, after=123.0) == pytest.approx(wanted)
+
+
+def test_advantages__of_an_episode_that_goes_on_bootstrap_the_value_after_it():
+    gap = STEP_COST + GAMMA * 0.7 - 0.5
+    wanted = [STEP_COST + GAMMA * 0.5 - 0.3 + GAMMA * LAMBDA * gap, gap]
+    assert advantages([STEP_COST, STEP_COST], [0.3, 0.5], ended=False, after=0.7) == pytest.approx(wanted)
+
+
+def test_advantages__nothing_passes_from_an_episode_to_the_one_before_it():
+    rewards = np.array([[1.0], [-1.0]], np.float32)
+    values = np.array([[0.25], [0.5]], np.float32)
+    ended = np.array([[True], [True]])
+    found = generalised_advantages(rewards, values, ended, np.zeros(1, np.float32), GAMMA, LAMBDA)
+    assert found[:, 0].tolist() == pytest.approx([0.75, -1.5])
+
+
+def test_weighed__normalised_is_centred_and_scaled_keeps_signs():
+    some = np.array([[0.5, 1.0], [2.0, 0.1]], np.float32)
+    assert weighed(some, "normalised").mean() == pytest.approx(0, abs=1e-6)
+    assert (weighed(some, "scaled") > 0).all()
+    assert weighed(some, "scaled").std() == pytest.approx(1, rel=1e-5)
+
+
+def loss_of(ratio: float, advantage: float, *, capped: bool, cap: float = 3.0) -> tuple[float, float]:
+    """The loss and its derivative by the log-probability."""
+    log_ratio = torch.tensor([math.log(ratio)], dtype=torch.float64, requires_grad=True)
+    loss = policy_loss(
+        log_ratio,
+        torch.tensor([advantage], dtype=torch.float64),
+        clip=0.2,
+        capped=torch.tensor([capped]),
+        ratio_cap=cap,
+    )
+    loss.backward()
+    assert log_ratio.grad is not None
+    return loss.item(), log_ratio.grad.item()
+
+
+def test_cap__bounds_the_ratio_of_a_forced_stop_whose_advantage_is_negative():
+    """PPO's clipping alone does not: min(r A, clip(r) A) is r A there, however large r is."""
+    assert loss_of(1000, -1, capped=False) == pytest.approx((1000, 1000))
+    assert loss_of(1000, -1, capped=True) == pytest.approx((3, 0))
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.79, 0.9, 1.0, 1.19, 1.5, 2.99])
+@pytest.mark.parametrize("advantage", [-2.0, 1.5])
+def test_cap__changes_nothing_below_it(ratio: float, advantage: float):
+    assert loss_of(ratio, advantage, capped=True) == loss_of(ratio, advantage, capped=False)
+
+
+def test_cap__is_not_felt_where_clipping_binds_already():
+    assert loss_of(1000, 1, capped=True) == pytest.approx((-1.2, 0))
+    assert loss_of(1000, 1, capped=False) == pytest.approx((-1.2, 0))
+
+
+@pytest.mark.parametrize(("every", "wanted"), [(False, [0.0, 50.0]), (True, [0.0, 0.0])])
+def test_losses__cap_forced_stops_alone_unless_the_recipe_caps_all(every: bool, wanted: list[float]):
+    recipe = PPORecipe(ratio_cap=3.0, cap_every_ratio=every)
+    now = torch.full((2,), math.log(100), requires_grad=True)
+    zeros = torch.zeros(2)
+    experience = Experience(zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
+    losses(recipe, Learnt(now, zeros, zeros), experience, 0.0).total.backward()
+    assert now.grad is not None
+    assert now.grad.tolist() == pytest.approx(wanted)
+
+
+def test_losses__entropy_is_paid_by_its_coefficient():
+    zeros = torch.zeros(2)
+    entropies = torch.tensor([1.0, 3.0], requires_grad=True)
+    experience = Experience(zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
+    found = losses(PPORecipe(), Learnt(zeros, entropies, zeros), experience, 0.25)
+    found.total.backward()
+    assert found.total.item() == pytest.approx(-0.5)
+    assert entropies.grad is not None
+    assert entropies.grad.tolist() == pytest.approx([-0.125, -0.125])
+
+
+def test_value_loss__is_half_the_squared_error_and_clipping_takes_the_larger():
+    values, old, returns = torch.tensor([1.0]), torch.tensor([0.0]), torch.tensor([0.5])
+    assert float(value_loss(values, old, returns, None)) == pytest.approx(0.125)
+    assert float(value_loss(values, old, returns, 0.2)) == pytest.approx(0.125)
+    assert float(value_loss(torch.tensor([0.5]), old, returns, 0.2)) == pytest.approx(0.5 * 0.3**2)

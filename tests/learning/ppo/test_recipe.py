@@ -1,0 +1,82 @@
+"""Recipes: what they hold and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.ppo.recipe import DESCRIPTIONS, MODELS, RECIPES, PPORecipe, make_recipe
+
+
+@pytest.mark.parametrize("name", sorted(RECIPES))
+@pytest.mark.parametrize("model", sorted(MODELS))
+@pytest.mark.parametrize("configuration", sorted(CONFIGURATIONS))
+def test_recipe__each_is_one_for_every_model_and_configuration(name: str, model: str, configuration: str):
+    recipe = make_recipe(name, configuration, model=model, stop_forcing=True, seed=3)
+    assert (recipe.model, recipe.stop_forcing, recipe.seed, recipe.mask) == (model, True, 3, False)
+    assert PPORecipe.from_json(recipe.to_json()) == recipe
+
+
+@pytest.mark.parametrize("name", ["paper", "release"])
+def test_recipe__named_ones_say_every_number_that_matters(name: str):
+    chosen = {"seed", "model", "stop_forcing", "nlvr_reward", "microbatch", "reduced_precision"}
+    assert DESCRIPTIONS.keys() - RECIPES[name]("TowerScratch", "c3-bert").keys() == chosen
+
+
+@pytest.mark.parametrize(
+    ("configuration", "model", "wanted"),
+    [
+        ("TowerScratch", "c3-bert", {"learning_rate": 3e-4, "entropy": 0.1, "optimiser": "adam"}),
+        ("TowerFlipIt", "c10-bert", {"learning_rate": 3e-5, "entropy": 0.1, "schedule": "constant"}),
+        ("ScatterScratch", "c3-bert", {"learning_rate": 3e-4, "entropy": 0.3, "final_entropy": 0.3}),
+        ("ScatterScratch", "vilt", {"learning_rate": 3e-5, "optimiser": "adamw", "schedule": "cosine", "warmup": 0.01}),
+    ],
+)
+def test_paper__has_the_numbers_of_its_table(configuration: str, model: str, wanted: dict[str, Any]):
+    recipe = make_recipe("paper", configuration, model=model)
+    assert {name: getattr(recipe, name) for name in wanted} == wanted
+    assert (recipe.rollout, recipe.batch_size, recipe.critic, recipe.sampled) == (2048, 64, "separate", True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({"gamma": 1.5}, "gamma must be at least 0 and at most 1, not 1.5"),
+        ({"entropy": float("nan")}, "entropy must be at least 0, not nan"),
+        ({"envs": 24}, "rollout must be a multiple of envs: 4096 is none of 24"),
+        ({"same_statement": 7}, "envs must be a multiple of same-statement: 512 is none of 7"),
+        ({"batch_size": 8192}, "batch-size must be at most rollout, 4096, not 8192"),
+        ({"schedule": "step"}, "unknown schedule 'step'; choose from constant, cosine, linear"),
+        ({"ratio_cap": 0.5}, "ratio-cap must be at least 1, not 0.5"),
+        ({"nlvr_reward": True}, "nlvr-reward and recolour exclude each other"),
+    ],
+)
+def test_recipe__numbers_that_make_no_sense_are_refused(settings: dict[str, Any], fault: str):
+    with pytest.raises(ValueError, match=fault):
+        PPORecipe(**settings)
+
+
+def test_recipe__unknown_names_and_settings_are_refused_by_name(tmp_path: Path):
+    with pytest.raises(ValueError, match="unknown recipe 'theirs'; choose from ours, paper, release"):
+        make_recipe("theirs", "TowerScratch")
+    with pytest.raises(ValueError, match="unknown setting 'lr' of a recipe; choose from seed, model"):
+        PPORecipe.from_json({"lr": 3})
+    with pytest.raises(ValueError, match="unknown configuration 'Tower'"):
+        make_recipe("ours", "Tower")
+    file = tmp_path / "own.toml"
+    file.write_text("lr = 3")
+    with pytest.raises(ValueError, match=r"own\.toml: unknown setting 'lr' of a recipe"):
+        make_recipe(str(file), "TowerScratch")
+    file.write_text('clip = "wide"')
+    with pytest.raises(ValueError, match=r"own\.toml: clip must be of type float, not 'wide'"):
+        make_recipe(str(file), "TowerScratch")
+
+
+def test_recipe__of_a_file_changes_ours_and_options_change_both(tmp_path: Path):
+    file = tmp_path / "own.toml"
+    file.write_text("clip = 0.1\nepochs = 3\n")
+    recipe = make_recipe(str(file), "TowerFlipIt", epochs=4)
+    assert (recipe.clip, recipe.epochs, recipe.empty_starts) == (0.1, 4, 0.25)

@@ -1,0 +1,420 @@
+"""Runs of PPO: begun, saved, resumed, refused, and whether anything is learnt."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.dev_evaluation import DevEvaluator
+from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.rollout import Player, Rollout
+from lilgym_mp.learning.ppo.tasks import TaskDraw, training_tasks
+from lilgym_mp.learning.ppo.training import Progress, saved_arguments, train_ppo
+from lilgym_mp.learning.training_run import TrainingRunError
+from tests.own_corpus import write_own_corpus
+
+TOWER = Settings("TowerScratch")
+SMALL = PPORecipe(
+    envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
+)
+STATEMENTS = {
+    "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
+    "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
+    "There is a tower.": "exist(filter_obj(all_boxes, lambda b: count(b) >= 2))",
+}
+
+
+def trained(path: Path, steps: int = 64, recipe: PPORecipe = SMALL, settings: Settings = TOWER, **options: Any) -> Any:
+    return train_ppo(settings, recipe, path, steps=steps, device="cpu", **options)
+
+
+def lines(file: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in file.read_text().splitlines()]
+
+
+def weights(path: Path) -> dict[str, Tensor]:
+    return load_model(path / "agent.safetensors")[1]
+
+
+def equal(one: Path, other: Path) -> bool:
+    first, second = weights(one), weights(other)
+    return all(torch.equal(first[name], second[name]) for name in first)
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A corpus of three statements."""
+    place = tmp_path_factory.mktemp("three") / "three.jsonl"
+    entries = [
+        {"id": f"{split}-{index}", "appearance": "tower", "split": split, "statement": statement, "program": program}
+        | {"starts": []}
+        for split in ("train", "dev")
+        for index, (statement, program) in enumerate(STATEMENTS.items())
+    ]
+    write_corpus(place, "three", "MIT", entries)
+    return str(place)
+
+
+# Learning
+
+
+def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
+    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch
+):
+    recipe = replace(
+        SMALL, envs=32, rollout=256, batch_size=128, epochs=2, learning_rate=1e-3, stop_forcing=True, entropy=0.05
+    )
+    settings = Settings("TowerScratch", corpus=three)
+
+    def accuracy(name: str) -> float:
+        agent = trained(tmp_path / name, 10_240, recipe, settings)
+        episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", passes=20)
+        return sum(episode.is_success for episode in episodes) / len(episodes)
+
+    assert accuracy("learnt") > 0.85
+    play: Callable[..., Rollout] = Player.play
+
+    def shuffled(self: Player, *args: Any) -> Rollout:
+        found = play(self, *args)
+        mixed = np.random.default_rng(0).permutation(found.rewards.reshape(-1)).reshape(found.rewards.shape)
+        return found._replace(rewards=mixed)
+
+    monkeypatch.setattr(Player, "play", shuffled)
+    assert accuracy("shuffled") < 0.6
+
+
+# Runs on disk
+
+
+def test_train__counts_saves_and_tells_of_each_rollout(tmp_path: Path):
+    heard: list[Progress] = []
+    agent = trained(tmp_path / "run", 80, on_progress=heard.append)
+    assert [progress.steps for progress in heard] == [32, 64, 96]
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        *("run.json", "checkpoint.pt", "progress.jsonl", "agent.safetensors"),
+    }
+    assert [line["steps"] for line in lines(tmp_path / "run" / "progress.jsonl")] == [32, 64, 96]
+    for progress in heard:
+        assert not progress.outcomes or sum(progress.outcomes.values()) == pytest.approx(1)
+    details = agent.description.details
+    assert (details["steps"], details["episodes"], details["mask"]) == (96, heard[-1].episodes, False)
+    assert agent.description.supervision == "rewards alone (corpus builtin); no mask of legal actions"
+    with pytest.raises(TrainingRunError, match="has 96 steps already; ask for more"):
+        trained(tmp_path / "run", 96, resume=True)
+
+
+def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_path: Path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        trained(tmp_path / name, recipe=replace(SMALL, seed=seed))
+    assert equal(tmp_path / "a", tmp_path / "b")
+    assert not equal(tmp_path / "a", tmp_path / "c")
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3}]
+)
+def test_resume__learns_the_same_as_a_run_that_was_not_interrupted(tmp_path: Path, own: str, changes: dict[str, Any]):
+    recipe = replace(SMALL, validate_every=32, **changes)
+    settings = Settings("TowerFlipIt", corpus=own)
+    trained(tmp_path / "whole", 128, recipe, settings)
+
+    def interrupt(progress: Progress) -> None:
+        if progress.steps == 64:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    cut = trained(tmp_path / "cut", 128, recipe, settings, on_progress=interrupt)
+    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (64, True)
+    trained(tmp_path / "cut", 128, recipe, settings, resume=True)
+    assert equal(tmp_path / "whole", tmp_path / "cut")
+    whole, resumed = (lines(tmp_path / name / "progress.jsonl") for name in ("whole", "cut"))
+    for one, other in zip(whole, resumed, strict=True):
+        timed = {"seconds", "cpu_seconds", "steps_per_second"}
+        assert {key: one[key] for key in one.keys() - timed} == {key: other[key] for key in other.keys() - timed}
+
+
+def test_train__a_second_signal_interrupts_at_once(tmp_path: Path):
+    def twice(progress: Progress) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path, 10_000_000, on_progress=twice)
+
+
+def test_train__works_beside_the_main_thread(tmp_path: Path):
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(trained, tmp_path, 32).result().description.details["steps"] == 32
+
+
+def test_train__evaluates_on_dev_at_the_beginning_the_steps_asked_for_and_the_end(tmp_path: Path, own: str):
+    settings = Settings("TowerScratch", corpus=own)
+    agent = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
+    points = lines(tmp_path / "curve" / "evaluations.jsonl")
+    assert [point["steps"] for point in points] == [0, 64, 128]
+    episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", seed=SMALL.seed)
+    assert points[-1]["accuracy"] == sum(episode.is_success for episode in episodes) / len(episodes)
+    trained(tmp_path / "plain", 112, settings=settings)
+    assert equal(tmp_path / "curve", tmp_path / "plain")  # what is learnt stays the same
+
+
+def test_evaluator__counts_scenes_of_the_corpus_apart_from_scenes_in_which_the_program_is_as_wanted(own: str):
+    def adds(count: int) -> Any:
+        blue_left, stop = 3, 0
+        return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
+
+    evaluator = DevEvaluator(Settings("TowerScratch", corpus=own), 0)
+    one, two = (evaluator(adds(count), 0, 0.0) for count in (1, 2))
+    # Of "something yellow", "something blue" and two items, the corpus has one blue block for the second.
+    assert (one.start_scenes_with_image, one.image_accuracy, one.accuracy_with_image) == (3, 1 / 3, 1 / 3)
+    assert (two.image_accuracy, two.accuracy) == (0, 2 / 3)
+    assert DevEvaluator(Settings("TowerFlipIt", corpus=own), 0)(adds(1), 0, 0.0).image_accuracy is None
+
+
+def test_train__keeps_the_best_of_the_validations_and_ends_when_patience_does(
+    tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch
+):
+    import lilgym_mp.learning.ppo.training as training
+
+    shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])
+    kept: list[dict[str, Tensor]] = []
+
+    def played(policy: Any, settings: Settings, split: str, **options: Any) -> list[Any]:
+        assert (split, set(options["task_ids"]) <= set(load_tasks(own, "tower", "flipit", "train").ids)) == (
+            "train",
+            True,
+        )
+        kept.append({name: tensor.clone() for name, tensor in policy._model.state_dict().items()})
+        share = next(shares)
+        return [type("Episode", (), {"is_success": index < 10 * share})() for index in range(10)]
+
+    monkeypatch.setattr(training, "evaluate", played)
+    recipe = replace(SMALL, held_out=0.3, validate_every=32, patience=2)
+    agent = trained(tmp_path, 320, recipe, Settings("TowerFlipIt", corpus=own))
+    details = agent.description.details
+    assert (details["steps"], details["validation_steps"], details["validation_accuracy"]) == (128, 64, 0.6)
+    saved = weights(tmp_path)
+    assert all(torch.equal(saved[name], kept[1][name]) for name in saved)
+    assert [line["best_steps"] for line in lines(tmp_path / "validations.jsonl")] == [32, 64, 64, 64]
+
+
+# Tasks
+
+
+def test_tasks__statements_held_out_are_in_no_training_task(own: str):
+    recipe = make_recipe("ours", "TowerFlipIt", held_out=0.34)
+    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), recipe)
+    train = load_tasks(own, "tower", "flipit", "train")
+    held_out = {train.by_id(name).statement for name in tasks.validation}
+    assert len(held_out) == 1
+    assert not held_out & set(tasks.statements)
+    assert {task.id.split("#")[0].removeprefix("empty:") for task in tasks.tasks}.isdisjoint(tasks.validation)
+
+
+def test_tasks__of_ours_are_recoloured_and_begin_empty_too(own: str):
+    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), make_recipe("ours", "TowerFlipIt", held_out=0))
+    assert "There is something blue." in tasks.statements  # of yellow and black ones
+    empty = [task for task, begins in zip(tasks.tasks, tasks.from_empty, strict=True) if begins]
+    assert empty
+    assert all(task.target and not any(task.start.items()) for task in empty)
+    for task in tasks.tasks:
+        assert tasks.from_empty[tasks.tasks.number(task.id)] or not task.solved_by(task.start)
+
+
+def test_tasks__the_paper_has_those_of_the_corpus_alone_and_boxes_may_be_permuted(own: str):
+    settings = Settings("TowerFlipIt", corpus=own)
+    plain = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
+    assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
+    more = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0, permute_boxes=True))
+    assert len(more.tasks) > len(plain.tasks)
+
+
+def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
+    settings = Settings("TowerFlipIt", corpus=own)
+    tasks = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
+    rng = np.random.default_rng(0)
+    draw = TaskDraw(tasks, replace(SMALL, envs=4))
+    counts = np.bincount([task for _ in range(2_000) for task in draw.draw(np.arange(4), rng)])
+    assert counts.min() > 0.85 * counts.mean()
+    draw = TaskDraw(tasks, replace(SMALL, envs=8, same_statement=4))
+    draw.new_statements(rng)
+    statements = draw.statement_of[draw.draw(np.arange(8), rng)]
+    assert len(set(statements[:4].tolist())) == len(set(statements[4:].tolist())) == 1
+
+
+def test_train__with_the_nlvr_reward_drops_tasks_that_no_scene_of_the_corpus_solves(tmp_path: Path, own: str):
+    matching = replace(SMALL, nlvr_reward=True)
+    settings = Settings("TowerScratch", corpus=own)
+    tasks = training_tasks(settings, matching)
+    task = tasks.tasks.by_id("tower-train-has-yellow")
+    yellow_on_the_left = next(iter(load_tasks(own, "tower", "flipit", "train"))).start
+    assert (task.truth(yellow_on_the_left), task.solved_by(yellow_on_the_left)) == (True, True)
+    in_the_middle = yellow_on_the_left.permuted((1, 0, 2))
+    assert (task.truth(in_the_middle), task.solved_by(in_the_middle)) == (True, False)
+    trained(tmp_path / "a", 64, replace(matching, stop_forcing=True), settings)
+    with pytest.raises(CorpusError, match="Scratch tasks only"):
+        trained(tmp_path / "b", 64, matching, Settings("TowerFlipIt", corpus=own))
+    assert not (tmp_path / "b").exists()
+
+
+# What is played and forced
+
+
+def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_left_free(own: str):
+    settings = Settings("TowerFlipIt", corpus=own)
+    recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
+    from lilgym_mp.appearances import Tower
+    from lilgym_mp.learning.ppo.models.making import make_model
+    from lilgym_mp.learning.ppo.type_first import Policy
+
+    tasks = training_tasks(settings, recipe)
+    torch.manual_seed(0)
+    model = make_model(recipe, Tower(), statements=tasks.statements)
+    rng = np.random.default_rng(0)
+    player = Player(settings, recipe, tasks)
+    player.begin(rng)
+    rollout = player.play(model, rng)
+    assert 0 < rollout.forced.sum() < rollout.forced.size
+    assert (rollout.actions[rollout.forced] == 0).all()
+    assert (rollout.rewards[rollout.forced] == 1).all()
+    assert rollout.ended[rollout.forced].all()
+    assert not (rollout.rewards[~rollout.forced] == 1).any()
+    rows = np.arange(rollout.actions.size)
+    with torch.no_grad():
+        found = model(rollout.states(rows))
+    free = Policy(model.layout, found.types, found.heads).types[:, 0].reshape(rollout.actions.shape)
+    forced = torch.from_numpy(rollout.forced)
+    torch.testing.assert_close(torch.from_numpy(rollout.log_probabilities)[forced], free[forced], atol=1e-5, rtol=1e-4)
+    player.close()
+
+
+@pytest.mark.parametrize("mask", [False, True])
+def test_train__plays_without_a_mask_unless_told_to_and_says_so(tmp_path: Path, mask: bool):
+    trained(tmp_path, 128, replace(SMALL, mask=mask))
+    agent = open_agent(tmp_path, "cpu")
+    policy = agent.policy(TOWER)
+    assert getattr(policy, "needs_masks") is mask  # noqa: B009
+    said = "illegal actions masked in training and in play" if mask else "no mask of legal actions"
+    assert said in agent.description.supervision
+    outcomes = [line["outcomes"].get("invalid_action", 0) for line in lines(tmp_path / "progress.jsonl")]
+    assert (max(outcomes) == 0) is mask
+
+
+@pytest.mark.parametrize("recipe_name", ["ours", "paper", "release"])
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
+def test_train__every_recipe_and_configuration_gives_an_agent(
+    tmp_path: Path, own: str, recipe_name: str, configuration: str
+):
+    short = {"rollout": 16, "batch_size": 16, "epochs": 1, "envs": 2, "same_statement": 1, "held_out": 0.0}
+    recipe = make_recipe(recipe_name, configuration, stop_forcing=True, **short)
+    settings = Settings(configuration, corpus=own, horizon=2)
+    trained(tmp_path, 16, recipe, settings, recipe_name=recipe_name)
+    agent = open_agent(tmp_path, "cpu")
+    assert len(agent.description.configurations) == 1 + (recipe_name == "ours" and configuration.endswith("FlipIt"))
+    for name in agent.description.configurations:
+        played = replace(settings, configuration=name)
+        for sampled in (False, True):
+            assert evaluate(agent.policy(played, sampled=sampled), played, "dev")
+    with pytest.raises(AgentError, match="was trained on the grid"):
+        agent.policy(replace(settings, grid=(38, 10)))
+
+
+def test_train__a_gradient_in_parts_is_that_of_the_whole(tmp_path: Path):
+    for name, size in (("whole", 0), ("parts", 5)):
+        trained(tmp_path / name, 32, replace(SMALL, microbatch=size))
+    one, other = weights(tmp_path / "whole"), weights(tmp_path / "parts")
+    for name in one:
+        torch.testing.assert_close(one[name], other[name], atol=2e-3, rtol=0)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("asked", "fault"),
+    [
+        ({"environment": {"configuration": "ScatterFlipIt"}}, "has configuration TowerScratch, but ScatterFlipIt was"),
+        ({"environment": {"rules": "release"}}, "has rules paper, but release was asked for"),
+        ({"recipe": {"learning_rate": 0.5}}, "has learning_rate 0.001, but 0.5 was asked for"),
+        ({"recipe": {"stop_forcing": True}}, "has stop_forcing off, but on was asked for"),
+        ({"recipe_name": "paper"}, "has recipe_name ours, but paper was asked for"),
+    ],
+)
+def test_resume__a_run_of_another_kind_is_refused_naming_both(tmp_path: Path, asked: dict[str, Any], fault: str):
+    trained(tmp_path, 32)
+    with pytest.raises(TrainingRunError, match=fault):
+        saved_arguments(tmp_path, asked)
+    arguments = saved_arguments(tmp_path, {})
+    assert (arguments["settings"], arguments["recipe"]) == (TOWER, SMALL)
+
+
+def test_resume__a_corpus_that_changed_is_refused(tmp_path: Path):
+    corpus = write_own_corpus(tmp_path / "own.jsonl")
+    settings = Settings("TowerScratch", corpus=str(corpus))
+    trained(tmp_path / "run", 32, settings=settings)
+    corpus.write_text(corpus.read_text().replace("Count them: 1.", "Count: 1."))
+    with pytest.raises(TrainingRunError, match="has tasks_sha256"):
+        trained(tmp_path / "run", 64, settings=settings, resume=True)
+
+
+@pytest.mark.parametrize("spoil", [lambda data: b"", lambda data: data[: len(data) // 2], lambda data: b"{}" * 400])
+def test_resume__a_damaged_checkpoint_is_refused_by_name(tmp_path: Path, spoil: Any):
+    trained(tmp_path, 32)
+    file = tmp_path / "checkpoint.pt"
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
+        trained(tmp_path, 64, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [
+        ("network", {}),
+        ("network", {"value.bias": torch.tensor([float("nan")])}),
+        ("optimiser", {}),
+        ("standing", {"steps": 3, "luck": 1}),
+        ("episodes", {"tasks": [0]}),
+        ("random", "{}"),
+    ],
+)
+def test_resume__a_checkpoint_that_is_not_of_the_run_is_refused(tmp_path: Path, part: str, value: Any):
+    trained(tmp_path, 32)
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    torch.save({**state, part: value}, tmp_path / "checkpoint.pt")
+    with pytest.raises(TrainingRunError, match="is not of this run"):
+        trained(tmp_path, 64, resume=True)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [Settings("TowerScratch", corpus="nowhere"), Settings("TowerScratch", rules="house"),
+     Settings("ScatterScratch", grid="native")],
+)  # fmt: skip
+def test_begin__what_cannot_be_trained_on_leaves_no_trace(tmp_path: Path, settings: Settings):
+    with pytest.raises(ValueError, match=r"nowhere|house|1,064,001 actions"):
+        trained(tmp_path / "run", settings=settings)
+    assert not (tmp_path / "run").exists()
+
+
+def test_begin__a_place_that_is_used_or_cannot_be_written_is_refused(tmp_path: Path):
+    trained(tmp_path / "run", 32)
+    with pytest.raises(TrainingRunError, match="holds a run already"):
+        trained(tmp_path / "run", 32)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot write results to"):
+        trained(tmp_path / "file" / "run", 32)

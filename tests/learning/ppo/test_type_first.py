@@ -1,0 +1,178 @@
+"""Type-first policies against brute-force enumeration of every action."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from lilgym_mp.actions import ActionType
+from lilgym_mp.appearances import Appearance, Scatter, Tower
+from lilgym_mp.learning.ppo.type_first import Layout, Policy, factored_layout, joint_layout
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
+
+STATES = 3
+MAKERS = [factored_layout, joint_layout]
+APPEARANCES = [Tower(), Scatter()]
+EACH = pytest.mark.parametrize(
+    ("appearance", "make"),
+    [(appearance, make) for appearance in APPEARANCES for make in MAKERS],
+    ids=lambda value: getattr(value, "name", getattr(value, "__name__", "")),
+)
+Make = Callable[[Appearance], Layout]
+
+
+def logits(layout: Layout, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
+    generator = torch.Generator().manual_seed(seed)
+    sizes = [len(ActionType), *(head.size for head in layout.heads)]
+    types, *heads = (
+        torch.randn(STATES, size, generator=generator, dtype=torch.float64, requires_grad=True) for size in sizes
+    )
+    return types, heads
+
+
+def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
+    """(states, actions) probabilities of the factored heads, written out action by action from the released arrays."""
+    kinds, arguments = types.softmax(1), [head.softmax(1) for head in heads]
+    columns: list[Tensor] = []
+    for index in range(appearance.action_count):
+        kind, *slots = appearance.to_array(appearance.decode(index))
+        product = kinds[:, kind]
+        for slot, head in zip(slots, arguments, strict=True):
+            product = product * head[:, slot] if slot >= 0 else product
+        columns.append(product)
+    return torch.stack(columns, 1)
+
+
+def by_edit(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
+    """The same of the joint heads: edits in order of their box, then their cell's row and column, then their look."""
+    kinds, (adds, removes) = types.softmax(1), (head.softmax(1) for head in heads)
+    columns = [kinds[:, 0] * 0] * appearance.action_count
+    columns[0] = kinds[:, ActionType.STOP]
+    for kind, found in ((ActionType.ADD, adds), (ActionType.REMOVE, removes)):
+        edits = sorted(
+            (place(appearance, array), index)
+            for index in range(appearance.action_count)
+            if (array := appearance.to_array(appearance.decode(index)))[0] == kind and place(appearance, array)
+        )
+        assert len(edits) == found.shape[1]
+        for rank, (_, index) in enumerate(edits):
+            columns[index] = kinds[:, kind] * found[:, rank]
+    return torch.stack(columns, 1)
+
+
+def place(appearance: Appearance, array: list[int]) -> tuple[int, ...]:
+    """What edits are ordered by; nothing on a separator."""
+    if appearance.name == "tower":
+        return tuple(array[1:])
+    _, x, y, *look = array
+    x_px = 20 * x
+    return () if x_px % BOX_PITCH >= BOX_SIDE else (x_px // BOX_PITCH, y, x_px % BOX_PITCH, *look)
+
+
+ENUMERATED = {factored_layout: by_slot, joint_layout: by_edit}
+
+
+@EACH
+def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(appearance: Appearance, make: Make):
+    layout = make(appearance)
+    types, heads = logits(layout)
+    every = ENUMERATED[make](appearance, types, heads)
+    assert every.shape == (STATES, {"tower": 13, "scatter": 2661}[appearance.name])
+    torch.testing.assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
+    policy = Policy(layout, types, heads)
+    torch.testing.assert_close(policy.joint().exp(), every)
+    rng = np.random.default_rng(1)
+    possible = np.flatnonzero(every[0].detach().numpy() > 0)
+    actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
+    log_probabilities, wanted = policy.log_prob(actions), every.gather(1, actions[:, None]).squeeze(1).log()
+    torch.testing.assert_close(log_probabilities, wanted)
+    positive = every.clamp(min=1e-300)
+    entropies, wanted_entropies = policy.entropy(), -(every * positive.log()).sum(1)
+    torch.testing.assert_close(entropies, wanted_entropies)
+    weights = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64)
+    for ours, theirs in ((log_probabilities, wanted), (entropies, wanted_entropies)):
+        found = torch.autograd.grad((ours * weights).sum(), [types, *heads], retain_graph=True, allow_unused=True)
+        expected = torch.autograd.grad((theirs * weights).sum(), [types, *heads], retain_graph=True, allow_unused=True)
+        for one, other, parameter in zip(found, expected, [types, *heads], strict=True):
+            zeros = torch.zeros_like(parameter)
+            torch.testing.assert_close(zeros if one is None else one, zeros if other is None else other)
+
+
+@EACH
+def test_entropy__has_a_gradient_for_every_head(appearance: Appearance, make: Make):
+    types, heads = logits(make(appearance))
+    Policy(make(appearance), types, heads).entropy().sum().backward()
+    for parameter in (types, *heads):
+        assert parameter.grad is not None
+        assert parameter.grad.abs().max() > 1e-6
+
+
+@EACH
+def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appearance, make: Make):
+    layout = make(appearance)
+    types, heads = logits(layout)
+    every = ENUMERATED[make](appearance, types, heads).detach()
+    legal = torch.from_numpy(np.random.default_rng(2).random(every.shape) < 0.2)
+    legal[:, 0] = True
+    policy = Policy(layout, types, heads, legal)
+    wanted = every * legal / (every * legal).sum(1, keepdim=True)
+    actions = torch.zeros(STATES, dtype=torch.int64)
+    torch.testing.assert_close(policy.log_prob(actions).exp(), wanted[:, 0])
+    torch.testing.assert_close(policy.stop_probability(), wanted[:, 0])
+    torch.testing.assert_close(policy.entropy(), -(wanted * wanted.clamp(min=1e-300).log()).sum(1))
+    assert legal[torch.arange(STATES), torch.from_numpy(policy.sample(np.random.default_rng(3)))].all()
+    assert (torch.from_numpy(policy.likeliest()) == wanted.argmax(1)).all()
+
+
+@EACH
+def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appearance, make: Make):
+    layout = make(appearance)
+    types, heads = logits(layout)
+    many = 20_000
+    repeated = [logit[:1].expand(many, -1) for logit in (types, *heads)]
+    drawn = Policy(layout, repeated[0], repeated[1:]).sample(np.random.default_rng(0))
+    every = ENUMERATED[make](appearance, types, heads).detach()[0].numpy()
+    shares = np.bincount(drawn, minlength=len(every)) / many
+    assert shares[every == 0].sum() == 0
+    probable = every > 0.001
+    assert np.abs(shares - every)[probable].max() < 5 * np.sqrt(every.max() / many)
+    kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(len(every))])
+    for kind in ActionType:
+        assert abs(shares[kinds == kind].sum() - every[kinds == kind].sum()) < 0.02
+
+
+@EACH
+def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearance: Appearance, make: Make):
+    layout = make(appearance)
+    types, heads = logits(layout)
+    chosen = Policy(layout, types, heads).likeliest()
+    every = ENUMERATED[make](appearance, types, heads).detach().numpy()
+    kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(every.shape[1])])
+    for state in range(STATES):
+        best = int(types[state].argmax())
+        assert chosen[state] == np.where(kinds == best, every[state], 0).argmax()
+
+
+def test_layout__scatter_leaves_out_separators_with_joint_heads_only():
+    joint, factored = joint_layout(Scatter()), factored_layout(Scatter())
+    assert [(head.name, head.size) for head in joint.heads] == [("add", 75 * 27), ("remove", 75)]
+    assert [head.size for head in factored.heads] == [19, 5, 3, 3, 3]
+    assert (joint.types < 0).sum() == 20 * 28
+    types, heads = logits(joint)
+    left_out = torch.from_numpy(np.flatnonzero(joint.types < 0)[:STATES])
+    assert Policy(joint, types, heads).log_prob(left_out).exp().sum() == 0
+    finer = joint_layout(Scatter((38, 10)))
+    assert finer.heads[1].size == 3 * 10 * 10
+
+
+def test_stop__of_a_policy_left_free_has_the_types_probability():
+    """What counts for a forced STOP: the normaliser of the three types, in which no argument takes part."""
+    layout = factored_layout(Tower())
+    types = torch.tensor([[-3.0, 1.0, 0.5]])
+    heads = [torch.randn(1, 3), torch.randn(1, 3)]
+    wanted = types.log_softmax(1)[0, 0]
+    torch.testing.assert_close(Policy(layout, types, heads).log_prob(torch.tensor([0]))[0], wanted)
