@@ -19,7 +19,7 @@ from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import LOOKS
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Attention, Feedforward, Text
+from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Attention, Feedforward, Text, word_mask
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import SIDE, States
 from lilgym_mp.learning.ppo.type_first import box_cells, joint_layout
@@ -28,7 +28,6 @@ from lilgym_mp.scene import BOX_COUNT, Colour
 PATCH = 10  # pixels a side
 PATCHES = SIDE // PATCH  # along each side of a box
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
-HIDDEN = -1e4  # added to the scores of places without a word
 SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
 MOST_REMEMBERED = 20_000  # statements
 
@@ -142,7 +141,7 @@ class OurNetwork(Model):
         )
         lengths = torch.tensor([len(parts[0]) for parts in known], device=key_values[0].device)
         places = torch.arange(key_values[0].shape[1], device=lengths.device)
-        return Read(key_values, _mask(places[None] < lengths[:, None]))
+        return Read(key_values, word_mask(places[None] < lengths[:, None]))
 
     def _read_anew(self, statements: tuple[str, ...]) -> Read:
         rows = [self.vocabulary.encode(one, LONGEST_STATEMENT) for one in statements]
@@ -150,14 +149,10 @@ class OurNetwork(Model):
         words = words[:, : max(1, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], 1)  # a statement without words is an unknown one
         numbers = torch.from_numpy(words).to(self.value.weight.device)
-        mask = _mask(numbers != 0)
-        x = self.text(numbers, mask)
+        mask = word_mask(numbers)
+        x = self.text(numbers)
         readers = (*self.readings, self.scene_reading)
         return Read(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
-
-
-def _mask(is_word: Tensor) -> Tensor:
-    return torch.zeros(is_word.shape, device=is_word.device).masked_fill_(~is_word, HIDDEN)[:, None, None]
 
 
 class _Padded(NamedTuple):
