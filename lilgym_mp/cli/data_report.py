@@ -9,7 +9,7 @@ from lilgym_mp import render
 from lilgym_mp.cli.tables import table
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.official import STATEMENT_COUNT
-from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
+from lilgym_mp.corpus.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus.statistics import CorpusStatistics, StatementStatistics
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.envs.registration import START_TITLES
@@ -51,7 +51,7 @@ def statistics_text(statistics: CorpusStatistics) -> str:
                 statistics.statements,
                 [
                     (phenomenon, [group.phenomena[phenomenon] for group in statistics.statements])
-                    for phenomenon in Phenomenon
+                    for phenomenon in PHENOMENA
                 ],
             ),
             _shares_table("program word, % of programs", statistics.statements, list(_commonest_words(statistics))),
@@ -150,7 +150,7 @@ def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
                 "forms": len(group.forms),
                 "words": len(group.vocabulary),
                 "lengths": sorted(group.word_counts),
-                "phenomena": {phenomenon.value: group.phenomena[phenomenon] for phenomenon in Phenomenon},
+                "phenomena": {phenomenon.value: group.phenomena[phenomenon] for phenomenon in PHENOMENA},
                 "program_words": dict(group.program_words.most_common()),
                 "overlap_with_train": overlap._asdict() if (overlap := statistics.overlap(group)) else None,
             }
@@ -161,7 +161,7 @@ def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
 
 def task_lines(task: Task, tasks: TaskSet) -> list[str]:
     """What a task is, but for its picture."""
-    shown = sorted(phenomena(task.program), key=list(Phenomenon).index)
+    shown = sorted((*phenomena(task.program), *syntactic_phenomena(task.statement)), key=PHENOMENA.index)
     truth = task.truth(task.start)
     return [
         f"task {task.id!r} of {tasks.provenance}",

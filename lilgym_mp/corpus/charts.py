@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.phenomena import Phenomenon
+from lilgym_mp.corpus.phenomena import PHENOMENA
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.statistics import CorpusStatistics, StatementStatistics
 from lilgym_mp.plotting import new_figure, save
@@ -88,8 +88,8 @@ def _by_group(statistics: CorpusStatistics, counts: Callable[[StatementStatistic
 
 
 def _phenomena(statistics: CorpusStatistics) -> Figure:
-    series = _by_group(statistics, lambda group: [group.phenomena[phenomenon] for phenomenon in Phenomenon])
-    return bar_chart(f"Statements of {statistics.corpus} that show a phenomenon", list(Phenomenon), series, " %")
+    series = _by_group(statistics, lambda group: [group.phenomena[phenomenon] for phenomenon in PHENOMENA])
+    return bar_chart(f"Statements of {statistics.corpus} that show a phenomenon", list(PHENOMENA), series, " %")
 
 
 def _program_words(statistics: CorpusStatistics) -> Figure:

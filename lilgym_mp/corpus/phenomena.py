@@ -1,8 +1,9 @@
-"""Semantic phenomena of a statement, told from the structure of its program.
+"""Phenomena of a statement: semantic ones told from the structure of its program, syntactic ones from its words.
 
 The categories are those by which lilGym's and NLVR's authors analyse statements (Suhr et al. 2017; Wu et al. 2023).
 They marked statements by hand; here a rule reads the program, which says what the statement means and not how it says
-it. RULES holds every rule, in words and as code; docs/official_data.md shows the words.
+it, or the words, where it matters how it is said. RULES and SYNTAX_RULES hold every rule, in words and as code;
+docs/official_data.md shows the words.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
+from lilgym_mp.corpus.attachment import has_ambiguous_coordination, has_ambiguous_preposition
 from lilgym_mp.corpus.structure import (
     FILTERING,
     MIRRORED,
@@ -38,7 +40,7 @@ from lilgym_mp.corpus.structure import (
 from lilgym_mp.programs.syntax import Call, Display, Lambda, Logic, Node, Not, SceneName, WordName, parse
 from lilgym_mp.scene import BOX_COUNT
 
-CACHE_SIZE = 8_192  # programs
+CACHE_SIZE = 8_192  # programs, statements
 
 
 class Phenomenon(StrEnum):
@@ -52,6 +54,16 @@ class Phenomenon(StrEnum):
     SPATIAL_RELATION = "spatial relation"
     PRESUPPOSITION = "presupposition"
     COREFERENCE = "coreference"
+
+
+class SyntacticPhenomenon(StrEnum):
+    """Words that leave open what a part of the statement attaches to."""
+
+    COORDINATION = "syntax: coordination"
+    PREPOSITION = "syntax: prepositional attachment"
+
+
+PHENOMENA: tuple[Phenomenon | SyntacticPhenomenon, ...] = (*Phenomenon, *SyntacticPhenomenon)
 
 
 _CHOOSING = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
@@ -225,8 +237,36 @@ RULES: Mapping[Phenomenon, Rule] = {
 }
 
 
+class SyntaxRule(NamedTuple):
+    """How one syntactic phenomenon is recognised: in words, and as a test of a statement."""
+
+    words: str
+    holds: Callable[[str], bool]
+
+
+SYNTAX_RULES: Mapping[SyntacticPhenomenon, SyntaxRule] = {
+    SyntacticPhenomenon.COORDINATION: SyntaxRule(
+        "`and` or `or` joins a noun phrase to one that stands in a prepositional phrase after another noun; or the "
+        "second of two joined noun phrases has a modifier after it (a preposition, `touching`, `which`, ...); or an "
+        "adjective stands before the first of two joined nouns, nothing before the second",
+        has_ambiguous_coordination,
+    ),
+    SyntacticPhenomenon.PREPOSITION: SyntaxRule(
+        "a noun with a prepositional phrase (`of` too), whose own noun is followed by another prepositional phrase "
+        "(not `of`)",
+        has_ambiguous_preposition,
+    ),
+}
+
+
 @lru_cache(maxsize=CACHE_SIZE)
 def phenomena(program: str) -> frozenset[Phenomenon]:
     """The phenomena that the program's structure shows, by RULES. Raises ProgramError for no program."""
     tree = parse(program)
     return frozenset(phenomenon for phenomenon, rule in RULES.items() if rule.holds(tree))
+
+
+@lru_cache(maxsize=CACHE_SIZE)
+def syntactic_phenomena(statement: str) -> frozenset[SyntacticPhenomenon]:
+    """The phenomena that the statement's words show, by SYNTAX_RULES."""
+    return frozenset(phenomenon for phenomenon, rule in SYNTAX_RULES.items() if rule.holds(statement))

@@ -13,7 +13,7 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.official import FACTS, Facts
-from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
+from lilgym_mp.corpus.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.released import file_name
@@ -61,9 +61,13 @@ class StatementStatistics:
         return frozenset(map(normalised, self.programs))
 
     @cached_property
-    def phenomena(self) -> Counter[Phenomenon]:
+    def phenomena(self) -> Counter[Phenomenon | SyntacticPhenomenon]:
         """By phenomenon, how many statements show it."""
-        return Counter(found for program in self.programs.values() for found in phenomena(program))
+        return Counter(
+            found
+            for statement, program in self.programs.items()
+            for found in (*phenomena(program), *syntactic_phenomena(statement))
+        )
 
     @cached_property
     def program_words(self) -> Counter[str]:

@@ -10,7 +10,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,8 @@ from lilgym_mp.evaluation.report import software
 
 CIRCUMSTANCES_SUFFIX = ".made.json"
 LARGEST = 1 << 20  # bytes
+CHANGED = " with changes"  # after a commit's name, where files differ from it
+_WRITTEN_BEFORE = ", changed"  # the same, in older files
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,13 @@ class Circumstances:
         try:
             if file.stat().st_size > LARGEST:
                 raise EpisodesError(f"{file}: larger than {LARGEST} bytes")
-            return cls(**json.loads(file.read_text(encoding="utf-8")))
+            made = cls(**json.loads(file.read_text(encoding="utf-8")))
+            return replace(made, commit=made.commit and made.commit.replace(_WRITTEN_BEFORE, CHANGED))
         except FileNotFoundError:
             return None
         except EpisodesError:
             raise
-        except (OSError, ValueError, TypeError) as fault:
+        except (OSError, ValueError, TypeError, AttributeError) as fault:
             raise EpisodesError(f"{file}: damaged, or not of a recording: {fault}") from None
 
 
@@ -71,7 +74,7 @@ def commit() -> str | None:
         return None
     try:
         name = _git(root, "rev-parse", "--short=10", "HEAD")
-        return f"{name}, changed" if _git(root, "status", "--porcelain", "--untracked-files=no") else name
+        return name + CHANGED if _git(root, "status", "--porcelain", "--untracked-files=no") else name
     except (OSError, subprocess.SubprocessError):
         return None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from lilgym_mp.evaluation.circumstances import CHANGED, Circumstances
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
 from lilgym_mp.plotting import save
 from lilgym_mp.report.gathering import Gathered
@@ -45,14 +46,31 @@ def _origin(found: Gathered, command: str) -> Iterator[str]:
     if made:
         dates = sorted(one.date for one in made)
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
-        commits = ", ".join(dict.fromkeys(one.commit or "unknown" for one in made))
         machines = "; ".join(dict.fromkeys(one.machine for one in made))
-        yield f"Episodes recorded {span} UTC; commit {commits}; machine: {machines}."
+        yield f"Episodes recorded {span} UTC; {commits_text(made)}; machine: {machines}."
     yield f"Every number and picture here was written by `{command}`. [report.md](report.md) explains the items."
     if found.training_commands:
         yield _commands("Trained by", found.training_commands)
     if made:
         yield _commands("Recorded by", dict.fromkeys(one.command for one in made))
+
+
+def commits_text(made: Sequence[Circumstances]) -> str:
+    """The commits that the episodes were recorded at, each once, in the order of their first recording."""
+    names = list(dict.fromkeys(one.commit for one in sorted(made, key=lambda one: one.date)))
+    known = [name for name in names if name]
+    if not known:
+        return "commit unknown"
+    kept = [name for name in known if name.endswith(CHANGED) or name + CHANGED not in known]
+    told = [
+        name.replace(CHANGED, " (with and without uncommitted changes)")
+        if name.removesuffix(CHANGED) in known
+        else name.replace(CHANGED, " (with uncommitted changes)")
+        for name in kept
+    ]
+    listed = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    unknown = "" if len(known) == len(names) else ", of some unknown"
+    return f"{'commit' if len(told) == 1 else 'commits'} {listed}{unknown}"
 
 
 def _commands(heading: str, commands: Sequence[str] | dict[str, None]) -> str:

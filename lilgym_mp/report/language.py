@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from lilgym_mp.corpus.phenomena import Phenomenon
+from lilgym_mp.corpus.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
@@ -16,9 +16,10 @@ from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.numbers import Spread, accuracy, over_runs
 
 Tags = Mapping[str, Sequence[str]]  # phenomena by statement, as people tagged them
-CHOICES = (*(phenomenon.value for phenomenon in Phenomenon), *paper.SYNTAX)
+CHOICES = tuple(phenomenon.value for phenomenon in PHENOMENA)
 # The paper's tables of phenomena, by configuration.
 ITEM = "Table 3, Table 5 and Table 6"
+RULE_MADE = "made by rules, which read the program, or the statement's words for the two rows of syntax"
 SEEN = ("statement seen", "form seen", "new")
 
 
@@ -50,27 +51,24 @@ def read_tags(path: Path) -> Tags:
 
 def tagged(episode: RecordedEpisode, tags: Tags | None) -> Sequence[str] | None:
     """The phenomena of the episode's statement: rule-made, or people's, None where they tagged it not."""
-    return episode.phenomena if tags is None else tags.get(episode.statement)
+    if tags is not None:
+        return tags.get(episode.statement)
+    return *episode.phenomena, *(found.value for found in syntactic_phenomena(episode.statement))
 
 
 def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
     """Accuracy on the statements of each phenomenon, a table a configuration."""
     made = "rule-made tags" if tags is None else "hand-made tags"
     note = (
-        f"Tags are {'made by rules that read the program' if tags is None else 'from the file of hand-made tags'}; a"
-        f" statement may have several. † statements that the paper's authors tagged by hand on dev ({paper.SOURCE})."
+        f"Tags are {RULE_MADE if tags is None else 'from the file of hand-made tags'}; a statement may have several."
+        f" † start scenes of the statements that the paper's authors tagged by hand on dev ({paper.SOURCE})."
     )
-    if tags is None:
-        note += " No rule tells the two syntactic rows; they need hand-made tags (`--tags FILE`)."
     for configuration in found.configurations:
         entries = found.of(configuration)
         first = entries[0].runs[0].episodes
         rows: list[list[Cell]] = []
         for name in CHOICES:
-            published = paper.STATEMENTS_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
-            if tags is None and name in paper.SYNTAX:
-                rows.append([name, None, None, published, *([None] * len(entries))])
-                continue
+            published = paper.START_SCENES_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
             chosen = [episode for episode in first if name in (tagged(episode, tags) or ())]
             rows.append(
                 [
@@ -81,7 +79,7 @@ def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
                     *(_accuracy_of(entry.runs, name, tags) for entry in entries),
                 ]
             )
-        columns = ("phenomenon", "statements", "start scenes", "statements †", *(entry.agent for entry in entries))
+        columns = ("phenomenon", "statements", "start scenes", "start scenes †", *(entry.agent for entry in entries))
         yield table(
             ITEM, f"Accuracy (%) by phenomenon, {configuration} {found.main_split}, {made}", columns, rows, note
         )

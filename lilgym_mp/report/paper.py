@@ -81,8 +81,9 @@ ACCURACIES: Mapping[str, Mapping[str, Accuracy]] = {
 # Dev start scenes by target: True, False.
 START_SCENES_BY_TARGET: Mapping[str, tuple[int, int]] = {"TowerFlipIt": (295, 381), "ScatterFlipIt": (149, 164)}
 
-# Dev statements by phenomenon, tagged by hand: TowerScratch, TowerFlipIt, ScatterScratch, ScatterFlipIt.
-STATEMENTS_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
+# Dev start scenes of statements that show a phenomenon, tagged by hand:
+# TowerScratch, TowerFlipIt, ScatterScratch, ScatterFlipIt.
+START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
     "exact cardinality": (98, 480, 35, 119),
     "soft cardinality": (21, 82, 11, 42),
     "existence": (122, 577, 55, 192),
@@ -96,7 +97,6 @@ STATEMENTS_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
     "syntax: coordination": (4, 14, 5, 20),
     "syntax: prepositional attachment": (44, 215, 3, 8),
 }
-SYNTAX = ("syntax: coordination", "syntax: prepositional attachment")
 
 
 class Errors(NamedTuple):

@@ -62,7 +62,7 @@ def recorded_by(found: Gathered) -> Item:
             for name in ("date", "commit", "machine")
         )
         rows.append([command, dates, commits, machines, len(made)])
-    note = "Dates are UTC. Commit: of the checkout, 'changed' where files differed from it."
+    note = "Dates are UTC. Commit: of the checkout, 'with changes' where files differed from it."
     return table("Basis", title, ("command", "date", "commit", "machine", "recordings"), rows, note)
 
 

@@ -162,6 +162,8 @@ def test_stats__prints_tables_and_writes_charts_and_counts(data: Run, own: Path,
     assert len(list((tmp_path / "charts").glob("*.svg"))) == 4
     counts = json.loads((tmp_path / "counts.json").read_text())
     assert counts["splits"][0]["phenomena"]["exact cardinality"] == 1
+    assert counts["splits"][0]["phenomena"]["syntax: coordination"] == 0
+    assert "syntax: prepositional attachment" in said
     assert "Blue is here" not in (tmp_path / "counts.json").read_text()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -10,7 +11,14 @@ from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.forms import normalised, statement_form
-from lilgym_mp.corpus.phenomena import RULES, Phenomenon, phenomena
+from lilgym_mp.corpus.phenomena import (
+    RULES,
+    SYNTAX_RULES,
+    Phenomenon,
+    SyntacticPhenomenon,
+    phenomena,
+    syntactic_phenomena,
+)
 from lilgym_mp.programs import ProgramError
 
 ITEMS = "x.all_items_in_box()"
@@ -101,9 +109,48 @@ NOT_SHOWN = {
     ],
 }
 
+COORDINATION, PREPOSITION = SyntacticPhenomenon.COORDINATION, SyntacticPhenomenon.PREPOSITION
 
-def _cases(table: dict[Phenomenon, list[str]]) -> list[tuple[Phenomenon, str]]:
-    return [(phenomenon, program) for phenomenon, programs in table.items() for program in programs]
+OPEN = {
+    COORDINATION: [
+        "Some corner with two triangles and 1 large square exists.",
+        "We see a box with a circle, three squares and a yellow item.",
+        "Here stands a stack with a blue block or at least two black blocks.",
+        "We find a triangle and a square near the wall.",
+        "No circle or triangle that touches the floor is yellow.",
+        "Small triangles and squares fill the box.",
+    ],
+    PREPOSITION: [
+        "We see a box with a square on a triangle.",
+        "Some stack with at least two blue blocks at the bottom exists.",
+        "A yellow block is the top of a stack with four blocks.",
+        "In a box with circles and squares in the corners, all are small.",
+    ],
+}
+
+CLOSED = {
+    COORDINATION: [
+        "A blue block and a black block exist.",
+        "Blue and black triangles fill a box.",
+        "Some box with two circles is full and the wall is free.",
+        "We see a box with two items and the circle is yellow.",
+        "We find a triangle near the wall.",
+        "Nothing is here.",
+        "",
+    ],
+    PREPOSITION: [
+        "We see a square on a triangle.",
+        "A stack with at least two blocks exists.",
+        "There is a box with two items of the same colour.",
+        "A box with two circles has a triangle at the wall.",
+        "On a triangle there lies a square.",
+        "",
+    ],
+}
+
+
+def _cases(table: dict[Any, list[str]]) -> list[tuple[Any, str]]:
+    return [(phenomenon, text) for phenomenon, texts in table.items() for text in texts]
 
 
 @pytest.mark.parametrize(("phenomenon", "program"), _cases(SHOWN))
@@ -116,13 +163,35 @@ def test_rule__does_not_hold(phenomenon: Phenomenon, program: str):
     assert phenomenon not in phenomena(program)
 
 
+@pytest.mark.parametrize(("phenomenon", "statement"), _cases(OPEN))
+def test_syntax_rule__holds(phenomenon: SyntacticPhenomenon, statement: str):
+    assert phenomenon in syntactic_phenomena(statement)
+
+
+@pytest.mark.parametrize(("phenomenon", "statement"), _cases(CLOSED))
+def test_syntax_rule__does_not_hold(phenomenon: SyntacticPhenomenon, statement: str):
+    assert phenomenon not in syntactic_phenomena(statement)
+
+
+@given(st.text())
+def test_syntax_rules__any_text_is_read(statement: str):
+    assert syntactic_phenomena(statement) <= set(SyntacticPhenomenon)
+
+
+def test_syntax_rules__case_punctuation_and_digits_do_not_matter():
+    one = syntactic_phenomena("SOME corner, with 2 triangles and 1 square; exists!")
+    assert one == syntactic_phenomena("some corner with two triangles and one square exists") == {COORDINATION}
+
+
 def test_rules__every_phenomenon_has_one():
     assert set(RULES) == set(Phenomenon) == set(SHOWN)
+    assert set(SYNTAX_RULES) == set(SyntacticPhenomenon) == set(OPEN)
 
 
 def test_rules__the_documentation_has_their_words():
     text = (Path(__file__).resolve().parents[2] / "docs" / "official_data.md").read_text(encoding="utf-8")
-    missing = [phenomenon for phenomenon, rule in RULES.items() if f"| {phenomenon} | {rule.words} |" not in text]
+    rules = (*RULES.items(), *SYNTAX_RULES.items())
+    missing = [phenomenon for phenomenon, rule in rules if f"| {phenomenon} | {rule.words} |" not in text]
     assert not missing, "write the rules' words into docs/official_data.md"
 
 

@@ -14,7 +14,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.charts import Series, bar_chart, write_charts
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.phenomena import Phenomenon
+from lilgym_mp.corpus.phenomena import Phenomenon, SyntacticPhenomenon
 from lilgym_mp.corpus.statistics import CorpusStatistics, corpus_statistics
 
 Entries = list[dict[str, Any]]
@@ -79,6 +79,13 @@ def test_statistics__phenomena_and_program_words_are_counted_by_statement(statis
     train, dev, _ = statistics.statements
     assert train.phenomena == {Phenomenon.EXISTENCE: 1, Phenomenon.EXACT_CARDINALITY: 1}
     assert dev.program_words == {"count": 3, "filter_color": 3}
+
+
+def test_statistics__the_statement_s_words_are_asked_for_syntax(entries: Entries, written: Writer):
+    entries[0]["statement"] = "We see a box with a circle and a square."
+    train = corpus_statistics(written(entries)).statements[0]
+    assert train.phenomena[SyntacticPhenomenon.COORDINATION] == 1
+    assert train.phenomena[SyntacticPhenomenon.PREPOSITION] == 0
 
 
 def test_statistics__what_stands_in_train_is_seen_whatever_its_case(statistics: CorpusStatistics):

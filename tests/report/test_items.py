@@ -23,6 +23,7 @@ from lilgym_mp.report import ReportError, make_report
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
 from lilgym_mp.report.curves import dev_curves, mean_line
 from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
+from lilgym_mp.report.document import commits_text
 from lilgym_mp.report.gathering import Gathered, gather
 from lilgym_mp.report.items import Chart, Lacking, Table
 from lilgym_mp.report.language import by_novelty, by_phenomenon, read_tags
@@ -184,13 +185,25 @@ def test_tables_of_phenomena__are_rule_made_unless_a_file_is_given(found: Gather
     by_name = {row[0]: row[1:] for row in rows(table)}
     assert by_name["existence"] == (4, 6, 192, Spread(pytest.approx(100 / 3), None, 1))
     assert by_name["negation"] == (1, 1, 52, Spread(0.0, None, 1))
-    assert by_name["syntax: coordination"] == (None, None, 20, None)
+    assert by_name["syntax: coordination"] == (0, 0, 20, None)
+    assert "the statement's words for the two rows of syntax" in table.note
     assert "rule-made" in table.title
     (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
     (table,) = by_phenomenon(found, read_tags(tmp_path / "tags.json"))
     by_name = {row[0]: row[1:] for row in rows(table)}
     assert by_name["syntax: coordination"] == (1, 1, 20, Spread(100.0, None, 1))
     assert "hand-made" in table.title
+
+
+def test_tables_of_phenomena__the_rows_of_syntax_are_told_from_the_statement(tmp_path: Path):
+    joined = "We see a box with a circle and a blue square."
+    nested = "We see a box with a square on a triangle."
+    kept = [replace(EPISODES[0], statement=joined), replace(EPISODES[2], statement=nested), *EPISODES[3:]]
+    written(tmp_path, kept)
+    (table,) = by_phenomenon(gather([tmp_path]), None)
+    by_name = {row[0]: row[1:] for row in rows(table)}
+    assert by_name["syntax: coordination"] == (1, 1, 20, Spread(100.0, None, 1))
+    assert by_name["syntax: prepositional attachment"] == (1, 1, 8, Spread(0.0, None, 1))
 
 
 def test_seen_and_new__part_the_accuracy(found: Gathered):
@@ -440,6 +453,33 @@ def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_sta
     before = digests(tmp_path / "docs")
     assert main(command) == 0
     assert digests(tmp_path / "docs") == before
+
+
+@pytest.mark.parametrize(
+    ("commits", "text"),
+    [
+        (["abc"], "commit abc"),
+        (["abc", "abc"], "commit abc"),
+        (["abc with changes"], "commit abc (with uncommitted changes)"),
+        (
+            ["abc with changes", "abc", "def with changes", "fed"],
+            "commits abc (with and without uncommitted changes), def (with uncommitted changes) and fed",
+        ),
+        (["abc", None], "commit abc, of some unknown"),
+        ([None], "commit unknown"),
+    ],
+)
+def test_document__commits_read_as_a_list(commits: list[str | None], text: str):
+    made = [Circumstances(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
+    assert commits_text(made) == text
+
+
+def test_circumstances__an_older_file_s_changed_commit_is_read(tmp_path: Path):
+    recording = written(tmp_path)
+    Circumstances("2026-01-01 10:00", "x", "abc, changed", "x", {}).write(recording)
+    made = Circumstances.read(recording)
+    assert made is not None
+    assert made.commit == "abc with changes"
 
 
 def test_document__a_page_of_somebody_else_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
