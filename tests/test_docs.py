@@ -30,7 +30,7 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
 SHORTER = {  # parts of the tutorials' commands that take long, and what the tests run instead
     "--steps 1700": "--steps 2",
     "--minutes 3": "--minutes 0.05",
-    "--steps 100000": "--steps 256 --envs 2 --rollout 256",
+    "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
 }
 NEEDS = {  # by document: the modules that its code needs beside the package

@@ -24,7 +24,7 @@ from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts, carry_out
 from tests.own_corpus import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
-FEW = "envs = 2\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
+FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
 SMALL = """
 configurations = ["TowerScratch"]
 [[learners]]
