@@ -49,7 +49,6 @@ GAME_SEED = 2
 
 ELSEWHERE = {  # picture: what makes it
     "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
-    "demo_training_curve.svg": "python scripts/draw_training_curve.py docs/pictures/demo_training_curve.svg RUN ...",
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
     "official_phenomena.svg": "lilgym-mp data stats lilgym --charts OUT; its phenomena.svg",
