@@ -54,7 +54,7 @@ def maker(
 
 def _check_library(model: str) -> None:
     try:
-        import transformers  # noqa: F401
+        import transformers  # noqa: F401  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise WeightsError(
             f'the model {model!r} needs the package transformers: pip install "lilgym-mp[transformers]"'
@@ -78,7 +78,7 @@ def _pretrained(load: Any, place: Path, **options: Any) -> Any:
 
 
 def _tokenizer(place: Path) -> Any:
-    from transformers import AutoTokenizer
+    from transformers import AutoTokenizer  # pyright: ignore[reportMissingImports]
 
     try:
         return AutoTokenizer.from_pretrained(place, local_files_only=True)
@@ -96,7 +96,7 @@ class FrozenBert:
     """
 
     def __init__(self, place: Path) -> None:
-        from transformers import BertModel
+        from transformers import BertModel  # pyright: ignore[reportMissingImports]
 
         self.place, self.digest = place, weights_digest(place)
         self._tokenizer = _tokenizer(place)
@@ -266,7 +266,7 @@ class _Vilt(_Transformer):
     """The image is enlarged to 5 x 19 patches, as the action grid has cells."""
 
     def __init__(self, place: Path, config: Mapping[str, Any], *, fresh: bool) -> None:
-        from transformers import ViltConfig, ViltModel
+        from transformers import ViltConfig, ViltModel  # pyright: ignore[reportMissingImports]
 
         if fresh:
             network: Any = ViltModel(ViltConfig(**config))
@@ -290,7 +290,7 @@ class _Flava(_Transformer):
     """The image is enlarged to the square that FLAVA knows; the multimodal encoder's first vector counts."""
 
     def __init__(self, place: Path, config: Mapping[str, Any], *, fresh: bool) -> None:
-        from transformers import FlavaConfig, FlavaModel
+        from transformers import FlavaConfig, FlavaModel  # pyright: ignore[reportMissingImports]
 
         if fresh:
             network: Any = FlavaModel(FlavaConfig(**config))
