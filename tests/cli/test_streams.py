@@ -90,7 +90,7 @@ class _Parser:
     def __init__(self, run: object) -> None:
         self.run = run
 
-    def parse_args(self, argv: object) -> _Parser:
+    def parse_args(self, argv: object, namespace: object = None) -> _Parser:
         return self
 
 
