@@ -88,6 +88,17 @@ def load_model(
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
 
 
+def load_model_of(
+    kind: str, version: int, path: Path, device: str | torch.device = "cpu"
+) -> tuple[ModelDescription, dict[str, Tensor]]:
+    """`load_model` of one kind of model. Raises ModelFileError for others too."""
+    description, tensors = load_model(path, device)
+    if (description.kind, description.version) != (kind, version):
+        found = f"{description.kind!r}, version {description.version}"
+        raise ModelFileError(f"{path}: a model of kind {found}; must be {kind!r}, version {version}")
+    return description, tensors
+
+
 def _check_file(path: Path) -> None:
     try:
         if not path.is_file():

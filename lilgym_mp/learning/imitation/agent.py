@@ -21,7 +21,7 @@ from lilgym_mp.learning.imitation.layout import STOP_HEAD, action_layout
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore, save_model
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore, save_model
 from lilgym_mp.perception import read_scene
 from lilgym_mp.rules import make_dynamics
 
@@ -153,6 +153,8 @@ def describe(
 ) -> ModelDescription:
     """`found`: what else is worth keeping, such as how long the training took."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
+    if recipe.pretraining:
+        supervision += "; programs as texts, of generated statements too (pretraining)"
     if found.get("generated_share"):
         supervision += "; generated statements with programs"
     if found.get("other_statements"):
@@ -165,11 +167,7 @@ def describe(
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
     place = chosen_device(device)
-    description, tensors = load_model(path, place)
-    if description.kind != KIND or description.version != VERSION:
-        raise ModelFileError(
-            f"{path}: {description.kind!r}, version {description.version}; must be {KIND!r}, version {VERSION}"
-        )
+    description, tensors = load_model_of(KIND, VERSION, path, place)
     try:
         shape = Shape.from_json(description.details["network"])
         kept = description.details["stop_rules"]

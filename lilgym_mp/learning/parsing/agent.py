@@ -14,7 +14,7 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser, move
 from lilgym_mp.learning.parsing.planning import Planner
@@ -98,10 +98,7 @@ class ParseAndPlanAgent:
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
     target = chosen_device(device)
-    description, tensors = load_model(path, target)
-    if (description.kind, description.version) != (KIND, VERSION):
-        found = f"{description.kind!r}, version {description.version}"
-        raise ModelFileError(f"{path}: a model of kind {found}; must be {KIND!r}, version {VERSION}")
+    description, tensors = load_model_of(KIND, VERSION, path, target)
     try:
         parser = move(Parser.from_details(description.details), target)
         Calibration(**description.details["calibration"])

@@ -17,7 +17,7 @@ from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.evaluation import Policy as EvaluatedPolicy
 from lilgym_mp.learning.agents import AgentError, check_configuration
 from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model, restore
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
 from lilgym_mp.learning.ppo.models.making import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.models.weights import WeightsError
@@ -97,10 +97,7 @@ def describe(
 def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
     target = chosen_device(device)
-    description, tensors = load_model(path, target)
-    if (description.kind, description.version) != (KIND, VERSION):
-        found = f"{description.kind!r}, version {description.version}"
-        raise ModelFileError(f"{path}: a model of kind {found}; must be {KIND!r}, version {VERSION}")
+    description, tensors = load_model_of(KIND, VERSION, path, target)
     try:
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)
