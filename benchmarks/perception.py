@@ -18,7 +18,8 @@ from lilgym_mp import perception
 from lilgym_mp.appearances import APPEARANCES, Appearance
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.render import SHRINKS, draw
+from lilgym_mp.render import draw
+from lilgym_mp.render.drawing import SHRINKS
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene
 

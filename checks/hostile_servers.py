@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.fetching import Patience, fetch, fetch_text
+from lilgym_mp.corpus.official.fetching import Patience, fetch, fetch_text
 
 SECONDS = 20.0  # a download may take with the patience below
 PATIENCE = Patience(tries=3, first_pause=0.01, longest_pause=0.02, timeout=0.5, least_rate=2_000.0)

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 
 import lilgym_mp  # registers the environments
 from lilgym_mp.actions import describe
-from lilgym_mp.frames import INK_RGB, LINE_PIXELS, PAPER_RGB, caption_font, smooth_picture
+from lilgym_mp.render.frames import INK_RGB, LINE_PIXELS, PAPER_RGB, caption_font, smooth_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Expert
 

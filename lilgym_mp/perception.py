@@ -20,7 +20,8 @@ from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.appearances.tower import BLOCK_X, LEVEL_Y, tower_tables
 from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.render import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, draw, image_shape, palette, stamp
+from lilgym_mp.render import draw, image_shape
+from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,

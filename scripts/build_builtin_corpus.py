@@ -1,7 +1,7 @@
 """Write data/builtin.jsonl.gz and its figures in docs/corpus.md: statements written by hand, and generated ones.
 
 The same source, generator and rules give the same bytes. Every statement is proven sound (see
-lilgym_mp.corpus.generator.entries), every task of it is solved by the expert. With LILGYM_DATA set, statements that
+lilgym_mp.generator.entries), every task of it is solved by the expert. With LILGYM_DATA set, statements that
 are official ones are looked for too; the hashes of those met are kept in data/builtin_excluded.txt, so that a build
 without the official data leaves out the same ones.
 """
@@ -28,12 +28,12 @@ from builtin_report import Built, write_report
 from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
 from lilgym_mp.corpus.forms import normalised, statement_form
-from lilgym_mp.corpus.generator import LEVELS, Draft, Entry, Start, Stock, drafts, proven
-from lilgym_mp.corpus.generator.entries import clear_scenes, is_clear, is_trivial
-from lilgym_mp.corpus.generator.generated import split_of
-from lilgym_mp.corpus.generator.reading import meanings
-from lilgym_mp.corpus.generator.slips import mistyped
-from lilgym_mp.corpus.generator.starts import Truths, start_scenes
+from lilgym_mp.generator import LEVELS, Draft, Entry, Start, Stock, drafts, proven
+from lilgym_mp.generator.entries import clear_scenes, is_clear, is_trivial
+from lilgym_mp.generator.generated import split_of
+from lilgym_mp.generator.reading import meanings
+from lilgym_mp.generator.slips import mistyped
+from lilgym_mp.generator.starts import Truths, start_scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene

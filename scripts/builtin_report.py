@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.forms import statement_form
-from lilgym_mp.corpus.generator import Start
-from lilgym_mp.corpus.generator.reading import meanings
-from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.generator import Start
+from lilgym_mp.generator.reading import meanings
 
 BEGIN, END = "<!-- figures by scripts/build_builtin_corpus.py: begin -->", "<!-- figures: end -->"
 MOST_STEPS = 12

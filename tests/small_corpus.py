@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.official import Facts, content_digest
+from lilgym_mp.corpus.official.release import Facts, content_digest
 from lilgym_mp.corpus.released import ReleasedFile
 
 BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
@@ -79,5 +79,5 @@ def count_as_release(directory: Path, monkeypatch: pytest.MonkeyPatch) -> dict[s
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
     facts = {names[0]: Facts(1, 1, content_digest(records)), names[1]: Facts(3, 3)}
-    monkeypatch.setattr("lilgym_mp.corpus.official.FACTS", facts)
+    monkeypatch.setattr("lilgym_mp.corpus.official.release.FACTS", facts)
     return {name: (directory / name).read_bytes() for name in names}

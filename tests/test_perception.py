@@ -15,7 +15,8 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.appearances.placement import clear_templates
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
-from lilgym_mp.render import draw, stamp
+from lilgym_mp.render import draw
+from lilgym_mp.render.drawing import stamp
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import KIND_PIXELS, Colour, Item, Scene, Shape, Size
 from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle

@@ -19,7 +19,7 @@ from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
-    from lilgym_mp.corpus.installing import Installation
+    from lilgym_mp.corpus.official.installing import Installation
 
 FAULTS_FOUND = 1  # exit code of `check`
 SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
@@ -139,10 +139,10 @@ def _add_appearances_and_splits(parser: argparse.ArgumentParser) -> None:
 
 
 def _download(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.download import NEWEST, GitHub, WebDirectory, download_official
     from lilgym_mp.corpus.faults import InterruptionError
-    from lilgym_mp.corpus.installing import intact_installation
-    from lilgym_mp.corpus.official import official_names
+    from lilgym_mp.corpus.official.download import NEWEST, GitHub, WebDirectory, download_official
+    from lilgym_mp.corpus.official.installing import intact_installation
+    from lilgym_mp.corpus.official.release import official_names
     from lilgym_mp.corpus.places import installed_directory
 
     target, names = installed_directory(), official_names(args.splits)
@@ -164,8 +164,8 @@ def _download(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.installing import import_official
-    from lilgym_mp.corpus.official import official_names
+    from lilgym_mp.corpus.official.installing import import_official
+    from lilgym_mp.corpus.official.release import official_names
     from lilgym_mp.corpus.places import installed_directory
 
     _tell_installation(import_official(args.path, official_names(args.splits), installed_directory()))
@@ -205,9 +205,9 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _stats(args: argparse.Namespace) -> int:
+    from lilgym_mp.analysis.charts import write_charts
+    from lilgym_mp.analysis.statistics import corpus_statistics
     from lilgym_mp.cli.data_report import statistics_json, statistics_text
-    from lilgym_mp.corpus.charts import write_charts
-    from lilgym_mp.corpus.statistics import corpus_statistics
 
     statistics = corpus_statistics(args.corpus)
     print(statistics_text(statistics))
@@ -238,7 +238,7 @@ def _show(args: argparse.Namespace) -> int:
 
     from lilgym_mp.cli.data_report import task_lines, task_text
     from lilgym_mp.evaluation.files import write_whole
-    from lilgym_mp.frames import frame
+    from lilgym_mp.render.frames import frame
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)

@@ -13,7 +13,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, Moment, film_moments
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.frames import smooth_picture
+from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 

@@ -12,9 +12,9 @@ from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import VERBS, CommandFault, chosen, command_help, command_of, legal_commands, parsed
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.frames import frame
 from lilgym_mp.render import text
-from lilgym_mp.ruler import ruled
+from lilgym_mp.render.frames import frame
+from lilgym_mp.render.ruler import ruled
 
 
 class Session:

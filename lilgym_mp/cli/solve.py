@@ -23,9 +23,9 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.frames import frame
 from lilgym_mp.render import text
-from lilgym_mp.ruler import ruled
+from lilgym_mp.render.frames import frame
+from lilgym_mp.render.ruler import ruled
 from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table

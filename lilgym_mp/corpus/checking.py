@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
-from lilgym_mp.corpus.installing import installation_faults
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.official.installing import installation_faults
 from lilgym_mp.corpus.places import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name

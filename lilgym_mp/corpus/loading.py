@@ -34,7 +34,7 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
     if is_generated(corpus):
-        from lilgym_mp.corpus.generator.generated import Recipe, generated_tasks  # takes a third of the import's time
+        from lilgym_mp.generator.generated import Recipe, generated_tasks  # takes a third of the import's time
 
         recipe = Recipe.named(corpus)
         assert recipe is not None

@@ -21,9 +21,9 @@ from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, ResultTable, Settings
 from lilgym_mp.envs.window import RENDER_FPS
-from lilgym_mp.frames import frame
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.render import text
+from lilgym_mp.render.frames import frame
 from lilgym_mp.rules import Dynamics, State
 
 RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}

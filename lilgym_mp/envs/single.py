@@ -21,9 +21,9 @@ from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import RENDER_FPS, Window
-from lilgym_mp.frames import frame
 from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.render import Canvas, text
+from lilgym_mp.render.frames import frame
 from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task

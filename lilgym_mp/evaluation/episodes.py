@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 from lilgym_mp.actions import Action, ActionError, describe, named
+from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.corpus.phenomena import Phenomenon
 from lilgym_mp.evaluation.files import write_whole
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.evaluation.settings import Settings

@@ -15,7 +15,7 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.files import write_whole
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.frames import smooth_picture
+from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
 
 FRAME_SECONDS = 0.7

@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from lilgym_mp.actions import Action, Stop
+from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.forms import statement_form
-from lilgym_mp.corpus.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.contestants import Contestant

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from functools import lru_cache
 
+from lilgym_mp.programs.code_generation import fast_form
 from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError
-from lilgym_mp.programs.fast import fast_form
 from lilgym_mp.programs.lifting import UnsureError
 from lilgym_mp.programs.reference import evaluate, reference_form
 from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any, Protocol
 
 from lilgym_mp.programs import costs, lifting
-from lilgym_mp.programs.codes import (
+from lilgym_mp.programs.expressions import (
     ATTRIBUTE_TYPES,
     ITEM_FIELDS,
     MOST_ITEMS,

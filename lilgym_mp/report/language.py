@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from lilgym_mp.corpus.phenomena import PHENOMENA, syntactic_phenomena
+from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper

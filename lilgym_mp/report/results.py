@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from lilgym_mp.analysis.statistics import corpus_statistics
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.statistics import corpus_statistics
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
-from lilgym_mp.programs.fast import fast_form
+from lilgym_mp.programs.code_generation import fast_form
 from lilgym_mp.programs.lifting import UnsureError
 from lilgym_mp.programs.reference import evaluate, reference_form
 from lilgym_mp.programs.syntax import (

@@ -15,7 +15,7 @@ from lilgym_mp.cli.download_bar import DownloadBar
 from lilgym_mp.cli.progress import Progress
 from lilgym_mp.cli.tables import table
 from lilgym_mp.corpus import load_tasks, write_corpus
-from lilgym_mp.corpus.fetching import Patience
+from lilgym_mp.corpus.official.fetching import Patience
 from tests.small_corpus import count_as_release, small_entries, write_released
 from tests.web import Misdeed, web_server
 
@@ -75,7 +75,7 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Run:
 def tower_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The release has Tower only."""
     names = ["tower_scratch_test.json", "tower_flipit_test.json"]
-    monkeypatch.setattr("lilgym_mp.corpus.official.official_names", lambda splits: names)
+    monkeypatch.setattr("lilgym_mp.corpus.official.release.official_names", lambda splits: names)
 
 
 @pytest.mark.usefixtures("tower_only")
@@ -122,7 +122,7 @@ def test_download__without_a_server_tells_what_to_do(
     refused: Run, cache: Path, released: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    monkeypatch.setattr("lilgym_mp.corpus.download.Patience", lambda: Patience(pause=lambda seconds: None))
+    monkeypatch.setattr("lilgym_mp.corpus.official.download.Patience", lambda: Patience(pause=lambda seconds: None))
     with web_server() as web:
         web.misdeeds["/tower_scratch_test.json"] = [Misdeed(resets=True)] * 5
         said = refused("download", "--url", web.url)

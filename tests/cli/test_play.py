@@ -20,7 +20,7 @@ from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.cli import main
 from lilgym_mp.cli.commands import CommandFault, command_of, parsed
 from lilgym_mp.render import text
-from lilgym_mp.ruler import ruled
+from lilgym_mp.render.ruler import ruled
 from lilgym_mp.scene import Colour, Shape, Size
 from tests.scenes import B, scene, square, tower
 

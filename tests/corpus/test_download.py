@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.download import GitHub, WebDirectory, download_official
 from lilgym_mp.corpus.faults import InterruptionError
-from lilgym_mp.corpus.fetching import Patience, fetch, fetch_text
-from lilgym_mp.corpus.installing import read_installation
+from lilgym_mp.corpus.official.download import GitHub, WebDirectory, download_official
+from lilgym_mp.corpus.official.fetching import Patience, fetch, fetch_text
+from lilgym_mp.corpus.official.installing import read_installation
 from tests.web import Misdeed, Web
 
 CONTENT = bytes(range(256)) * 1000
@@ -336,7 +336,7 @@ def test_download__a_disk_that_fills_up_leaves_nothing(
     def full(*_: object) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("lilgym_mp.corpus.fetching._copy", full)
+    monkeypatch.setattr("lilgym_mp.corpus.official.fetching._copy", full)
     with pytest.raises(CorpusError, match=r"no space left on the disk of .*; nothing was installed"):
         download()
     assert list(target.parent.iterdir()) == []

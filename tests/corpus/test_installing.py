@@ -10,8 +10,8 @@ import pytest
 
 from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
 from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.installing import import_official, intact_installation, read_installation, staging_area
-from lilgym_mp.corpus.official import FACTS, STATEMENT_COUNT, content_digest, official_names
+from lilgym_mp.corpus.official.installing import import_official, intact_installation, read_installation, staging_area
+from lilgym_mp.corpus.official.release import FACTS, STATEMENT_COUNT, content_digest, official_names
 from lilgym_mp.corpus.released import ReleasedFile
 
 SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.installing import import_official
+from lilgym_mp.corpus.official.installing import import_official
 from lilgym_mp.corpus.records import read_bytes, read_text
 
 READ = """

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.analysis.charts import Series, bar_chart, write_charts
+from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon
+from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.charts import Series, bar_chart, write_charts
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.phenomena import Phenomenon, SyntacticPhenomenon
-from lilgym_mp.corpus.statistics import CorpusStatistics, corpus_statistics
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]

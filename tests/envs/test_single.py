@@ -21,8 +21,8 @@ from gymnasium.utils.env_checker import check_env
 from lilgym_mp.actions import ActionError
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
 from lilgym_mp.render import draw
+from lilgym_mp.render.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import TokenizedStatement
 from tests.scenes import B, K, scene, tower

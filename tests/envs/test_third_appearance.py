@@ -15,9 +15,9 @@ from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, 
 from lilgym_mp.appearances import Edit, InvalidReason, PlacementRules
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.generator.pairs import training_pairs
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
 from lilgym_mp.solver import Solver

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from checks.program_language import ATTACKS, Writer, attacked, crowded_scene, fuzz, limited, outcome
-from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program, costs, fast
+from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, code_generation, compile_program, costs
 from lilgym_mp.programs.reference import evaluate_counted, reference_form
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
@@ -52,10 +52,10 @@ def test_random_programs__have_values_or_clear_failures_alike_in_both_forms() ->
 
 def steps_allowed(source: str) -> int | None:
     """The bound on the reference form's steps with which a program got its fast form."""
-    work = fast._Work()
+    work = code_generation._Work()
     try:
-        fast._scene_source(fast._Generator(work, kernel=False), parse(source))
-    except fast.Uncovered:
+        code_generation._scene_source(code_generation._Generator(work, kernel=False), parse(source))
+    except code_generation.Uncovered:
         return None
     return costs.STEP_LIMIT - work.steps_left
 
@@ -100,10 +100,10 @@ def test_fast_form__is_not_written_at_length_to_be_thrown_away() -> None:
     source = "exist(all_items)"
     for _ in range(14):
         source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
-    work = fast._Work()
-    with pytest.raises(fast.Uncovered, match="too long"):
-        fast._Generator(work, kernel=False).code(parse(source), {})
-    assert work.text_left > -fast.MAX_TEXT * 10
+    work = code_generation._Work()
+    with pytest.raises(code_generation.Uncovered, match="too long"):
+        code_generation._Generator(work, kernel=False).code(parse(source), {})
+    assert work.text_left > -code_generation.MAX_TEXT * 10
 
 
 def test_collections__may_be_nested_and_functions_call_each_other_a_bounded_number_of_times() -> None:

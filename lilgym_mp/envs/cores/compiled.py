@@ -17,7 +17,9 @@ from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.kernels import NO_ITEM, Painting, Scenes, Starts, compiling
 from lilgym_mp.observation import EMPTY
-from lilgym_mp.render import LARGEST_PATCH, draw, image_shape, palette, shrink_of, stamp
+from lilgym_mp.render import draw, image_shape, shrink_of
+from lilgym_mp.render.canvas import LARGEST_PATCH
+from lilgym_mp.render.drawing import palette, stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 

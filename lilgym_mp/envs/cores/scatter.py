@@ -22,7 +22,8 @@ from lilgym_mp.envs.cores.compiled import NEVER_SEEN, CompiledCore, item_of
 from lilgym_mp.envs.cores.kernels import OUTSIDE, TIE, compiling
 from lilgym_mp.envs.cores.tables import grid_tables, tied_move
 from lilgym_mp.observation import item_array
-from lilgym_mp.render import Canvas, stamp
+from lilgym_mp.render import Canvas
+from lilgym_mp.render.drawing import stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 

@@ -26,8 +26,8 @@ from lilgym_mp.envs.proposer_verifier.states import (
 from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
-from lilgym_mp.frames import frame
 from lilgym_mp.render import text
+from lilgym_mp.render.frames import frame
 from lilgym_mp.rules import State
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}

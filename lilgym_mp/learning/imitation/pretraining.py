@@ -11,8 +11,8 @@ from torch import nn
 from torch.nn import functional
 
 from lilgym_mp.corpus.forms import normalised
-from lilgym_mp.corpus.generator.pairs import training_pairs
 from lilgym_mp.corpus.tokens import UNKNOWN
+from lilgym_mp.generator.pairs import training_pairs
 from lilgym_mp.learning.imitation.batches import Numbering
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.lessons import Lesson

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from lilgym_mp.corpus.generator import Stock
+from lilgym_mp.generator import Stock
 from lilgym_mp.learning.devices import one_thread
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes

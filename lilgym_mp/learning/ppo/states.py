@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.arrays import Int64Array, UInt8Array
-from lilgym_mp.render import SEPARATOR_RGB, image_shape
+from lilgym_mp.render import image_shape
+from lilgym_mp.render.drawing import SEPARATOR_RGB
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)

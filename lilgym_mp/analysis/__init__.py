@@ -1,0 +1,1 @@
+"""Statistics of corpora: phenomena in statements and programs, counts, charts."""

@@ -1,0 +1,1 @@
+"""The official release: downloading, checking, installing it."""

@@ -1,0 +1,231 @@
+"""Putting the official corpus into the user's cache: whole or not at all, with a record of where it came from."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Generator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from lilgym_mp.corpus.faults import CorpusError, Fault, InterruptionError
+from lilgym_mp.corpus.official.release import RELEASE, OfficialFile, Proof, check_official_file
+from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
+
+try:
+    import fcntl
+except ImportError:  # Windows: two downloads at a time are not told apart there
+    fcntl = None
+
+MANIFEST = "installed.json"
+FORMAT, VERSION = "lilgym_mp-official", 1
+FILES = "files"  # directory of the staging area
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """The official corpus as it was put in place."""
+
+    directory: Path
+    source: str  # a directory, or a URL
+    revision: str | None  # the commit, where it is known
+    files: tuple[OfficialFile, ...]
+
+    @property
+    def remarks(self) -> list[str]:
+        """How the files differ from what the paper reports."""
+        return [file.remark for file in self.files if file.remark]
+
+
+@contextmanager
+def staging_area(target: Path, source: str) -> Generator[Path, None, None]:
+    """A directory beside `target` for the files of an installation from `source`, one user at a time.
+
+    It is kept after an InterruptionError or Ctrl-C and found again by the next installation from the same source; after
+    anything else it is removed. Raises CorpusError when somebody else is using it, or it cannot be written.
+    """
+    area = target.with_name(target.name + ".partial")
+    with _space_reported(area), closing(_locked(area)):
+        keep = False
+        try:
+            _undo_interrupted_swap(target)
+            yield _files_of(area, source)
+        except (InterruptionError, KeyboardInterrupt):
+            keep = any((area / FILES).iterdir())
+            raise
+        finally:
+            if not keep:
+                shutil.rmtree(area, ignore_errors=True)
+
+
+def install(staged: Path, target: Path, source: str, revision: str | None, names: Sequence[str]) -> Installation:
+    """Checks the staged files and puts them, and nothing else, in the place of `target`.
+
+    Raises CorpusError naming the first file that is not of the release; `target` is then as it was.
+    """
+    files: list[OfficialFile] = []
+    for name in names:
+        try:
+            files.append(check_official_file(staged / name))
+        except CorpusError as fault:
+            (staged / name).unlink(missing_ok=True)
+            raise CorpusError(str(fault).replace(f"{staged}{os.sep}", "")) from None
+    for path in staged.iterdir():
+        if path.name not in names:
+            path.unlink()
+    installation = Installation(target, source, revision, tuple(files))
+    _write_manifest(staged / MANIFEST, installation)
+    _swap(staged, target)
+    return installation
+
+
+def read_installation(directory: Path) -> Installation | None:
+    """The record that `install` left there; None without one. Raises CorpusError for a broken record."""
+    path = directory / MANIFEST
+    if not path.is_file():
+        return None
+    try:
+        record: Any = as_object(parse_json(read_text(path).text)) or {}
+        if (record["format"], record["version"]) != (FORMAT, VERSION):
+            raise JSONFault(f"format {record['format']!r} {record['version']!r} is not {FORMAT!r} {VERSION}")
+        files = [OfficialFile(**file)._replace(proof=Proof(file["proof"])) for file in record["files"]]
+        return Installation(directory, str(record["source"]), record["revision"], tuple(files))
+    except CorpusError:
+        raise
+    except (ValueError, KeyError, TypeError) as fault:
+        raise CorpusError(f"{path}: cannot be read: {fault}") from None
+
+
+def intact_installation(directory: Path, names: Sequence[str], source: str | None) -> Installation | None:
+    """The installation there if it has the files called `names`, unchanged, and is from `source` (None: from any)."""
+    with suppress(CorpusError):
+        there = read_installation(directory)
+        if there is not None and {file.name for file in there.files} >= set(names) and source in (None, there.source):
+            return None if installation_faults(directory) else there
+    return None
+
+
+def installation_faults(directory: Path) -> list[Fault]:
+    """The files that are gone or have changed since `install` put them there; none without its record."""
+    installation = read_installation(directory)
+    faults: list[Fault] = []
+    for file in installation.files if installation else ():
+        path = directory / file.name
+        if not path.is_file():
+            faults.append(Fault(str(path), "is gone; it was there at installation"))
+        elif hashlib.sha256(read_bytes(path)).hexdigest() != file.sha256:
+            faults.append(Fault(str(path), "has changed since installation (its SHA-256 is another)"))
+    return faults
+
+
+def import_official(directory: Path, names: Sequence[str], target: Path) -> Installation:
+    """Installs the released files called `names` from a directory or checkout, wherever in it they lie.
+
+    Raises CorpusError naming the files that are missing, ambiguous, or not of the release.
+    """
+    if not directory.is_dir():
+        raise CorpusError(f"{directory}: no such directory; name a checkout of lilGym or a directory of its JSON files")
+    found = _paths_by_name(directory, names)
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise CorpusError(
+            f"{directory}: lacks {listed(missing)}; it has {listed(found) or 'none of the released files'}"
+        )
+    source = str(directory.resolve())
+    with staging_area(target, source) as staged:
+        for name, path in found.items():
+            (staged / name).write_bytes(read_bytes(path))
+        return install(staged, target, source, None, names)
+
+
+def _paths_by_name(directory: Path, names: Sequence[str]) -> dict[str, Path]:
+    """Where the files lie. Raises CorpusError when there are several of one name with different contents."""
+    found: dict[str, Path] = {}
+    for parent, _, present in sorted(os.walk(directory)):
+        for name in set(names).intersection(present):
+            path = Path(parent) / name
+            if name in found and read_bytes(path) != read_bytes(found[name]):
+                raise CorpusError(f"{directory}: has several different files {name}: {found[name]}, {path}")
+            found.setdefault(name, path)
+    return found
+
+
+@contextmanager
+def _space_reported(area: Path) -> Generator[None, None, None]:
+    """Turns what the file system refuses into a CorpusError."""
+    try:
+        yield
+    except OSError as fault:
+        if fault.errno in NO_SPACE:
+            raise CorpusError(f"no space left on the disk of {area.parent}; nothing was installed") from None
+        raise CorpusError(f"{fault.filename or area}: cannot be written: {fault.strerror or fault}") from None
+
+
+def _locked(area: Path) -> IO[str]:
+    """The open lock file of the area, made where there is none."""
+    while True:
+        area.mkdir(parents=True, exist_ok=True)
+        lock = (area / "lock").open("w")
+        if fcntl is not None:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                lock.close()
+                raise CorpusError(f"another process is installing the official corpus: it holds {area}") from None
+        if (area / "lock").exists():  # else its last user removed the area just before the lock was had
+            return lock
+        lock.close()
+
+
+def _files_of(area: Path, source: str) -> Path:
+    """The area's directory of files, emptied when they came from another source."""
+    origin, files = area / "source", area / FILES
+    if not origin.is_file() or origin.read_text(encoding="utf-8") != source:
+        shutil.rmtree(files, ignore_errors=True)
+        origin.write_text(source, encoding="utf-8")
+    files.mkdir(exist_ok=True)
+    return files
+
+
+def _write_manifest(path: Path, installation: Installation) -> None:
+    record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "release": RELEASE,
+        "source": installation.source,
+        "revision": installation.revision,
+        "files": [file._asdict() for file in installation.files],
+    }
+    path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def _previous(target: Path) -> Path:
+    return target.with_name(target.name + ".previous")
+
+
+def _swap(staged: Path, target: Path) -> None:
+    """Renames `staged` to `target`; what was there is removed afterwards."""
+    previous = _previous(target)
+    if target.exists():
+        target.rename(previous)
+    try:
+        staged.rename(target)
+    except OSError:
+        _undo_interrupted_swap(target)
+        raise
+    shutil.rmtree(previous, ignore_errors=True)
+
+
+def _undo_interrupted_swap(target: Path) -> None:
+    """Brings back what was at `target` when a swap stopped between its two renames."""
+    previous = _previous(target)
+    if previous.is_dir() and not target.exists():
+        previous.rename(target)
+    elif previous.is_dir():
+        shutil.rmtree(previous, ignore_errors=True)

@@ -1,0 +1,51 @@
+"""An endless stream of statements with their programs, for training parsers: many wordings, no scenes."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from lilgym_mp.choices import choose
+from lilgym_mp.generator.box_frames import Frames
+from lilgym_mp.generator.paraphrases import paraphrased
+from lilgym_mp.generator.scatter_frames import ScatterFrames, scatter_voice
+from lilgym_mp.generator.speech import Voice
+from lilgym_mp.generator.tower_frames import TowerFrames, tower_voice
+
+LOOSE_SHARE = 0.4
+
+
+class Pair(NamedTuple):
+    """A statement and the program that says what it means."""
+
+    statement: str
+    program: str
+
+
+KINDS: dict[str, tuple[type[Frames], Callable[[random.Random], Voice]]] = {
+    "tower": (TowerFrames, tower_voice),
+    "scatter": (ScatterFrames, scatter_voice),
+}
+
+
+def training_pairs(appearance: str, seed: int, *, noise: bool = True, loose: float = LOOSE_SHARE) -> Iterator[Pair]:
+    """Endless pairs, the same for the same arguments.
+
+    `noise` types statements as people do (`paraphrased`); without it they are in lower case, without a full stop.
+    A share `loose` of them comes from writers for whom a bare number can mean at least that many, and "one of the
+    boxes" exactly one: people differ there. With 0 a statement always has the same meaning.
+    Raises ValueError for an unknown appearance.
+    """
+    frames, voice = choose("appearance", appearance, KINDS)
+    return _pairs(frames, voice, random.Random(f"pairs {appearance} {seed}"), noise, loose)
+
+
+def _pairs(
+    frames: type[Frames], voice: Callable[[random.Random], Voice], rng: random.Random, noise: bool, loose: float
+) -> Iterator[Pair]:
+    speaker = frames(rng, voice(rng))
+    while True:
+        speaker.voice = voice(rng)._replace(loose=rng.random() < loose)
+        text, program = speaker.said()
+        yield Pair(paraphrased(text, rng) if noise else text, program)

@@ -1,0 +1,288 @@
+"""Canvas: an image buffer that redraws only what changed. It equals `drawing.draw`, which is the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances.placement import fits_box
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.render.drawing import (
+    SHRINKS,
+    draw,
+    empty_box,
+    empty_picture,
+    image_shape,
+    item_mask,
+    palette,
+    shrink_of,
+    stamp,
+)
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    BOX_PITCH,
+    BOX_SIDE,
+    KIND_PIXELS,
+    KINDS,
+    SIZE_PIXELS,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    Shape,
+    Size,
+)
+
+KEPT_BYTES = 48 << 20  # room for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
+RUN_PIXELS = 32
+LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
+
+# What play draws by is kept in plain tuples: they are taken apart in a third of a named tuple's time.
+
+# Pixels to put somewhere in a box: first row, row after the last, columns likewise, (rows, columns, 3) pixels.
+Blit = tuple[int, int, int, int, UInt8Array]
+
+# How an item shows on its patch, the smallest one of whole blocks that holds it: the patch's width and height in native
+# pixels, (rows, columns, 3) the patch with the item alone, the patch without it, `drawn` and `counts`. These two are
+# numbers that stand for a picture, row by row, in `_pitch` entries each: a bit for each native pixel, set where it is
+# the item's, and a byte for each block, as in the item's stamp.
+_Patch = tuple[int, int, UInt8Array, UInt8Array, int, int]
+_Patches = Sequence[Sequence[Sequence[Sequence[Sequence[_Patch]]]]]  # by shape, colour, size, oddness of x, of y
+
+
+def _pitch(shrink: int) -> int:
+    """Entries in a row of `drawn` (shrink 1) or `counts`: so many that all that is near a patch has its own."""
+    return 3 * LARGEST_PATCH // shrink
+
+
+def _patch(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
+    sprite, counts = stamp(kind, colour, odd_x, odd_y, shrink)
+    rows, columns = counts.shape
+    bare = empty_box(shrink)[:rows, :columns]
+    mask = np.pad(item_mask(kind), ((odd_y, 0), (odd_x, 0)))
+    drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
+    number = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
+    return columns * shrink, rows * shrink, sprite, bare, drawn, number
+
+
+def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
+    return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
+
+
+@cache
+def _patches(shrink: int) -> _Patches:
+    """Of all items. Computing the rest by place takes no longer than looking up what is remembered of an item."""
+    return [
+        [
+            [
+                [[_patch(KINDS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)] for odd_x in (0, 1)]
+                for size in Size
+            ]
+            for colour in Colour
+        ]
+        for shape in Shape
+    ]
+
+
+def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: int, *, shown: bool) -> Blit | None:
+    """What a box patches like on the patch of `item` with its `others`, and with it if `shown`.
+
+    None when some item there reaches out of the box or is drawn over by another: then order matters.
+    """
+    x, y, shape, colour, size = item
+    width, height, alone, bare, _, _ = patches[shape][colour][size][x & 1][y & 1]
+    left, top = x & -2, y & -2
+    right, bottom = left + width, top + height
+    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
+        return None
+    near: list[Item] = []
+    for other in others:
+        if other[0] < right and other[1] < bottom:
+            side = SIZE_PIXELS[other[4]]
+            if left < other[0] + side and top < other[1] + side:
+                near.append(other)
+    pixels = alone if shown else bare
+    if near:
+        pixels = _composed(left, top, bare.shape, [item, *near] if shown else near, shrink)
+        if pixels is None:
+            return None
+    return top // shrink, bottom // shrink, left // shrink, right // shrink, pixels
+
+
+def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
+    """A patch of that shape (rows, columns, 3) with items near it; None as in `_patch_blit`.
+
+    Numbers are shifted and added rather than arrays, whose operations take ten times as long on so few entries.
+    """
+    patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
+    drawn = counts = 0
+    for item in items:
+        if not fits_box(item.kind, item.x, item.y):
+            return None
+        x, y, item_shape, colour, size = item
+        _, _, _, _, own_drawn, own_counts = patches[item_shape][colour][size][x & 1][y & 1]
+        across, down = (x & -2) - left, (y & -2) - top
+        shift = down * pitch + across
+        own_drawn = own_drawn << shift if shift >= 0 else own_drawn >> -shift
+        if drawn & own_drawn:
+            return None
+        drawn |= own_drawn
+        shift = 8 * (down // shrink * block_pitch + across // shrink)
+        counts += own_counts << shift if shift >= 0 else own_counts >> -shift
+    # As long as the number can be: what is near may begin at the patch's last row.
+    by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
+    blocks = np.ndarray(shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
+    return palette(shrink).colours.take(blocks, axis=0)
+
+
+_BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a box's memo, by shrink
+
+
+def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
+    """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
+    key, memo = _BLITS_KEYS[shrink], box.memo
+    if key not in memo:
+        items, patches = box.items, _patches(shrink)
+        blits = [
+            _patch_blit(item, items[:number] + items[number + 1 :], patches, shrink, shown=True)
+            for number, item in enumerate(items)
+        ]
+        memo[key] = None if None in blits else tuple(blits)
+    return memo[key]
+
+
+class _Picture(NamedTuple):
+    """A picture as what differs from empty boxes, in runs of RUN_PIXELS native pixels: put on in one assignment."""
+
+    starts: NDArray[np.int64]  # (runs,) pixel that each run begins with, the image's pixels counted row by row
+    runs: NDArray[np.void]  # (runs,) the pixels' bytes
+
+    @classmethod
+    def of(cls, pixels: UInt8Array, shrink: int) -> _Picture:
+        every_run = _every_run(pixels, shrink)
+        starts: list[int] = []
+        end = 0
+        for pixel in np.flatnonzero((pixels != empty_picture(shrink)).any(axis=2)).tolist():
+            if pixel >= end:
+                starts.append(min(pixel, len(every_run) - 1))
+                end = pixel + RUN_PIXELS // shrink
+        places = np.array(starts, np.int64)
+        return cls(places, every_run[places])
+
+
+def _every_run(pixels: UInt8Array, shrink: int) -> NDArray[np.void]:
+    """The runs that begin with each pixel of an image, over its memory."""
+    length = RUN_PIXELS // shrink
+    run = np.dtype((np.void, 3 * length))
+    return np.ndarray((pixels.size // 3 - length + 1,), run, pixels, strides=(3,))
+
+
+@dataclass
+class _Budget:
+    """How many bytes of pictures may still be kept, those of all scenes and image sizes together."""
+
+    left: int
+
+
+_BUDGET = _Budget(KEPT_BYTES)
+
+
+class Canvas:
+    """An image buffer kept equal to `draw` of the scene last shown, by redrawing only what changed."""
+
+    def __init__(self, image_size: str = "half", pixels: UInt8Array | None = None) -> None:
+        """`pixels`: the contiguous buffer to draw into, of `image_shape(image_size)`; a new one by default."""
+        self._image_size = image_size
+        self._shrink = shrink_of(image_size)
+        shape = image_shape(image_size)
+        if pixels is not None and (pixels.shape != shape or pixels.dtype != np.uint8):
+            raise ValueError(f"pixels must be a uint8 array of shape {shape}, not {pixels.dtype} {pixels.shape}")
+        if pixels is not None and not pixels.flags.c_contiguous:
+            raise ValueError("pixels must be a contiguous array, not a part of one with gaps")
+        self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
+        lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
+        self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
+        self._every_run = _every_run(self.pixels, self._shrink)
+        self._patches = _patches(self._shrink)
+        self._memo_key = f"picture {image_size}"
+        self._shown: tuple[Box, Box, Box] | None = None  # None when the buffer must be drawn as a whole
+
+    def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
+        """A copy has a buffer of its own, to be drawn anew."""
+        return Canvas, (self._image_size,)
+
+    def show(self, scene: Scene) -> UInt8Array:
+        """The buffer, showing `scene`; valid until the next call."""
+        before, after = self._shown, scene.boxes
+        self._shown = None  # until all is drawn: an interrupt leaves the buffer to be drawn as a whole
+        if before is not None and (
+            (after[0] is before[0] or self._update(0, before[0].items, after[0].items))
+            and (after[1] is before[1] or self._update(1, before[1].items, after[1].items))
+            and (after[2] is before[2] or self._update(2, before[2].items, after[2].items))
+        ):
+            self._shown = after
+        else:
+            self._begin(scene)
+        return self.pixels
+
+    def _update(self, index: int, before: tuple[Item, ...], after: tuple[Item, ...]) -> bool:
+        """Makes a box show `after`; False, and nothing done, unless one item was added at the end or taken away."""
+        difference = len(after) - len(before)
+        if difference == 1 and after[:-1] == before:
+            blit = _patch_blit(after[-1], before, self._patches, self._shrink, shown=True)
+        elif difference == -1 and (taken := _taken(before, after)) is not None:
+            blit = _patch_blit(taken, after, self._patches, self._shrink, shown=False)
+        else:
+            return False
+        if blit is None:
+            return False
+        top, bottom, left, right, pixels = blit
+        self._boxes[index][top:bottom, left:right] = pixels
+        return True
+
+    def _begin(self, scene: Scene) -> None:
+        """Shows a scene that has little to do with the last one; from the second time on its picture is kept."""
+        key, memo = self._memo_key, scene.memo
+        picture: _Picture | None = memo.get(key)
+        if picture is not None:
+            self.pixels[:] = empty_picture(self._shrink)
+            self._every_run[picture.starts] = picture.runs
+            self._shown = scene.boxes
+        elif not self._draw_items(scene):
+            self.pixels[:] = draw(scene, self._image_size)
+            inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
+            self._shown = scene.boxes if inside else None
+        elif key not in memo:
+            memo[key] = None
+        elif _BUDGET.left > 0:
+            picture = memo[key] = _Picture.of(self.pixels, self._shrink)
+            _BUDGET.left -= picture.starts.nbytes + picture.runs.nbytes
+            for box in scene.boxes:
+                box.memo.pop(_BLITS_KEYS[self._shrink], None)  # the picture takes their place
+
+    def _draw_items(self, scene: Scene) -> bool:
+        """Shows the scene item by item; False, and nothing done, where that cannot be done."""
+        by_box = [box_blits(box, self._shrink) for box in scene.boxes]
+        if None in by_box:
+            return False
+        self.pixels[:] = empty_picture(self._shrink)
+        for pixels, blits in zip(self._boxes, by_box, strict=True):
+            for top, bottom, left, right, patch in blits or ():
+                pixels[top:bottom, left:right] = patch
+        self._shown = scene.boxes
+        return True
+
+
+def _taken(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
+    """The one item of `before` that `after` lacks, if that is all the difference."""
+    first = 0
+    for item in after:
+        if item is not before[first]:
+            break
+        first += 1
+    return before[first] if before[first + 1 :] == after[first:] else None

@@ -1,0 +1,226 @@
+"""Phenomena and forms: each rule on the smallest programs that meet it, and on those that only look like it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.analysis.phenomena import (
+    RULES,
+    SYNTAX_RULES,
+    Phenomenon,
+    SyntacticPhenomenon,
+    phenomena,
+    syntactic_phenomena,
+)
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.programs import ProgramError
+
+ITEMS = "x.all_items_in_box()"
+
+SHOWN = {
+    Phenomenon.EXISTENCE: ["exist(all_items)", "Any(all_items, is_blue)", "not exist(filter_obj(all_items, is_big))"],
+    Phenomenon.EXACT_CARDINALITY: [
+        "count(all_items) == 3",
+        "2 == count(all_items)",
+        "equal_int(len(all_items), 2)",
+        "count(filter_color(all_items, Color.BLUE)) != 2",
+        "count(all_items) % 2 == 1",
+        "count(get_set_colors(all_items)) == 2",
+    ],
+    Phenomenon.SOFT_CARDINALITY: ["ge(count(all_items), 2)", "3 > count(all_items)", "count(all_items) <= 4"],
+    Phenomenon.UNIVERSAL: [
+        "All(all_items, is_blue)",
+        "equal_set(all_items, filter_color(all_items, Color.BLUE))",
+        "filter_obj(all_items, is_blue) == all_items",
+        "count(all_items) == count(filter_color(filter_shape(all_items, Shape.CIRCLE), Color.BLUE))",
+        "contained(all_items, filter_color(all_items, Color.BLUE))",
+        f"count(filter_obj(all_boxes, lambda x: exist({ITEMS}))) == 3",
+    ],
+    Phenomenon.COORDINATION: [
+        "Any(all_items, is_blue) and Any(all_items, is_black)",
+        "AND(AND(is_blue(all_items[0]), Any(all_items, is_big)), Any(all_items, is_small))",
+        "All(all_items, lambda x: is_blue(x) or is_black(x))",
+        "exist(union(get_above(all_items), get_below(all_items)))",
+        "get_set_colors(all_items) == {Color.BLUE, Color.BLACK}",
+    ],
+    Phenomenon.NEGATION: [
+        "not exist(all_items)",
+        "NOT(exist(all_items))",
+        "count(all_items) == 0",
+        "lt(count(all_items), 1)",
+        "Color.BLUE not in get_set_colors(all_items)",
+        "exist(all_items) == False",
+    ],
+    Phenomenon.COMPARISON: [
+        "count(filter_color(all_items, Color.BLUE)) > count(filter_color(all_items, Color.BLACK))",
+        "all_same_color(all_items)",
+        "count(get_set_shapes(all_items)) == 1",
+        "equal_size(query_size(all_items[0]), query_size(all_items[1]))",
+    ],
+    Phenomenon.SPATIAL_RELATION: [
+        "Any(all_items, is_top)",
+        "exist(filter_obj(all_items, lambda x: is_touching_wall(x, Side.LEFT)))",
+        "exist(get_above(all_items))",
+    ],
+    Phenomenon.PRESUPPOSITION: [
+        "is_blue(unique(filter_obj(all_items, is_big)))",
+        "exist(min(all_boxes, key=lambda x: count(x)).all_items_in_box())",
+        "count(filter_obj(all_items, lambda a: is_big(a))) == 2 and "
+        "all_same_color(filter_obj(all_items, lambda b: is_big(b)))",
+    ],
+    Phenomenon.COREFERENCE: [
+        "exist(filter_obj(all_items, lambda x: exist(filter_obj(get_above(x), lambda y: "
+        "equal_color(query_color(x), query_color(y))))))",
+    ],
+}
+
+NOT_SHOWN = {
+    Phenomenon.EXACT_CARDINALITY: ["count(all_items) == 0", "count(get_set_colors(all_items)) == 1"],
+    Phenomenon.SOFT_CARDINALITY: ["count(all_items) < 1", "count(all_items) == 3"],
+    Phenomenon.UNIVERSAL: [
+        "contained({Color.BLUE}, get_set_colors(all_items))",
+        "count(filter_obj(all_items, is_blue)) == 3",
+        "count(filter_obj(all_items, is_blue)) == count(filter_obj(all_items, is_black))",
+    ],
+    Phenomenon.COORDINATION: [
+        f"exist(filter_obj(all_boxes, lambda x: count({ITEMS}) == 3 and exist(filter_obj({ITEMS}, is_top))))",
+        "exist(filter_obj(all_items, lambda x: is_blue(x) and is_big(x)))",
+    ],
+    Phenomenon.NEGATION: ["count(all_items) > 0"],
+    Phenomenon.COMPARISON: [
+        "count(all_items) == 3",
+        "count(all_items) == count(filter_obj(all_items, is_blue))",
+        "equal_color(query_color(all_items[0]), Color.BLUE)",
+    ],
+    Phenomenon.SPATIAL_RELATION: ["exist(get_box_exclusive(all_items))", "Any(all_items, is_blue)"],
+    Phenomenon.PRESUPPOSITION: [
+        "exist(filter_obj(all_items, lambda x: exist(get_above(x)) and is_blue(unique(get_above(x)))))",
+        "Any(filter_obj(all_items, is_big), is_blue) and Any(filter_obj(all_items, is_small), is_blue)",
+    ],
+    Phenomenon.COREFERENCE: [
+        "exist(filter_obj(all_items, lambda x: exist(filter_obj(get_above(x), lambda x: is_blue(x)))))",
+        f"exist(filter_obj(all_boxes, lambda x: exist(filter_obj({ITEMS}, lambda y: y in {ITEMS}))))",
+    ],
+}
+
+COORDINATION, PREPOSITION = SyntacticPhenomenon.COORDINATION, SyntacticPhenomenon.PREPOSITION
+
+OPEN = {
+    COORDINATION: [
+        "Some corner with two triangles and 1 large square exists.",
+        "We see a box with a circle, three squares and a yellow item.",
+        "Here stands a stack with a blue block or at least two black blocks.",
+        "We find a triangle and a square near the wall.",
+        "No circle or triangle that touches the floor is yellow.",
+        "Small triangles and squares fill the box.",
+    ],
+    PREPOSITION: [
+        "We see a box with a square on a triangle.",
+        "Some stack with at least two blue blocks at the bottom exists.",
+        "A yellow block is the top of a stack with four blocks.",
+        "In a box with circles and squares in the corners, all are small.",
+    ],
+}
+
+CLOSED = {
+    COORDINATION: [
+        "A blue block and a black block exist.",
+        "Blue and black triangles fill a box.",
+        "Some box with two circles is full and the wall is free.",
+        "We see a box with two items and the circle is yellow.",
+        "We find a triangle near the wall.",
+        "Nothing is here.",
+        "",
+    ],
+    PREPOSITION: [
+        "We see a square on a triangle.",
+        "A stack with at least two blocks exists.",
+        "There is a box with two items of the same colour.",
+        "A box with two circles has a triangle at the wall.",
+        "On a triangle there lies a square.",
+        "",
+    ],
+}
+
+
+def _cases(table: dict[Any, list[str]]) -> list[tuple[Any, str]]:
+    return [(phenomenon, text) for phenomenon, texts in table.items() for text in texts]
+
+
+@pytest.mark.parametrize(("phenomenon", "program"), _cases(SHOWN))
+def test_rule__holds(phenomenon: Phenomenon, program: str):
+    assert phenomenon in phenomena(program)
+
+
+@pytest.mark.parametrize(("phenomenon", "program"), _cases(NOT_SHOWN))
+def test_rule__does_not_hold(phenomenon: Phenomenon, program: str):
+    assert phenomenon not in phenomena(program)
+
+
+@pytest.mark.parametrize(("phenomenon", "statement"), _cases(OPEN))
+def test_syntax_rule__holds(phenomenon: SyntacticPhenomenon, statement: str):
+    assert phenomenon in syntactic_phenomena(statement)
+
+
+@pytest.mark.parametrize(("phenomenon", "statement"), _cases(CLOSED))
+def test_syntax_rule__does_not_hold(phenomenon: SyntacticPhenomenon, statement: str):
+    assert phenomenon not in syntactic_phenomena(statement)
+
+
+@given(st.text())
+def test_syntax_rules__any_text_is_read(statement: str):
+    assert syntactic_phenomena(statement) <= set(SyntacticPhenomenon)
+
+
+def test_syntax_rules__case_punctuation_and_digits_do_not_matter():
+    one = syntactic_phenomena("SOME corner, with 2 triangles and 1 square; exists!")
+    assert one == syntactic_phenomena("some corner with two triangles and one square exists") == {COORDINATION}
+
+
+def test_rules__every_phenomenon_has_one():
+    assert set(RULES) == set(Phenomenon) == set(SHOWN)
+    assert set(SYNTAX_RULES) == set(SyntacticPhenomenon) == set(OPEN)
+
+
+def test_rules__the_documentation_has_their_words():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "official_data.md").read_text(encoding="utf-8")
+    rules = (*RULES.items(), *SYNTAX_RULES.items())
+    missing = [phenomenon for phenomenon, rule in rules if f"| {phenomenon} | {rule.words} |" not in text]
+    assert not missing, "write the rules' words into docs/official_data.md"
+
+
+@pytest.mark.parametrize("word", ["unique", "exist", "min", "all_same", "contained"])
+def test_rules__words_handed_on_as_functions_are_no_trouble(word: str):
+    assert isinstance(phenomena(f"Any(all_boxes, {word})"), frozenset)
+
+
+def test_phenomena__of_what_is_no_program_is_refused():
+    with pytest.raises(ProgramError, match="unknown function"):
+        phenomena("exists(all_items)")
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_phenomena__every_builtin_statement_shows_some(appearance: str):
+    tasks = load_tasks("builtin", appearance, "scratch", "train")
+    assert [task.id for task in tasks if not phenomena(task.program)] == []
+
+
+def test_form__colours_shapes_sizes_and_numbers_are_blanked():
+    statement = "At least two Small blue circles, 12 yellow squares and one block."
+    assert statement_form(statement) == "at least NUMBER SIZE COLOUR SHAPE NUMBER COLOUR SHAPE and NUMBER block"
+
+
+def test_normalised__case_blanks_and_punctuation_do_not_matter():
+    assert normalised("A  Blue block, isn't it?") == normalised("a blue block isn't it") == "a blue block isn't it"
+
+
+@given(st.text())
+def test_form__is_the_normalised_statement_with_blanks(statement: str):
+    blanked = zip(statement_form(statement).split(), normalised(statement).split(), strict=True)
+    assert all(form == word or form in ("COLOUR", "SHAPE", "SIZE", "NUMBER") for form, word in blanked)

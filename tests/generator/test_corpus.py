@@ -1,0 +1,112 @@
+"""The endless corpus behind `corpus="generated:LEVEL"`."""
+
+from __future__ import annotations
+
+import random
+
+import gymnasium as gym
+import pytest
+
+import lilgym_mp  # noqa: F401  (registers the environments)
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus import CorpusError, contexts, load_tasks
+from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.generator import Recipe, Stock, generated_entries
+from lilgym_mp.generator.generated import SIZES, TRIVIAL_SHARE, WORDINGS, split_of
+from lilgym_mp.generator.starts import Truths
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Item, Scene
+from lilgym_mp.task import Task
+
+SAMPLES = [("tower", 1), ("tower", 4), ("scatter", 2)]  # (appearance, level)
+
+
+@pytest.mark.parametrize(("appearance", "level"), SAMPLES)
+def test_load_scratch__has_the_documented_number_of_different_statements(appearance: str, level: int):
+    tasks = load_tasks(f"generated:{level}", appearance, "scratch", "dev")
+    assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SIZES["dev"]
+    assert all(task.target and not any(task.start.items()) for task in tasks)
+    wordings = [sum(other.program == task.program for other in tasks) for task in tasks]
+    assert max(wordings) <= WORDINGS
+    assert sum(task.solved_by(task.start) for task in tasks) <= TRIVIAL_SHARE * len(tasks) + 1
+
+
+@pytest.mark.parametrize(("appearance", "level"), SAMPLES)
+def test_load_flipit__has_four_start_scenes_of_each_statement_half_of_them_true(appearance: str, level: int):
+    tasks = load_tasks(f"generated:{level}:5", appearance, "flipit", "dev")
+    assert len(tasks) == 4 * SIZES["dev"]
+    assert contexts(tasks) == 2 * SIZES["dev"]
+    assert not any(task.solved_by(task.start) for task in tasks)
+    for place in range(0, len(tasks), 4):
+        assert [task.target for task in tasks[place : place + 4]] == [False, True, False, True]
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_start_scenes__of_a_pair_differ_in_one_item(appearance: str):
+    for entry in generated_entries(Recipe(3), appearance, "dev"):
+        for place in (0, 2):
+            one, other = (everything(start.scene) for start in entry.starts[place : place + 2])
+            assert sorted((len(one - other), len(other - one))) in ([0, 1], [1, 1])
+
+
+def everything(scene: Scene) -> set[tuple[int, Item]]:
+    return {(index, item) for index, box in enumerate(scene.boxes) for item in box.items}
+
+
+def test_load__the_same_name_gives_the_same_tasks_and_another_seed_others():
+    first = load_tasks("generated:2", "tower", "flipit", "dev")
+    generated_entries.cache_clear()
+    again = load_tasks("generated:2:0", "tower", "flipit", "dev")
+    other = load_tasks("generated:2:1", "tower", "flipit", "dev")
+    assert tuple(first) == tuple(again)
+    assert first.provenance.sha256 == again.provenance.sha256 != other.provenance.sha256
+    assert {task.statement for task in first} != {task.statement for task in other}
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_splits__share_no_program_whatever_the_seed(seed: int):
+    for split in ("dev", "test"):
+        tasks = load_tasks(f"generated:1:{seed}", "tower", "scratch", split)
+        assert {split_of(task.program) for task in tasks} == {split}
+
+
+@pytest.mark.parametrize(
+    ("corpus", "message"),
+    [
+        ("generated", r'a generated corpus is "generated:LEVEL" or "generated:LEVEL:SEED"'),
+        ("generated:2:1:4", r'a generated corpus is "generated:LEVEL"'),
+        ("generated:easy", r'a generated corpus is "generated:LEVEL"'),
+        ("generated:2:-1", r'a generated corpus is "generated:LEVEL"'),
+        ("generated:6", "unknown level 6; choose from 1, 2, 3, 4, 5"),
+    ],
+)
+def test_load__a_name_that_is_none_is_refused_with_the_choices(corpus: str, message: str):
+    with pytest.raises(CorpusError, match=message):
+        load_tasks(corpus, "tower", "scratch", "train")
+
+
+def test_environment__plays_a_generated_corpus():
+    env = gym.make("lilgym_mp/TowerFlipIt-v0", corpus="generated:1", split="dev")
+    observation, info = env.reset(seed=0)
+    assert observation["statement"]
+    assert info["task"].startswith("tower-dev-1-0-")
+    env.close()
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_stock__neighbours_are_one_legal_edit_apart(appearance: str):
+    stock = Stock.made(appearance, random.Random(4), 4)
+    dynamics = make_dynamics(APPEARANCES[appearance])
+    for family in (family for chain in stock.chains for family in chain[:2]):
+        task = Task("", "", "exist(all_items)", True, stock.scenes[family.parent])
+        state = dynamics.start(task)
+        legal = dynamics.legal_mask(state).nonzero()[0][1:]
+        reached = {dynamics.step(state, dynamics.appearance.decode(int(index))).state.scene for index in legal}
+        assert {stock.scenes[child] for child in family.children} <= reached
+
+
+def test_truths__edits_from_the_empty_scene_are_those_that_grew_a_true_one():
+    stock = Stock.made("tower", random.Random(0), 40)
+    blocks = [compile_program(f"count(all_items) == {number}").evaluate for number in (0, 1, 3, 13)]
+    assert [Truths(stock, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]

@@ -1,0 +1,195 @@
+"""Generated statements: that wording, program and meaning agree, and that English is read for what it says."""
+
+from __future__ import annotations
+
+import random
+from itertools import islice
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.generator import LEVELS, Draft, Stock, drafts, proven, random_meaning, worded
+from lilgym_mp.generator.interpretation import PRECISE, Reading, holds
+from lilgym_mp.generator.meanings import (
+    AtWall,
+    Beside,
+    BoxCount,
+    Clause,
+    Compared,
+    Every,
+    Has,
+    HasLook,
+    ItemCount,
+    Joined,
+    Look,
+    Noun,
+    Order,
+    Quantity,
+    Relation,
+    Share,
+    SharedCount,
+    Wall,
+)
+from lilgym_mp.generator.reading import meanings
+from lilgym_mp.generator.slips import mistyped
+from lilgym_mp.generator.sources import program_source
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+
+STOCKS = {appearance: Stock.made(appearance, random.Random(1), 20) for appearance in ("tower", "scatter")}
+APPEARANCE = st.sampled_from(sorted(STOCKS))
+
+BLUE, BLACK = Look(colours=frozenset({Colour.BLUE})), Look(colours=frozenset({Colour.BLACK}))
+CIRCLE, SQUARE = Look(Shape.CIRCLE), Look(Shape.SQUARE)
+MEANINGS: dict[str, Clause] = {
+    "at least two blue": ItemCount(Quantity(2, None), Noun(BLUE)),
+    "no circle": ItemCount(Quantity(0, 0), Noun(CIRCLE)),
+    "circle at the left wall": ItemCount(Quantity(1, None), Noun(CIRCLE, (AtWall(Wall.LEFT),))),
+    "all black items are circles": Every(Noun(BLACK), HasLook(CIRCLE)),
+    "more circles than squares": Compared(Noun(CIRCLE), Order.MORE, Noun(SQUARE)),
+    "two boxes with one circle": BoxCount(Quantity(2, 2), (Has(Quantity(1, 1), Noun(CIRCLE)),)),
+    "circle touching a square": ItemCount(Quantity(1, None), Noun(CIRCLE, (Beside(Relation.TOUCHING, Noun(SQUARE)),))),
+    "two circles, both black": SharedCount(Quantity(2, 2), Noun(CIRCLE), Share.ALL, HasLook(BLACK)),
+    "blue but no circle": Joined(
+        True, (ItemCount(Quantity(1, None), Noun(BLUE)), ItemCount(Quantity(0, 0), Noun(CIRCLE)))
+    ),
+}
+
+
+def truths(program: str, appearance: str) -> list[bool]:
+    return [compile_program(program).evaluate(scene) for scene in STOCKS[appearance].scenes]
+
+
+@settings(max_examples=80)
+@given(APPEARANCE, st.sampled_from(LEVELS), st.integers(0, 10**9))
+def test_statement__is_read_back_as_what_its_program_says(appearance: str, level: int, seed: int):
+    draft = next(drafts(appearance, level, random.Random(seed)))
+    readings = meanings(draft.statement)
+    assert readings, f"no grammar for: {draft.statement}"
+    scenes = STOCKS[appearance].scenes[::7]
+    program = compile_program(draft.program).evaluate
+    for reading in readings:
+        wrong = [scene.to_json() for scene in scenes if holds(reading, scene) != program(scene)]
+        assert not wrong, f"{draft.statement!r}, read as {reading}, is not {draft.program} of {wrong[0]}"
+
+
+@settings(max_examples=30)
+@given(APPEARANCE, st.sampled_from(LEVELS), st.integers(0, 10**9))
+def test_program__agrees_with_the_meaning_that_it_was_made_from(appearance: str, level: int, seed: int):
+    meaning = random_meaning(appearance, level, random.Random(seed))
+    program = compile_program(program_source(meaning)).evaluate
+    assert all(holds(meaning, scene) == program(scene) for scene in STOCKS[appearance].scenes[::7])
+
+
+@pytest.mark.parametrize("case", MEANINGS)
+def test_paraphrases__of_one_meaning_are_many_and_all_mean_it(case: str):
+    meaning = MEANINGS[case]
+    program = program_source(meaning)
+    texts = {worded(meaning, "scatter", 1, random.Random(seed)).statement for seed in range(30)}
+    assert len(set(map(normalised, texts))) >= 5
+    wanted = truths(program, "scatter")
+    for text in texts:
+        for reading in meanings(text):
+            assert truths(program_source(reading), "scatter") == wanted, f"{text!r} is not {program}"
+
+
+YELLOW_CIRCLE = Item(0, 70, Shape.CIRCLE, Colour.YELLOW, Size.LARGE)  # in the lower left corner
+BLACK_SQUARE = Item(30, 80, Shape.SQUARE, Colour.BLACK, Size.MEDIUM)  # on the floor, touching the circle
+BLUE_SQUARE = Item(50, 20, Shape.SQUARE, Colour.BLUE, Size.SMALL)  # in the air
+SCENE = Scene.of([YELLOW_CIRCLE, BLACK_SQUARE], [BLUE_SQUARE], [])
+
+
+@pytest.mark.parametrize(
+    ("statement", "truth"),
+    [
+        ("There are exactly two squares.", True),
+        ("there are 3 squares", False),
+        ("at least two things touch the floor", True),
+        ("A yellow circle sits in a corner.", True),
+        ("A small square is in a corner.", False),
+        ("The only circle touches a square.", True),
+        ("No square is touching another square.", True),
+        ("All of the squares are black.", False),
+        ("Not every square is black.", True),
+        ("Only big items touch the left wall.", True),
+        ("There are more squares than circles.", True),
+        ("There is exactly 1 more square than circles.", True),
+        ("The right box is empty.", True),
+        ("The middle box has as many objects as the right one.", False),
+        ("There is a box with a circle and a square but no blue items.", True),
+        ("Exactly two boxes contain a square.", True),
+        ("Each box has a different number of items.", True),
+        ("The box with the most items has a circle.", True),
+        ("There are two squares, and neither of them touches the right wall.", True),
+        ("Either there is a triangle or the middle box has a blue square.", True),
+        ("A blue square is above a circle in the same box.", False),
+    ],
+)
+def test_reading__says_of_a_scene_what_a_person_says(statement: str, truth: bool):
+    readings = meanings(statement)
+    assert {holds(reading, SCENE) for reading in readings} == {truth}
+
+
+def test_reading__what_is_no_statement_is_not_read():
+    assert meanings("Blue is a lovely colour.") == []
+    assert meanings("") == []
+
+
+def test_reading__finds_both_sides_of_an_ambiguous_statement():
+    (outer, inner) = meanings("There is a circle touching a square that is not blue.")
+    scene = Scene.of(
+        [Item(0, 0, Shape.CIRCLE, Colour.BLACK, Size.SMALL), Item(10, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)], [], []
+    )
+    assert holds(outer, scene) != holds(inner, scene)
+
+
+def test_proven__an_ambiguous_statement_is_refused():
+    statement = "There is a circle touching a square that is not blue."
+    for meaning in meanings(statement):
+        draft = Draft(statement, program_source(meaning), 3)
+        assert all(proven(draft, STOCKS["scatter"], random.Random(seed)) is None for seed in range(3))
+
+
+@pytest.mark.parametrize(
+    ("statement", "program"),
+    [
+        ("There are two blue items.", "ge(count(filter_color(all_items, Color.BLUE)), 2)"),  # a bare number is exact
+        ("There is a blue item.", "count(filter_color(all_items, Color.BLUE)) == 1"),  # "a" is at least one
+        ("There are at most 99 items.", "le(count(all_items), 99)"),  # always true
+        ("Blue is a lovely colour.", "exist(filter_color(all_items, Color.BLUE))"),  # nobody can read it back
+    ],
+)
+def test_proven__a_program_that_is_not_what_the_statement_says_is_refused(statement: str, program: str):
+    assert proven(Draft(statement, program, 1), STOCKS["scatter"], random.Random(0)) is None
+
+
+def test_reading__one_way_to_see_a_scene_may_differ_from_another():
+    near = Scene.of([Item(3, 40, Shape.CIRCLE, Colour.BLUE, Size.SMALL)], [], [])
+    (meaning,) = meanings("A circle touches the left wall.")
+    assert not holds(meaning, near, PRECISE)
+    assert holds(meaning, near, Reading(wall_gap=3))
+
+
+def test_drafts__some_of_one_form_follow_each_other():
+    some = list(islice(drafts("scatter", 1, random.Random(5)), 60))
+    assert 10 < len({statement_form(draft.statement) for draft in some}) < 40
+
+
+def test_statements__are_varied_and_hardly_repeat():
+    rng = random.Random(3)
+    some = [draft.statement for level in LEVELS for draft in islice(drafts("scatter", level, rng), 40)]
+    assert len(set(map(normalised, some))) > 0.9 * len(some)
+
+
+@given(st.integers(0, 10**9))
+def test_slip__changes_one_word_into_no_word_of_the_list(seed: int):
+    statement = "There is a black circle near the wall."
+    known = {word.strip(".").lower() for word in statement.split()} | {"back"}
+    slipped = mistyped(statement, random.Random(seed), known)
+    changed = [(old, new) for old, new in zip(statement.split(), slipped.split(), strict=True) if old != new]
+    assert len(changed) == 1
+    ((old, new),) = changed
+    assert new.strip(".").lower() not in known
+    assert new[0] == old[0]

@@ -1,0 +1,145 @@
+"""The endless stream of statements with programs: lilgym_mp.generator.pairs."""
+
+from __future__ import annotations
+
+import ast
+import random
+import subprocess
+import sys
+from itertools import islice
+
+import pytest
+
+from lilgym_mp.generator.interpretation import holds
+from lilgym_mp.generator.pairs import Pair, training_pairs
+from lilgym_mp.generator.paraphrases import paraphrased
+from lilgym_mp.generator.reading import meanings
+from lilgym_mp.generator.starts import Stock
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Scene
+
+APPEARANCES = ("tower", "scatter")
+WORDS_USED = {
+    "tower": {
+        "exist", "count", "filter_obj", "filter_color", "combinations", "is_yellow", "is_blue", "is_black", "is_top",
+        "is_bottom", "is_second", "is_third", "is_touching_wall", "get_touching", "get_above", "get_below",
+        "get_box_all_above", "get_box_all_below", "query_color", "get_set_colors", "all_same_color",
+        "all_same_attribute", "ge", "le", "NOT", "All",
+    },
+    "scatter": {
+        "exist", "count", "filter_obj", "filter_color", "filter_shape", "combinations", "is_yellow", "is_blue",
+        "is_black", "is_circle", "is_square", "is_triangle", "is_big", "is_medium", "is_small", "is_touching_wall",
+        "is_closely_touching_wall", "is_touching_corner", "is_closely_touching_corner",
+        "is_closely_touching_specific_corner", "get_touching", "get_closely_touching", "get_box_all_above",
+        "get_box_all_below", "get_box_exclusive", "get_set_colors", "get_set_shapes", "get_set_sizes",
+        "all_same_color", "all_same_shape", "all_same_size", "ge", "le", "NOT", "All",
+    },
+}  # fmt: skip
+
+
+def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -> list[Pair]:
+    return list(islice(training_pairs(appearance, seed, noise=noise, loose=0), number))
+
+
+def scenes(appearance: str, number: int) -> list[Scene]:
+    rng = random.Random(7)
+    return rng.sample(Stock.made(appearance, rng, 60).scenes, number)
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__same_arguments_give_the_same_pairs(appearance: str) -> None:
+    assert pairs(appearance, 200, noise=True) == pairs(appearance, 200, noise=True)
+    assert pairs(appearance, 200) != pairs(appearance, 200, seed=4)
+
+
+def test_training_pairs__unknown_appearance_is_refused() -> None:
+    with pytest.raises(ValueError, match="unknown appearance 'towers'; choose from scatter, tower"):
+        next(training_pairs("towers", 0))
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__hardly_ever_repeat_a_statement(appearance: str) -> None:
+    assert len({pair.statement for pair in pairs(appearance, 2000)}) > 1800
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__every_program_has_a_value_on_every_scene(appearance: str) -> None:
+    stock = [Scene.empty(), *scenes(appearance, 6)]
+    for pair in pairs(appearance, 500):
+        program = compile_program(pair.program)
+        for scene in stock:
+            assert program.evaluate(scene) in (True, False), pair
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__use_the_words_of_the_program_language_that_they_are_said_to(appearance: str) -> None:
+    used: set[str] = set()
+    for pair in pairs(appearance, 4000):
+        used |= {node.id for node in ast.walk(ast.parse(pair.program)) if isinstance(node, ast.Name)}
+    assert used >= WORDS_USED[appearance]
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__most_are_neither_always_true_nor_always_false(appearance: str) -> None:
+    stock = scenes(appearance, 120)
+    sample = pairs(appearance, 250)
+    varied = sum(len({compile_program(pair.program)(scene) for scene in stock}) == 2 for pair in sample)
+    assert varied > 0.55 * len(sample)
+
+
+@pytest.mark.parametrize(("appearance", "least"), [("tower", 25), ("scatter", 40)])
+def test_training_pairs__statements_that_can_be_read_back_mean_their_program(appearance: str, least: int) -> None:
+    """The grammar of `reading` was written for other wordings and reads few of these; those it reads must agree."""
+    stock = scenes(appearance, 25)
+    agreeing = read = 0
+    for pair in pairs(appearance, 500):
+        found = meanings(pair.statement)
+        if found and not pair.statement.startswith("one of the"):  # exactly one, to that grammar
+            read += 1
+            truth = compile_program(pair.program)
+            agreeing += any(all(holds(clause, scene) == truth(scene) for scene in stock) for clause in found)
+    assert read >= least
+    assert agreeing > 0.95 * read
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_training_pairs__a_statement_always_means_the_same(appearance: str) -> None:
+    stock = scenes(appearance, 60)
+    programs: dict[str, set[str]] = {}
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, loose=0), 25_000):
+        programs.setdefault(statement, set()).add(program)
+    several = {statement: found for statement, found in programs.items() if len(found) > 1}
+    for statement, found in several.items():
+        truths = {tuple(compile_program(program)(scene) for scene in stock) for program in found}
+        assert len(truths) == 1, statement
+
+
+def test_training_pairs__loose_writers_mean_at_least_by_a_bare_number() -> None:
+    strict = {program for text, program in pairs_of(0) if text == "there are two black blocks"}
+    loose = {program for text, program in pairs_of(1) if text == "there are two black blocks"}
+    assert strict == {"count(filter_color(all_items, Color.BLACK)) == 2"}
+    assert loose == {*strict, "ge(count(filter_color(all_items, Color.BLACK)), 2)"}
+
+
+def pairs_of(loose: float) -> list[Pair]:
+    return list(islice(training_pairs("tower", 8, noise=False, loose=loose), 25_000))
+
+
+def test_paraphrased__is_repeatable_and_keeps_most_words() -> None:
+    statement = "there is a box with exactly two yellow triangles"
+    told = [paraphrased(statement, random.Random(seed)) for seed in range(300)]
+    assert told == [paraphrased(statement, random.Random(seed)) for seed in range(300)]
+    assert len(set(told)) > 40
+    kept = [len(set(statement.split()) & set(text.lower().strip(" .").split())) for text in told]
+    assert min(kept) >= len(statement.split()) - 4
+
+
+def test_paraphrased__sets_no_second_full_stop() -> None:
+    told = {paraphrased("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
+    assert any(text[:1].islower() for text in told)
+    assert max(text.count(".") for text in told) == 1
+
+
+def test_training_pairs__are_not_imported_with_the_package() -> None:
+    code = "import sys, lilgym_mp; print([name for name in sys.modules if name.endswith(('.pairs', '.spelling'))])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

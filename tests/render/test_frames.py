@@ -1,0 +1,103 @@
+"""Scenes drawn for people."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.arrays import BoolArray, UInt8Array
+from lilgym_mp.render import draw
+from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB
+from lilgym_mp.render.frames import CELL_RGB, FRAME_SHAPE, MARGIN, PAPER_RGB, SCALE, SCENE_SHAPE, frame, scene_picture
+from lilgym_mp.scene import Box, Scene
+from tests.scenes import LARGE, SCENES, B, Y, circle, scene, square
+
+
+def _boxes(picture: UInt8Array) -> UInt8Array:
+    """What lies within the margin."""
+    return picture[MARGIN : SCENE_SHAPE[0] - MARGIN, MARGIN : SCENE_SHAPE[1] - MARGIN]
+
+
+def test_frame__shows_the_scene_above_the_lines():
+    shown = scene([circle(0, 70, LARGE, B)], [square(40, 80)])
+    plain, captioned = frame(shown, []), frame(shown, ["Some line.", "Another."])
+    assert (captioned.shape, captioned.dtype) == (FRAME_SHAPE, np.uint8)
+    below = SCENE_SHAPE[0]
+    assert np.array_equal(captioned[:below], scene_picture(shown))
+    assert np.all(plain[below:] == PAPER_RGB)
+    assert (captioned[below:] < 128).any()
+
+
+def test_frame__a_long_line_is_cut_within_the_picture():
+    below, right = SCENE_SHAPE[0], FRAME_SHAPE[1] - MARGIN
+    written = frame(Scene.empty(), ["word " * 100])
+    assert (written[below:, : right - 12] < 128).any()
+    assert np.all(written[below:, right:] == PAPER_RGB)
+    assert not np.array_equal(written, frame(Scene.empty(), ["word " * 5]))
+
+
+@given(SCENES["scatter"])
+@settings(max_examples=30, deadline=None)
+def test_scene_picture__differs_from_the_agents_image_at_edges_alone(shown: Scene):
+    image = _enlarged(shown)
+    edges = _edges(image)
+    for index, box in enumerate(shown.boxes):  # items of one colour that touch are parted by a line
+        for item in box.items:
+            edges |= _edges(_enlarged(Scene.empty().with_box(index, Box((item,)))))
+    smooth = _boxes(scene_picture(shown))
+    assert np.array_equal(smooth[~edges], image[~edges])
+
+
+def _enlarged(shown: Scene) -> UInt8Array:
+    return draw(shown).repeat(SCALE, axis=0).repeat(SCALE, axis=1)
+
+
+def _edges(image: UInt8Array) -> BoolArray:
+    """Where another colour is near."""
+    edges = np.zeros(image.shape[:2], np.bool_)
+    for axis in (0, 1):
+        moved = [np.roll(image, by, axis) for by in range(-2 * SCALE, 2 * SCALE + 1)]
+        edges |= np.any([np.any(other != image, axis=2) for other in moved], axis=0)
+    return edges
+
+
+def test_scene_picture__parts_items_of_one_colour_that_touch():
+    picture = _boxes(scene_picture(scene([square(0, 0, colour=Y), square(20, 0, colour=Y)])))
+    line = picture[20, 20:60].tolist()
+    assert line[0] == line[-1] == list(COLOUR_RGB[Y])
+    assert len({tuple(pixel) for pixel in line}) > 1
+
+
+def test_scene_picture__outlines_each_box():
+    picture = scene_picture(Scene.empty()).astype(int)
+    for left in (MARGIN, MARGIN + SCALE * 140, MARGIN + SCALE * 280):
+        for x in (left - 1, left + SCALE * 100):
+            assert (picture[MARGIN : MARGIN + SCALE * 100, x] < 128).all()
+
+
+def test_scene_picture__marks_cells_on_request_alone():
+    plain, marked = scene_picture(Scene.empty()), scene_picture(Scene.empty(), Scatter())
+    assert not (plain == CELL_RGB).all(axis=2).any()
+    assert (marked[:MARGIN] != plain[:MARGIN]).any()
+    cell = SCALE * 20
+    for column in range(1, 5):
+        line = marked[MARGIN + cell // 2, MARGIN + column * cell - 2 : MARGIN + column * cell + 2]
+        assert (line != BOX_RGB).any()
+    middle = marked[MARGIN + cell // 2, MARGIN + cell // 2]
+    assert middle.tolist() == list(BOX_RGB)
+
+
+@pytest.mark.parametrize("grid", [(38, 10), (380, 100), (95, 50)])
+def test_scene_picture__marks_of_fine_grids_stay_apart(grid: tuple[int, int]):
+    marked = scene_picture(Scene.empty(), Scatter(grid))
+    lines = (marked[MARGIN + 5, MARGIN : MARGIN + SCALE * 100] != BOX_RGB).any(axis=1)
+    assert 4 < lines.sum() < SCALE * 100 / 4
+
+
+def test_scene_picture__names_the_boxes_of_towers():
+    plain, marked = scene_picture(Scene.empty()), scene_picture(Scene.empty(), Tower())
+    assert np.array_equal(marked[MARGIN:], plain[MARGIN:])
+    for left in (MARGIN, MARGIN + SCALE * 140, MARGIN + SCALE * 280):
+        assert (marked[:MARGIN, left : left + SCALE * 100] != plain[:MARGIN, left : left + SCALE * 100]).any()

@@ -1,0 +1,374 @@
+"""Pictures: pixels checked by hand and against Pillow, the canvas against drawing anew, pictures for people."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from PIL import Image, ImageDraw
+
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.render import Canvas, canvas, draw, image_shape, text
+from lilgym_mp.render.canvas import box_blits
+from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+from tests.scenes import (
+    LARGE,
+    LOOSE_SCENES,
+    MEDIUM,
+    SCENES,
+    SMALL,
+    B,
+    K,
+    Y,
+    circle,
+    items,
+    scatter_boxes,
+    scene,
+    square,
+    tower,
+    triangle,
+)
+
+YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
+BOX_RGB, SEPARATOR_RGB = (211, 211, 211), (128, 128, 128)
+IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
+
+
+def drawn(item: Item) -> list[str]:
+    """The pixels of an item's bounding square in rows, # where its colour is."""
+    x, y, side = item.x, item.y, item.side
+    colour = {Y: YELLOW_RGB, K: BLACK_RGB, B: BLUE_RGB}[item.colour]
+    pixels = draw(scene([item]))[y : y + side, x : x + side]
+    return ["".join("#" if tuple(pixel) == colour else "." for pixel in row) for row in pixels]
+
+
+def pixels_in(image: UInt8Array, rgb: tuple[int, int, int]) -> list[list[int]]:
+    """[y, x] of every pixel of that colour, row by row."""
+    return np.argwhere(np.all(image == rgb, axis=2)).tolist()
+
+
+def by_pillow(shown: Scene) -> UInt8Array:
+    """(100, 380, 3) the picture drawn onto the whole image as SPEC section 1 says."""
+    image = Image.new("RGB", (380, 100), SEPARATOR_RGB)
+    pen = ImageDraw.Draw(image)
+    for index in range(3):
+        pen.rectangle((140 * index, 0, 140 * index + 99, 99), fill=BOX_RGB)
+    for index, box in enumerate(shown.boxes):
+        for item in box.items:
+            left, top = 140 * index + item.x, item.y
+            right, bottom = left + item.side - 1, top + item.side - 1
+            fill = (YELLOW_RGB, BLACK_RGB, BLUE_RGB)[item.colour]
+            if item.shape is Shape.CIRCLE:
+                pen.ellipse((left, top, right, bottom), fill=fill)
+            elif item.shape is Shape.SQUARE:
+                pen.rectangle((left, top, right, bottom), fill=fill)
+            else:
+                apex = right - (item.side - 1) // 2
+                pen.polygon([(apex, top), (right, bottom), (left, bottom)], fill=fill)
+    return np.asarray(image)
+
+
+def halved(native: UInt8Array) -> UInt8Array:
+    return np.trunc(native.reshape(50, 2, 190, 2, 3).mean((1, 3))).astype(np.uint8)
+
+
+# Pixels
+
+
+def test_draw__boxes_and_separators_of_the_empty_scene():
+    image = draw(Scene.empty())
+    assert (image.shape, image.dtype) == ((100, 380, 3), np.uint8)
+    separators = [*range(100, 140), *range(240, 280)]
+    for x in range(380):
+        assert np.all(image[:, x] == (SEPARATOR_RGB if x in separators else BOX_RGB))
+
+
+@pytest.mark.parametrize(("colour", "rgb"), [(Y, YELLOW_RGB), (K, BLACK_RGB), (B, BLUE_RGB)])
+def test_draw__a_square_fills_its_bounding_square_in_its_colour(colour: Colour, rgb: tuple[int, int, int]):
+    image = draw(scene([], [], [square(40, 80, colour=colour)]))
+    assert np.argwhere(np.all(image == rgb, axis=2)).tolist() == [
+        [y, x] for y in range(80, 100) for x in range(320, 340)
+    ]
+
+
+def test_draw__a_small_triangle():
+    assert drawn(triangle(30, 50, SMALL)) == [
+        ".....#....",
+        "....##....",
+        "....###...",
+        "...####...",
+        "...#####..",
+        "..######..",
+        "..#######.",
+        ".########.",
+        ".#########",
+        "##########",
+    ]
+
+
+def test_draw__a_small_circle():
+    assert drawn(circle(30, 50, SMALL)) == [
+        "...####...",
+        "..######..",
+        ".########.",
+        "##########",
+        "##########",
+        "##########",
+        "##########",
+        ".########.",
+        "..######..",
+        "...####...",
+    ]
+
+
+@pytest.mark.parametrize(("size", "apex"), [(SMALL, 5), (MEDIUM, 10), (LARGE, 15)])
+def test_draw__a_triangles_apex_and_base(size: Size, apex: int):
+    rows = drawn(triangle(0, 0, size, K))
+    assert rows[0] == "." * apex + "#" + "." * (size.pixels - apex - 1)
+    assert rows[-1] == "#" * size.pixels
+
+
+@pytest.mark.parametrize("size", Size)
+def test_draw__a_circle_is_symmetric_and_reaches_every_side_but_no_corner(size: Size):
+    rows = drawn(circle(0, 0, size, B))
+    assert rows == rows[::-1] == [row[::-1] for row in rows] == ["".join(column) for column in zip(*rows, strict=True)]
+    assert "#" in rows[0]
+    assert rows[0][0] == "."
+
+
+@given(LOOSE_SCENES)
+def test_draw__equals_pillow_drawing_onto_the_whole_image(shown: Scene):
+    assert np.array_equal(draw(shown), by_pillow(shown))
+
+
+@given(LOOSE_SCENES)
+def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene):
+    half = draw(shown, "half")
+    assert (half.shape, half.dtype) == ((50, 190, 3), np.uint8)
+    assert np.array_equal(half, halved(draw(shown)))
+
+
+def test_draw__half_size_truncates():
+    half = draw(scene([square(41, 81, SMALL, K)]), "half")
+    assert half[40, 20].tolist() == [158] * 3  # one pixel of four is black: 158.25
+    assert half[40, 21].tolist() == [105] * 3  # two of four: 105.5
+    assert half[41, 21].tolist() == [0] * 3
+
+
+def test_draw__later_items_cover_earlier_ones():
+    image = draw(scene([square(0, 0, colour=K), square(10, 10, colour=B)]))
+    assert tuple(image[15, 15]) == BLUE_RGB
+    assert tuple(image[5, 5]) == BLACK_RGB
+
+
+def test_draw__what_leaves_the_box_is_cut_at_the_picture_only():
+    image = draw(scene([square(90, -5, colour=K)], [], [square(95, 95, colour=B)]))
+    assert np.argwhere(np.all(image == BLACK_RGB, axis=2)).tolist() == [
+        [y, x] for y in range(15) for x in range(90, 110)
+    ]
+    assert len(pixels_in(image, BLUE_RGB)) == 25
+
+
+def test_draw__gives_a_new_image_each_time():
+    first = draw(scene([square(0, 0)]))
+    first[:] = 0
+    assert draw(scene([square(0, 0)])).any()
+    assert draw(Scene.empty()).all()
+
+
+@pytest.mark.parametrize("image_size", ["full", 2, None])
+def test_image_size__an_unknown_one_is_refused_with_the_choices(image_size: Any):
+    for use in (image_shape, Canvas, lambda size: draw(Scene.empty(), size)):
+        with pytest.raises(ValueError, match=r"^unknown image_size .*; choose from half, native$"):
+            use(image_size)
+
+
+def test_image_shape__is_height_width_and_three():
+    assert image_shape("native") == (100, 380, 3)
+    assert image_shape("half") == (50, 190, 3)
+
+
+# The canvas
+
+Change = tuple[int, int, Item]
+
+
+@st.composite
+def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
+    """Scenes that follow one another: by an item more, an item less, a new box, or altogether new."""
+    found = [draw(LOOSE_SCENES)]
+    for _ in range(draw(st.integers(1, 6))):
+        last, index = found[-1], draw(st.integers(0, 2))
+        box = last.boxes[index]
+        match draw(st.sampled_from(["add", "remove", "box", "scene", "same"])):
+            case "add":
+                found.append(last.with_box(index, box.with_item(draw(items(overhang=35)))))
+            case "remove" if box.items:
+                found.append(last.with_box(index, box.without(draw(st.integers(0, len(box.items) - 1)))))
+            case "box":
+                found.append(last.with_box(index, Box(tuple(draw(st.lists(items(overhang=35), max_size=4))))))
+            case "same":
+                found.append(Scene(last.boxes))
+            case _:
+                found.append(draw(LOOSE_SCENES))
+    return found
+
+
+@IMAGE_SIZES
+@given(shown=scenes_in_a_row())
+def test_canvas__shows_after_any_scenes_what_drawing_anew_gives(image_size: str, shown: list[Scene]):
+    canvas = Canvas(image_size)
+    for one in shown:
+        assert np.array_equal(canvas.show(one), draw(one, image_size))
+
+
+SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
+
+
+@SHRINKS
+@given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
+def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: Box):
+    lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
+    assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
+
+
+@SHRINKS
+@given(box=scatter_boxes())
+def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
+    image_size = {1: "native", 2: "half"}[shrink]
+    blits = box_blits(box, shrink)
+    assume(blits is not None)
+    pixels = draw(Scene.empty(), image_size)
+    for top, bottom, left, right, patch in blits or ():
+        pixels[top:bottom, left:right] = patch
+    assert np.array_equal(pixels, draw(scene(box.items), image_size))
+
+
+@IMAGE_SIZES
+@given(first=LOOSE_SCENES, second=SCENES["scatter"])
+def test_canvas__scenes_begun_again_and_again_look_the_same(image_size: str, first: Scene, second: Scene):
+    canvas = Canvas(image_size)
+    for shown in [first, second] * 3:
+        assert np.array_equal(canvas.show(shown), draw(shown, image_size))
+
+
+@IMAGE_SIZES
+def test_canvas__edits_follow_a_scene_begun_again(image_size: str):
+    canvas = Canvas(image_size)
+    start, other = scene([circle(3, 5)], [triangle(51, 70, LARGE, K)]), scene([], [], [square(10, 10), circle(31, 9)])
+    for _ in range(3):
+        for shown in (other, start, start.with_box(0, start.boxes[0].with_item(square(23, 6, SMALL, B)))):
+            assert np.array_equal(canvas.show(shown), draw(shown, image_size))
+
+
+def test_canvas__draws_as_a_whole_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
+    canvas, before = Canvas(), Scene.empty()
+    canvas.show(before)
+
+    def interrupted(canvas: Canvas, scene: Scene) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Canvas, "_begin", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            canvas.show(scene([circle(0, 0)], [square(9, 9), square(50, 9)]))  # the circle was drawn by then
+    assert np.array_equal(canvas.show(before), draw(before, "half"))
+
+
+def test_canvas__keeps_no_more_pictures_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(canvas, "_BUDGET", canvas._Budget(1))
+    shown_on, scenes = Canvas(), [scene([circle(number, number)]) for number in range(3)]
+    for shown in scenes * 3:
+        assert np.array_equal(shown_on.show(shown), draw(shown, "half"))
+    assert [sum(value is not None for value in shown.memo.values()) for shown in scenes] == [1, 0, 0]
+
+
+@IMAGE_SIZES
+def test_canvas__towers_grow_shrink_and_swap(image_size: str):
+    canvas = Canvas(image_size)
+    for colours in ((), (Y,), (Y, K), (Y, K, B), (Y, K), (Y, B), (K,), (), (B, B, B, B), ()):
+        shown = scene(tower(*colours), tower(*colours[::-1]))
+        assert np.array_equal(canvas.show(shown), draw(shown, image_size))
+
+
+def test_canvas__equal_items_are_told_apart_by_position_in_the_list():
+    canvas = Canvas("native")
+    twice = square(0, 0, colour=B)
+    for shown in (scene([twice, square(0, 0, LARGE, K), twice]), scene([twice, square(0, 0, LARGE, K)])):
+        assert np.array_equal(canvas.show(shown), draw(shown))
+
+
+@IMAGE_SIZES
+def test_canvas__draws_into_a_given_buffer(image_size: str):
+    memory = np.zeros((3, *image_shape(image_size)), np.uint8)
+    canvas = Canvas(image_size, memory[1])
+    assert canvas.show(scene([circle(0, 0)])) is canvas.pixels
+    assert np.array_equal(memory[1], draw(scene([circle(0, 0)]), image_size))
+    assert not memory[0].any()
+    assert not memory[2].any()
+
+
+@IMAGE_SIZES
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
+def test_canvas__a_copy_goes_on_in_a_buffer_of_its_own(image_size: str, duplicate: Callable[[Canvas], Canvas]):
+    canvas = Canvas(image_size)
+    first, second, third = scene([circle(0, 0)]), scene([circle(0, 0), square(40, 40)]), scene([], [square(0, 0)])
+    canvas.show(first)
+    copied = duplicate(canvas)
+    canvas.show(third)
+    assert np.array_equal(copied.show(second), draw(second, image_size))
+    assert np.array_equal(canvas.pixels, draw(third, image_size))
+
+
+@pytest.mark.parametrize(
+    "pixels", [np.zeros((100, 380, 3), np.uint8), np.zeros((50, 190, 3), np.int16), np.zeros((50, 190), np.uint8)]
+)
+def test_canvas__another_buffer_is_refused_with_the_shape(pixels: Any):
+    with pytest.raises(ValueError, match=r"pixels must be a uint8 array of shape \(50, 190, 3\), not "):
+        Canvas("half", pixels)
+
+
+def test_canvas__a_buffer_with_gaps_is_refused():
+    with pytest.raises(ValueError, match="pixels must be a contiguous array"):
+        Canvas("half", np.zeros((50, 380, 3), np.uint8)[:, ::2])
+
+
+# For people
+
+
+def test_text__draws_the_boxes_with_characters():
+    shown = scene([square(0, 0, colour=B)], [circle(40, 70, LARGE, Y)], [triangle(80, 80, colour=K)])
+    assert text(shown, ["A line."], coloured=False).splitlines() == [
+        "+--------------------+  +--------------------+  +--------------------+",
+        "|bbbb                |  |                    |  |                    |",
+        "|bbbb                |  |                    |  |                    |",
+        "|                    |  |                    |  |                    |",
+        "|                    |  |                    |  |                    |",
+        "|                    |  |                    |  |                    |",
+        "|                    |  |                    |  |                    |",
+        "|                    |  |                    |  |                    |",
+        "|                    |  |         yyyy       |  |                    |",
+        "|                    |  |        yyyyyy      |  |                 kk |",
+        "|                    |  |         yyyy       |  |                kkkk|",
+        "+--------------------+  +--------------------+  +--------------------+",
+        "A line.",
+    ]
+
+
+def test_text__in_colours_tells_shapes_and_colours_apart():
+    marks = [text(scene([Item(0, 0, shape, colour, LARGE)]), [], coloured=True) for shape in Shape for colour in Colour]
+    assert len(set(marks)) == 9
+    assert "\x1b[1;34m#\x1b[0m" in text(scene([square(0, 0, colour=B)]), [])
+
+
+@given(LOOSE_SCENES)
+def test_text__any_scene_fits_the_frame(shown: Scene):
+    lines = text(shown, [], coloured=False).splitlines()
+    assert [len(line) for line in lines] == [70] * 12
