@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
+from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.records import SPLITS
@@ -126,11 +126,13 @@ def _lengths(built: Mapping[str, Sequence[Built]]) -> str:
 
 def _phenomena(built: Mapping[str, Sequence[Built]]) -> str:
     counts = {
-        appearance: Counter(found for entry in entries for found in phenomena(entry.program))
+        appearance: Counter(
+            found for entry in entries for found in (*phenomena(entry.program), *syntactic_phenomena(entry.statement))
+        )
         for appearance, entries in built.items()
     }
     head = ["statements that show", *(appearance.capitalize() for appearance in built)]
-    return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in built)] for phenomenon in Phenomenon))
+    return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in built)] for phenomenon in PHENOMENA))
 
 
 def _makings(built: Mapping[str, Sequence[Built]]) -> str:

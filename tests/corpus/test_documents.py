@@ -1,0 +1,118 @@
+"""What the documents tell of the corpora in figures is what the commands and scripts count now."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from lilgym_mp.analysis.charts import write_charts
+from lilgym_mp.analysis.phenomena import PHENOMENA, SyntacticPhenomenon, syntactic_phenomena
+from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.cli import main
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.scene import Scene
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+BUILTIN = DOCS / "corpus.md"
+OFFICIAL = DOCS / "official_data.md"
+
+
+@pytest.fixture(scope="module")
+def report() -> Iterator[ModuleType]:
+    spec = importlib.util.spec_from_file_location("builtin_report", ROOT / "scripts" / "builtin_report.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+@pytest.fixture(scope="module")
+def built(report: ModuleType) -> dict[str, list[Any]]:
+    """The builtin corpus as its report takes it, by appearance; steps as far as no solver is needed."""
+    return {appearance: list(_built(report, appearance)) for appearance in APPEARANCES}
+
+
+def _built(report: ModuleType, appearance: str) -> Iterator[Any]:
+    for split in SPLITS:
+        tasks = load_tasks("builtin", appearance, "scratch", split)
+        starts: dict[str, list[Any]] = {}
+        for start in load_tasks("builtin", appearance, "flipit", split):
+            starts.setdefault(start.statement, []).append(start)
+        for task in tasks:
+            tags = tasks.tags(task.id)
+            (level,) = [tag.removeprefix("level ") for tag in tags if tag == "hand-written" or tag.startswith("level ")]
+            yield report.Built(
+                split,
+                task.statement,
+                task.program,
+                level=0 if level == "hand-written" else int(level),
+                steps=1 if task.truth(Scene.empty()) else 2,
+                steps_proven=True,
+                starts=tuple(starts[task.statement]),
+                start_steps=(),
+                starts_proven=0,
+                mistyped="mistyped" in tags,
+            )
+
+
+@pytest.mark.parametrize("table", ["_sizes", "_overlaps", "_phenomena", "_makings"])
+def test_corpus_page__tells_what_is_in_the_builtin_corpus(
+    table: str, report: ModuleType, built: Mapping[str, Sequence[Any]]
+):
+    assert getattr(report, table)(built) in BUILTIN.read_text(encoding="utf-8"), "run scripts/build_builtin_corpus.py"
+
+
+@pytest.fixture(scope="module")
+def official(official_data: Path) -> CorpusStatistics:
+    return corpus_statistics("lilgym")
+
+
+def test_official_page__shows_what_the_command_counts(
+    official: CorpusStatistics, official_data: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["data", "stats", "lilgym"]) == 0
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)
+    shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
+    assert len(shown) > 10
+    assert [line for line in shown if line not in printed] == []
+
+
+def test_official_page__shares_of_syntax_are_the_rules(official_data: Path):
+    text = OFFICIAL.read_text(encoding="utf-8")
+    for appearance in APPEARANCES:
+        for start in ("scratch", "flipit"):
+            for split in ("train", "dev"):
+                tasks = load_tasks("lilgym", appearance, start, split)
+                counts = Counter(found for task in tasks for found in syntactic_phenomena(task.statement))
+                name = f"{appearance.capitalize()}{'Scratch' if start == 'scratch' else 'FlipIt'} {split}"
+                (row,) = [line.split("|") for line in text.splitlines() if line.startswith(f"| {name} |")]
+                total = len(tasks)
+                coordination, preposition = (counts[one] for one in SyntacticPhenomenon)
+                assert row[2].strip() == f"{100 * coordination / total:.1f} ({coordination} of {total:,})"
+                assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
+
+
+def test_official_chart__is_the_one_that_the_command_draws(official: CorpusStatistics, tmp_path: Path):
+    def texts(path: Path) -> list[str | None]:
+        return [element.text for element in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")]
+
+    drawn = next(path for path in write_charts(official, tmp_path) if path.stem == "phenomena")
+    kept = texts(DOCS / "pictures" / "official_phenomena.svg")
+    assert set(PHENOMENA) <= set(kept)
+    assert Counter(kept) == Counter(texts(drawn)), "run `lilgym-mp data stats lilgym --charts DIR`"
