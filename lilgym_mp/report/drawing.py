@@ -16,6 +16,7 @@ COLOURS = ("#1f4e9c", "#d9822b", "#2a8f6d", "#8e4fa8", "#c0392b", "#5b6770", "#b
 INK, FAINT = "#1d2733", "#8793a1"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
+LEGEND_ROW_HEIGHT = 18
 MOST_LABELLED = 24  # bars in a panel that still have their value beside them
 FRAMES_A_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
@@ -70,6 +71,8 @@ def _draw_bars(axes: Any, panel: Panel, colours: Mapping[str, str], unit: str, t
     axes.margins(y=0.12)
     if top is not None:
         axes.set_ylim(0, top)
+    elif all(_mean(value) >= 0 for values in panel.values.values() for value in values):
+        axes.set_ylim(bottom=0)
 
 
 def _label(axes: Any, x: float, value: Spread | float) -> None:
@@ -114,9 +117,9 @@ def _legend(figure: Any, axes: Any, names: Sequence[str], colours: Mapping[str, 
         figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), frameon=False, fontsize=8)
 
 
-def _columns(names: Sequence[str]) -> int:
-    """Columns of a legend: as many of its longest name as the width holds."""
-    return max(1, min(4, (WIDTH - 40) // (6 * max(map(len, names)) + 40)))
+def _columns(names: Sequence[str], width: int = WIDTH) -> int:
+    """Columns of a legend: as many of its longest name as the width in pixels holds."""
+    return max(1, min(4, (width - 40) // (6 * max(map(len, names)) + 40)))
 
 
 class Line(NamedTuple):
@@ -132,9 +135,11 @@ def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: b
     """A panel for each title, name of x, name of y and lines; `diagonal`: from 0 to 1 on both axes, with y = x."""
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
-    figure: Any = new_figure(WIDTH if columns > 1 else WIDTH // 2, PANEL_HEIGHT * rows + 40)
-    grid: Any = figure.subplots(rows, columns, squeeze=False)
+    width = WIDTH if columns > 1 else WIDTH // 2
     names = list(dict.fromkeys(line.name for _, _, _, found in panels for line in found))
+    legend_rows = -(-len(names) // _columns(names, width)) if len(names) > 1 else 0
+    figure: Any = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
+    grid: Any = figure.subplots(rows, columns, squeeze=False)
     colours = colour_of(names)
     for index, axes in enumerate(grid.flat):
         if index >= len(panels):
@@ -153,7 +158,8 @@ def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: b
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
     if len(names) > 1:
         handles = [grid.flat[0].plot([], [], color=colours[name])[0] for name in names]
-        figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), frameon=False, fontsize=8)
+        columns_shown = _columns(names, width)
+        figure.legend(handles, names, loc="outside upper left", ncols=columns_shown, frameon=False, fontsize=8)
     return figure
 
 
@@ -163,7 +169,8 @@ def maps(panels: Sequence[Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> F
     grid: Any = figure.subplots(len(panels), max(map(len, panels)), squeeze=False)
     for row, found in zip(grid, panels, strict=True):
         for axes, (title, values) in zip(row, found, strict=True):
-            shown = axes.imshow(values, cmap="Blues", vmin=0, aspect="equal")
+            most = max(map(max, values)) or 1.0  # a scale without any width would be drawn in its middle colour
+            shown = axes.imshow(values, cmap="Blues", vmin=0, vmax=most, aspect="equal")
             axes.set_title(title, loc="left", fontsize=8, color=INK)
             axes.set_xticks([])
             axes.set_yticks([])

@@ -56,7 +56,7 @@ def recorded_by(found: Gathered) -> Item:
         return Lacking("Basis", title, "nothing was kept beside the recordings; `lilgym-mp evaluate --record` keeps it")
     rows: list[list[Cell]] = []
     for command in dict.fromkeys(made.command for made in found.circumstances):
-        made = [one for one in found.circumstances if one.command == command]
+        made = sorted((one for one in found.circumstances if one.command == command), key=lambda one: one.date)
         dates, commits, machines = (
             ", ".join(dict.fromkeys(str(getattr(one, name) or NOTHING) for one in made))
             for name in ("date", "commit", "machine")

@@ -1,0 +1,66 @@
+"""A real browser for tests: headless Chromium, driven by Playwright, with a record of what its pages ask for."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
+START_MS = 120_000  # a loaded machine takes long to start it
+LOCAL = ("file", "data", "blob", "about")
+
+
+@dataclass
+class Watched:
+    """A page, what it asked the network for, and what went wrong in it."""
+
+    page: Any  # playwright.sync_api.Page
+    requests: list[str] = field(default_factory=list)  # URLs that are neither files nor part of the page
+    faults: list[str] = field(default_factory=list)  # console errors and warnings, uncaught exceptions, failed requests
+
+    def __post_init__(self) -> None:
+        self.page.on("request", lambda asked: self._asked(asked.url))
+        self.page.on("requestfailed", lambda asked: self.faults.append(f"failed: {asked.url}"))
+        self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
+        self.page.on("console", self._told)
+
+    def _asked(self, url: str) -> None:
+        if urlsplit(url).scheme not in LOCAL:
+            self.requests.append(url)
+
+    def _told(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.faults.append(f"{message.type}: {message.text}")
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A Playwright browser; skips, naming what is missing, without Chromium or Playwright."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs the extra browser")
+    program = next(filter(None, map(shutil.which, NAMES)), None)
+    if program is None:
+        pytest.skip(f"no browser here: none of {', '.join(NAMES)} is on the PATH")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS), timeout=START_MS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def watched_page(browser: Any, width: int = 1280, height: int = 900, *, dark: bool = False) -> Iterator[Watched]:
+    """A page of the browser in a window of that many pixels."""
+    scheme = "dark" if dark else "light"
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    try:
+        yield Watched(context.new_page())
+    finally:
+        context.close()
