@@ -23,7 +23,7 @@ from lilgym_mp_command import INTERRUPTED
 # In the order of --help; each is a module of this package.
 COMMANDS = (
     *("demo", "play", "play-game", "train", "evaluate", "report", "experiment"),
-    *("explain", "solve", "demos", "data", "program", "llm", "bench"),
+    *("explain", "solve", "demos", "data", "program", "llm", "bench", "serve"),
 )
 
 PROGRAM = "lilgym-mp"

@@ -1,0 +1,142 @@
+"""`lilgym-mp serve`: play, watch, sit in a seat, annotate and explore in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import ipaddress
+import socket
+import sys
+import threading
+import webbrowser
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import RUNS
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+PORT, DATABASE = 8000, "lilgym-web.sqlite3"
+WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "alembic", "pydantic", "anyio")
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "serve",
+        help="play, watch agents, sit in a seat, annotate and explore in the browser",
+        description="Serves pages to play tasks, watch recorded agents, take a seat beside one, annotate statements "
+        "with programs and explore a corpus. Everything stays on this machine; Ctrl-C ends it.",
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to listen at (default: %(default)s); beyond loopback nobody gets in without a token",
+    )
+    parser.add_argument("--port", type=int, default=PORT, help="default: %(default)s; 0: any that is free")
+    parser.add_argument(
+        "--corpus", default="builtin", help='"builtin" (default), "lilgym" (the official one), or a path'
+    )
+    parser.add_argument(
+        "--database",
+        default=DATABASE,
+        metavar="FILE_OR_URL",
+        help="an SQLite file, or the URL of a PostgreSQL database (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        metavar="DIR",
+        help=f"directory with training runs and recorded episodes (default: {RUNS}, where there is one)",
+    )
+    parser.add_argument("--open", action="store_true", help="open the page in this machine's browser")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        from lilgym_mp.web import ServeOptions, create_app
+        from lilgym_mp.web.options import LOOPBACK_HOSTS, database_url
+    except ModuleNotFoundError as fault:
+        if fault.name not in WEB_PACKAGES:
+            raise
+        raise CommandError(f'needs {fault.name}: pip install "lilgym-mp[web]"') from None
+    if args.runs is not None and not args.runs.is_dir():
+        raise CommandError(f"--runs {args.runs}: there is no such directory")
+    runs = args.runs or (RUNS if RUNS.is_dir() else None)
+    listening = _listening(args.host, args.port)
+    with listening:
+        is_local = _is_loopback(listening.getsockname()[0])
+        options = ServeOptions(
+            corpus=args.corpus,
+            database=database_url(args.database),
+            runs=runs,
+            requires_tokens=not is_local,
+            hosts=(*LOOPBACK_HOSTS, args.host) if is_local else None,
+        )
+        app = create_app(options)
+        _serve(app, listening, url=_url(args.host, listening.getsockname()[1]), opens=args.open, is_local=is_local)
+    return 0
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    """A socket that listens. Raises CommandError saying why there can be none."""
+    if not 0 <= port < 65536:
+        raise CommandError(f"--port must be in 0 .. 65535, not {port}")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except socket.gaierror as fault:
+        raise CommandError(f"--host {host}: {fault.strerror}") from None
+    listening = socket.socket(family, kind, protocol)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind(address)
+        listening.listen(2048)
+    except OSError as fault:
+        listening.close()
+        if fault.errno == errno.EADDRINUSE:
+            raise CommandError(f"port {port} is taken; choose another with --port, or 0 for any") from None
+        raise CommandError(f"cannot listen at {host}, port {port}: {fault.strerror}") from None
+    return listening
+
+
+def _is_loopback(address: str) -> bool:
+    return ipaddress.ip_address(address).is_loopback
+
+
+def _url(host: str, port: int) -> str:
+    name = host if host not in ("0.0.0.0", "::") else socket.gethostname()
+    return f"http://{f'[{name}]' if ':' in name else name}:{port}"
+
+
+def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_local: bool) -> None:
+    """Serves until Ctrl-C or SIGTERM."""
+    import uvicorn
+
+    from lilgym_mp.web.visitors import ORGANISER, give_token
+
+    with app.state.services.database.writing() as session:
+        token = give_token(session, ORGANISER, ORGANISER)
+    organiser_url = f"{url}/login?token={token}"
+    lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C ends it")
+
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            print(*lines, sep="\n", flush=True)
+            if opens:
+                threading.Thread(target=webbrowser.open, args=[url if is_local else organiser_url]).start()
+
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=3,
+        timeout_keep_alive=30,
+    )
+    with suppress(KeyboardInterrupt):  # which uvicorn raises again once all connections are closed
+        Server(config).run(sockets=[listening])
+    print("stopped", file=sys.stderr)

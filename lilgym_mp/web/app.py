@@ -1,0 +1,59 @@
+"""The application: database, middleware, pages and JSON put together."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from starlette.staticfiles import StaticFiles
+
+from lilgym_mp import __version__
+from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
+from lilgym_mp.web.options import ServeOptions
+from lilgym_mp.web.routes import ROUTERS
+from lilgym_mp.web.security import BodyLimit, Callers, KnownHosts, SecurityHeaders
+from lilgym_mp.web.services import Services
+from lilgym_mp.web.store import open_database
+from lilgym_mp.web.store.database import COOKIE_KEY
+from lilgym_mp.web.visitors import Signer
+
+ASSETS = Path(__file__).parent / "assets"
+
+
+def create_app(options: ServeOptions) -> FastAPI:
+    """The ASGI application.
+
+    Raises DatabaseError for an unusable database, CorpusError for an unusable corpus.
+    """
+    database = open_database(options.database)
+    services = Services(options, database)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
+        yield
+        services.close()
+
+    app = FastAPI(
+        title="lilgym-mp",
+        version=__version__,
+        description="What the pages of `lilgym-mp serve` ask for. State-changing requests need the header "
+        "X-CSRF-Token, whose value GET /api/session gives.",
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        responses=ERROR_RESPONSES,
+    )
+    app.state.services = services
+    for router in ROUTERS:
+        app.include_router(router)
+    app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
+    add_error_handlers(app)
+    signer = Signer(database.secret(COOKIE_KEY))
+    rate, requires_tokens = options.requests_per_second, options.requires_tokens
+    app.add_middleware(Callers, database, signer, rate, requires_tokens=requires_tokens)
+    app.add_middleware(BodyLimit)
+    app.add_middleware(KnownHosts, options.hosts)
+    app.add_middleware(SecurityHeaders)
+    return app

@@ -1,0 +1,48 @@
+"""The corpus that the server was started with: which configurations and splits it has, and their tasks."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.solver import Solver
+
+
+class Catalogue:
+    """Task sets by configuration and split, each read when it is first asked for."""
+
+    def __init__(self, corpus: str) -> None:
+        """Raises CorpusError where there is no such corpus or it has no tasks."""
+        self.corpus = corpus
+        next(load_all_tasks(corpus))
+        self._solver = cache(self._make_solver)
+
+    def tasks(self, configuration: str, split: str) -> TaskSet:
+        """Raises ValueError for unknown names, NoTasksError where the corpus has none, CorpusError for bad data."""
+        settings = Settings(configuration, self.corpus)
+        return load_tasks(self.corpus, settings.appearance, settings.start, split)
+
+    def sizes(self) -> dict[str, dict[str, int]]:
+        """The number of tasks by configuration and split, without those that have none."""
+        found: dict[str, dict[str, int]] = {}
+        for configuration, split in product(CONFIGURATIONS, SPLITS):
+            try:
+                found.setdefault(configuration, {})[split] = len(self.tasks(configuration, split))
+            except NoTasksError:
+                continue
+        return {configuration: splits for configuration, splits in found.items() if splits}
+
+    def dynamics(self, configuration: str, rules: str = "paper") -> Dynamics:
+        """The MDP of a configuration. Raises ValueError for unknown names."""
+        return self.solver(configuration, rules).dynamics
+
+    def solver(self, configuration: str, rules: str = "paper") -> Solver:
+        """The expert of a configuration. Raises ValueError for unknown names."""
+        return self._solver(configuration, rules)
+
+    def _make_solver(self, configuration: str, rules: str) -> Solver:
+        return Solver(Settings(configuration, self.corpus, rules).dynamics())

@@ -1,0 +1,5 @@
+"""One module a page: its HTML and the JSON that it asks for."""
+
+from lilgym_mp.web.routes import home
+
+ROUTERS = [home.router]

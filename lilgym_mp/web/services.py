@@ -1,0 +1,31 @@
+"""What routes share: the options, the database, and what is expensive to make."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from lilgym_mp.web.catalogue import Catalogue
+from lilgym_mp.web.options import ServeOptions
+from lilgym_mp.web.store import Database
+
+
+class Services:
+    """Everything that lives as long as the server."""
+
+    def __init__(self, options: ServeOptions, database: Database) -> None:
+        """Raises CorpusError where the corpus cannot be used."""
+        self.options = options
+        self.database = database
+        self.catalogue = Catalogue(options.corpus)
+
+    def close(self) -> None:
+        self.database.close()
+
+
+def services(request: Request) -> Services:
+    return request.app.state.services
+
+
+ServicesOf = Annotated[Services, Depends(services)]

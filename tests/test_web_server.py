@@ -1,0 +1,232 @@
+"""The server itself: headers, limits, CSRF, tokens, errors, databases, the command."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.web import ServeOptions
+from lilgym_mp.web.store import DatabaseError, open_database
+from tests.web_app import Browser, server
+
+STARTED = "organiser's link"
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[Any]:
+    with server(tmp_path) as made:
+        yield made
+
+
+def test_pages__have_a_strict_policy_and_a_cookie_that_scripts_cannot_read(app: Any):
+    answer = Browser(app).get("/")
+    assert answer.status_code == 200
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Lax" in cookie
+
+
+def test_pages__load_nothing_from_elsewhere(app: Any):
+    browser = Browser(app)
+    for entry in ("/", "/assets/style.css", "/assets/common.js", "/nowhere"):
+        text = browser.get(entry).text.replace("http://www.w3.org/2000/svg", "")
+        assert "http://" not in text
+        assert "https://" not in text
+
+
+def test_errors__are_json_under_api_and_pages_elsewhere(app: Any):
+    browser = Browser(app)
+    answer = browser.get("/api/nowhere")
+    assert answer.status_code == 404
+    assert answer.json()["status"] == 404
+    answer = browser.get("/nowhere")
+    assert answer.status_code == 404
+    assert "<h1>Not Found</h1>" in answer.text
+
+
+def test_csrf__a_request_without_the_token_or_from_elsewhere_is_refused(app: Any):
+    browser = Browser(app)
+    assert browser.client.post("/api/session/logout").status_code == 403
+    assert browser.post("/api/session/logout").status_code == 204
+    answer = browser.post("/api/session/logout", headers={"Origin": "http://elsewhere.example"})
+    assert answer.status_code == 403
+    assert Browser(app).client.post("/api/session/logout", headers={"X-CSRF-Token": "x"}).status_code == 403
+
+
+def test_csrf__the_token_of_another_browser_is_refused(app: Any):
+    other = Browser(app).get("/api/session").json()["csrf_token"]
+    browser = Browser(app)
+    browser.get("/")
+    assert browser.client.post("/api/session/logout", headers={"X-CSRF-Token": other}).status_code == 403
+
+
+def test_hosts__another_name_is_refused(app: Any):
+    answer = Browser(app).get("/", headers={"Host": "elsewhere.example"})
+    assert answer.status_code == 400
+    assert "elsewhere.example" in answer.text
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_size__a_large_body_is_refused_by_what_it_says_and_by_what_comes(app: Any, told: bool):
+    body = b"x" * 10_000_000
+    browser = Browser(app)
+    token = browser.get("/api/session").json()["csrf_token"]
+    content: Any = body if told else iter([body[:100_000]] * 100)
+    answer = browser.client.post("/api/session/logout", content=content, headers={"X-CSRF-Token": token})
+    assert answer.status_code in ((413,) if told else (204, 413))  # a body that nobody reads does no harm
+
+
+def test_rate__more_requests_than_allowed_are_refused(tmp_path: Path):
+    with server(tmp_path, requests_per_second=1.0) as app:
+        browser = Browser(app)
+        answers = [browser.get("/api/session").status_code for _ in range(14)]
+    assert answers[0] == 200
+    assert answers[-1] == 429
+
+
+def test_tokens__nobody_gets_in_without_one_where_they_are_required(tmp_path: Path):
+    with server(tmp_path, requires_tokens=True, hosts=None) as app:
+        browser = Browser(app)
+        assert browser.get("/").status_code == 401
+        assert browser.get("/api/session").status_code == 401
+        assert browser.get("/openapi.json").status_code == 401
+        assert browser.get("/assets/style.css").status_code == 200
+        assert browser.get("/login?token=guess").status_code == 401
+        browser.log_in("Ada")
+        assert browser.get("/").status_code == 200
+        assert browser.get("/api/session").json()["person"] == "Ada"
+        assert browser.post("/api/session/logout").status_code == 204
+        assert browser.get("/").status_code == 401
+
+
+def test_login__gives_a_new_cookie_and_an_older_token_ends(app: Any):
+    browser = Browser(app)
+    browser.get("/")
+    before = browser.client.cookies["lilgym_visitor"]
+    browser.log_in("Ada")
+    assert browser.client.cookies["lilgym_visitor"] != before
+
+
+def test_login__outlives_a_restart(tmp_path: Path):
+    with server(tmp_path) as app:
+        browser = Browser(app).log_in("Ada")
+        cookies = dict(browser.client.cookies)
+    with server(tmp_path) as app:
+        again = Browser(app)
+        again.client.cookies.update(cookies)
+        assert again.get("/api/session").json()["person"] == "Ada"
+
+
+def test_database__a_file_that_is_none_is_refused(tmp_path: Path):
+    (tmp_path / "notes.txt").write_text("no database " * 100)
+    with pytest.raises(DatabaseError, match="not a database"):
+        open_database(f"sqlite:///{tmp_path / 'notes.txt'}")
+
+
+def test_database__of_another_program_is_refused(tmp_path: Path):
+    with sqlite3.connect(tmp_path / "other.sqlite3") as other:
+        other.execute("CREATE TABLE recipes (id INTEGER)")
+    other.close()
+    with pytest.raises(DatabaseError, match="another program"):
+        open_database(f"sqlite:///{tmp_path / 'other.sqlite3'}")
+
+
+def test_database__of_a_newer_version_is_refused(tmp_path: Path):
+    url = f"sqlite:///{tmp_path / 'web.sqlite3'}"
+    open_database(url).close()
+    with sqlite3.connect(tmp_path / "web.sqlite3") as newer:
+        newer.execute("UPDATE alembic_version SET version_num = '9999'")
+    newer.close()
+    with pytest.raises(DatabaseError, match=r"newer version .*pip install --upgrade"):
+        open_database(url)
+
+
+@pytest.mark.parametrize(
+    ("url", "reason"),
+    [("sqlite://", "in memory"), ("mysql://host/name", "SQLite's or PostgreSQL's"), ("://", "not an URL")],
+)
+def test_database__urls_that_will_not_do_are_refused(url: str, reason: str):
+    with pytest.raises(DatabaseError, match=reason):
+        open_database(url)
+
+
+def _serve(*words: str, directory: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "lilgym_mp", "serve", *words]
+    return subprocess.Popen(command, cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_command__serves_and_ends_cleanly_at_an_interrupt(tmp_path: Path):
+    running = _serve("--port", "0", directory=tmp_path)
+    assert running.stdout is not None
+    lines = [running.stdout.readline() for _ in range(3)]
+    assert lines[0].startswith("serving at        http://127.0.0.1:")
+    assert STARTED in lines[1]
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=30)
+    assert running.returncode == 0
+    assert errors == "stopped\n"
+
+
+def test_command__a_port_that_is_taken_is_told_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert main(["serve", "--port", str(port), "--database", str(tmp_path / "a")]) == USAGE_ERROR
+    assert capsys.readouterr().err == (
+        f"lilgym-mp serve: port {port} is taken; choose another with --port, or 0 for any\n"
+    )
+
+
+def test_command__an_unwritable_database_is_told_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    place = tmp_path / "nowhere" / "web.sqlite3"
+    assert main(["serve", "--port", "0", "--database", str(place)]) == USAGE_ERROR
+    told = capsys.readouterr().err
+    assert str(place) in told
+    assert "unable to open" in told
+    assert told.count("\n") == 1
+
+
+def test_command__a_locked_database_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("lilgym_mp.web.store.database.LOCK_SECONDS", 0.1)
+    place = tmp_path / "web.sqlite3"
+    open_database(f"sqlite:///{place}").close()
+    holder = sqlite3.connect(place, isolation_level=None)
+    holder.execute("BEGIN EXCLUSIVE")
+    assert main(["serve", "--port", "0", "--database", str(place)]) == USAGE_ERROR
+    holder.close()
+    told = capsys.readouterr().err
+    assert "locked by another program" in told
+    assert told.count("\n") == 1
+
+
+def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    for name in [name for name in sys.modules if name.startswith("lilgym_mp.web")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "fastapi", None)
+    assert main(["serve", "--port", "0"]) == USAGE_ERROR
+    assert capsys.readouterr().err == 'lilgym-mp serve: needs fastapi: pip install "lilgym-mp[web]"\n'
+
+
+def test_command__a_missing_directory_of_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["serve", "--port", "0", "--runs", str(tmp_path / "none")]) == USAGE_ERROR
+    assert "there is no such directory" in capsys.readouterr().err
+
+
+def test_options__loopback_needs_no_tokens():
+    assert not ServeOptions().requires_tokens
