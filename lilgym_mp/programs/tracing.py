@@ -27,12 +27,16 @@ BOX_TITLES = ("left", "middle", "right")
 SIZE_NAMES = {"BIG": "large"}  # by the name in programs, where it is another than elsewhere
 
 
+ItemPlace = tuple[int, int]  # box, and position among the box's items
+
+
 class Part(NamedTuple):
     """A part of a program, and its value in words."""
 
     depth: int  # parts within which it lies
     source: str
     value: str
+    items: tuple[ItemPlace, ...] = ()  # those that the value is or holds, in scene order
 
 
 def trace(source: str, scene: Scene) -> list[Part]:
@@ -44,7 +48,7 @@ def trace(source: str, scene: Scene) -> list[Part]:
 def _parts(node: Node, scene: Scene, depth: int) -> Iterator[Part]:
     if isinstance(node, Constant | SceneName | WordName | Lambda) or _free(node):
         return
-    yield Part(depth, source_of(node), _value(node, scene))
+    yield Part(depth, source_of(node), *_value(node, scene))
     if isinstance(node, Call):
         yield from _conditions(node, scene, depth + 1)
     for child in children(node):
@@ -56,18 +60,18 @@ def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[Part]:
     elements, *others = call.arguments
     for other in others:
         if elements is not None and isinstance(other, Lambda) and not _free(other) and not _free(elements):
-            yield Part(depth, source_of(other), _satisfying(elements, other, scene))
+            yield Part(depth, source_of(other), *_satisfying(elements, other, scene))
 
 
-def _satisfying(elements: Node, condition: Lambda, scene: Scene) -> str:
+def _satisfying(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemPlace, ...]]:
     run = Run(scene)
     try:
         collection = reference_form(elements)(run, {})
         body = reference_form(condition.body)
         held = [element for element in collection if _holds(body(run, {condition.parameter: element}))]
-        return f"satisfied by {_told(held) if held else 'none'} of {len(collection)}"
+        return f"satisfied by {_told(held) if held else 'none'} of {len(collection)}", _places(held)
     except (ProgramRuntimeError, TypeError) as fault:
-        return f"no value: {fault}"
+        return f"no value: {fault}", ()
 
 
 def _holds(value: Any) -> bool:
@@ -75,11 +79,24 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: Node, scene: Scene) -> str:
+def _value(node: Node, scene: Scene) -> tuple[str, tuple[ItemPlace, ...]]:
     try:
-        return _told(reference_form(node)(Run(scene), {}))
+        value = reference_form(node)(Run(scene), {})
     except ProgramRuntimeError as fault:
-        return f"no value: {fault}"
+        return f"no value: {fault}", ()
+    return _told(value), _places(value)
+
+
+def _places(value: Any) -> tuple[ItemPlace, ...]:
+    """The places of the items that a value is or holds, at any level."""
+    match value:
+        case ItemView():
+            return ((value.box.index, value.index),)
+        case list() | tuple() | set() | frozenset() | BoxView():
+            parts = map(_places, cast("Iterable[Any]", value))
+            return tuple(sorted({place for part in parts for place in part}))
+        case _:
+            return ()
 
 
 def _free(node: Node, bound: frozenset[str] = frozenset()) -> bool:

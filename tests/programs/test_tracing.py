@@ -12,12 +12,12 @@ SHOWN = scene([circle(0, 0, SMALL, K), square(40, 80, colour=B)], [], tower(B))
 
 
 def values(source: str) -> dict[str, str]:
-    return {part: value for _, part, value in trace(source, SHOWN)}
+    return {part.source: part.value for part in trace(source, SHOWN)}
 
 
 def test_trace__begins_with_the_whole_and_its_truth():
     source = "exist(filter_obj(all_items, lambda x: is_black(x)))"
-    depth, part, value = trace(source, SHOWN)[0]
+    depth, part, value, _ = trace(source, SHOWN)[0]
     assert (depth, part, value) == (0, source, str(compile_program(source)(SHOWN)))
 
 
@@ -46,3 +46,10 @@ def test_trace__a_part_without_a_value_says_why():
 def test_trace__of_what_is_no_program_is_refused():
     with pytest.raises(ProgramError):
         trace("exists(all_items)", SHOWN)
+
+
+def test_trace__says_where_the_items_of_a_value_are():
+    places = {part.source: part.items for part in trace("exist(filter_obj(all_items, lambda x: is_blue(x)))", SHOWN)}
+    assert places["filter_obj(all_items, lambda x: is_blue(x))"] == ((0, 1), (2, 0))
+    assert places["lambda x: is_blue(x)"] == ((0, 1), (2, 0))
+    assert places["exist(filter_obj(all_items, lambda x: is_blue(x)))"] == ()

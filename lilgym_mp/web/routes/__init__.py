@@ -1,5 +1,5 @@
 """One module a page: its HTML and the JSON that it asks for."""
 
-from lilgym_mp.web.routes import home
+from lilgym_mp.web.routes import home, play
 
-ROUTERS = [home.router]
+ROUTERS = [home.router, play.router]

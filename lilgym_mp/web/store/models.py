@@ -74,6 +74,7 @@ class PlayedEpisode(Table):
     configuration: Mapped[str] = mapped_column(String(40))
     split: Mapped[str] = mapped_column(String(10))
     rules: Mapped[str] = mapped_column(String(20))
+    strict: Mapped[bool] = mapped_column(default=False)  # whether an illegal action ends it
     task_id: Mapped[str] = mapped_column(String(200))
     actions: Mapped[list[int]] = mapped_column(JSON, default=list)  # as the appearance numbers them
     reward: Mapped[float] = mapped_column(Float, default=0.0)

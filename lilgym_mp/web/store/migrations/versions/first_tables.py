@@ -36,6 +36,7 @@ def upgrade() -> None:
         sa.Column("configuration", sa.String(40), nullable=False),
         sa.Column("split", sa.String(10), nullable=False),
         sa.Column("rules", sa.String(20), nullable=False),
+        sa.Column("strict", sa.Boolean, nullable=False),
         sa.Column("task_id", sa.String(200), nullable=False),
         sa.Column("actions", sa.JSON, nullable=False),
         sa.Column("reward", sa.Float, nullable=False),

@@ -1,0 +1,57 @@
+"use strict";
+// A scene: the package's picture, with marks on its items.
+
+const IMAGE_WIDTH = 380;
+const IMAGE_HEIGHT = 100;
+
+/** Puts an element where native pixels (x, y, width, height) of the picture are. */
+function place(made, x, y, width, height) {
+  made.style.left = `${(100 * x) / IMAGE_WIDTH}%`;
+  made.style.top = `${(100 * y) / IMAGE_HEIGHT}%`;
+  made.style.width = `${(100 * width) / IMAGE_WIDTH}%`;
+  made.style.height = `${(100 * height) / IMAGE_HEIGHT}%`;
+  return made;
+}
+
+/** A picture of a scene: `show` changes the scene, `mark` outlines items given as [box, index]. */
+class SceneView {
+  constructor(label = "Scene") {
+    this.label = label;
+    this.image = element("img", { class: "picture", alt: "", width: 760, height: 200 });
+    this.marks = element("div", { class: "marks", "aria-hidden": "true" });
+    this.root = element("div", { class: "scene" }, this.image, this.marks);
+  }
+
+  show(scene) {
+    this.scene = scene;
+    this.image.src = scene.picture;
+    this.image.alt = `${this.label}. ${scene.description}`;
+    this.mark([]);
+    return this;
+  }
+
+  mark(items) {
+    const wanted = new Set(items.map(([box, index]) => `${box},${index}`));
+    const found = this.scene.items.filter((item) => wanted.has(`${item.box},${item.index}`));
+    this.marks.replaceChildren(
+      ...found.map((item) => place(element("div", { class: "mark" }), item.x, item.y, item.side, item.side)),
+    );
+  }
+}
+
+/** The parts of a program as a list; looking at one marks its items in the view. */
+function partsList(parts, view) {
+  const list = element("ul", { class: "parts" });
+  for (const part of parts) {
+    const marks = () => view.mark(part.items);
+    const content = [element("code", {}, part.source), element("span", { class: "value" }, part.value)];
+    const line = element("li", { class: `depth-${Math.min(part.depth, 8)}` });
+    if (part.items.length) {
+      line.append(element("button", { type: "button", class: "part", mouseenter: marks, focus: marks, click: marks }, ...content));
+    } else {
+      line.append(element("span", { class: "part" }, ...content));
+    }
+    list.append(line);
+  }
+  return list;
+}

@@ -1,0 +1,19 @@
+"""Kinds of fields in requests, bounded so that whatever passes can be stored."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, StringConstraints
+
+
+def storable(text: str) -> str:
+    """The text, when every database can keep it. Raises ValueError for null characters and halves of characters."""
+    if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
+        raise ValueError("has a character that cannot be stored")
+    return text
+
+
+Name = Annotated[str, StringConstraints(max_length=200), AfterValidator(storable)]
+ShortText = Annotated[str, StringConstraints(max_length=2_000), AfterValidator(storable)]
+RandomId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]

@@ -1,0 +1,190 @@
+"""/play: episodes by the package's rules, explained at their end."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.solver import Solver
+from lilgym_mp.web.pictures import png
+from tests.web_app import Browser, server
+
+EPISODES = "/api/play/episodes"
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[Any]:
+    with server(tmp_path) as made:
+        yield made
+
+
+@pytest.fixture
+def browser(app: Any) -> Browser:
+    return Browser(app)
+
+
+def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
+    answer = browser.post(EPISODES, {"configuration": "ScatterFlipIt", **chosen})
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+def act(browser: Browser, episode: dict[str, Any], action: str, steps: int | None = None) -> Any:
+    steps = episode["steps"] if steps is None else steps
+    return browser.post(f"{EPISODES}/{episode['id']}/actions", {"action": action, "steps": steps})
+
+
+@pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
+def test_play__the_experts_solution_succeeds_with_the_reward_of_the_environment(browser: Browser, configuration: str):
+    episode = begin(browser, configuration=configuration)
+    env = Settings(configuration).make("dev")
+    env.reset(options={"task": episode["task_id"]})
+    solution = browser.post(f"{EPISODES}/{episode['id']}/solution").json()
+    reward, info = 0.0, {}
+    for step in solution["steps"]:
+        appearance = env.dynamics.appearance
+        assert episode["scene"]["picture"].endswith(base64.b64encode(png(env.scene)).decode())
+        answer = act(browser, episode, step["action"])
+        assert answer.status_code == 200, answer.text
+        episode = answer.json()
+        (index,) = [i for i in range(appearance.action_count) if _name(appearance, i) == step["action"]]
+        _, given, _, _, info = env.step(index)
+        reward += float(given)
+    assert episode["over"]
+    assert episode["outcome"] == info["outcome"] == "success"
+    assert episode["reward"] == pytest.approx(reward)
+
+
+def _name(appearance: Any, index: int) -> str:
+    from lilgym_mp.actions import describe
+
+    return describe(appearance.decode(index))
+
+
+def test_legal__is_the_exact_mask(browser: Browser):
+    episode = begin(browser)
+    names = set()
+    for shape in ("CIRCLE", "SQUARE", "TRIANGLE"):
+        for size in ("SMALL", "MEDIUM", "LARGE"):
+            for colour in ("BLACK", "BLUE", "YELLOW"):
+                query = {"shape": shape, "size": size, "colour": colour}
+                names |= set(browser.get(f"{EPISODES}/{episode['id']}/legal", params=query).json()["actions"])
+    env = Settings("ScatterFlipIt").make("dev")
+    env.reset(options={"task": episode["task_id"]})
+    mask = env.action_masks()
+    assert names == {_name(env.dynamics.appearance, index) for index in range(len(mask)) if mask[index]}
+
+
+def test_illegal__is_refused_with_its_reason_and_nothing_is_lost(browser: Browser):
+    episode = begin(browser)
+    answer = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)")
+    assert answer.status_code == 409
+    assert "not legal here: separator" in answer.json()["message"]
+    assert browser.get(f"{EPISODES}/{episode['id']}").json() == episode
+
+
+def test_illegal__ends_a_strict_episode_as_the_rules_say(browser: Browser):
+    episode = begin(browser, strict=True)
+    episode = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)").json()
+    assert (episode["outcome"], episode["reward"]) == ("invalid_action", -1.0)
+    told = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
+    assert told["invalid_reason"] == "separator"
+
+
+@pytest.mark.parametrize(
+    ("action", "status"),
+    [("JUMP", 422), ("ADD(LEFT, BLUE)", 422), ("ADD(99, 0, CIRCLE, BLUE, SMALL)", 422), ("", 422), ("x" * 300, 422)],
+)
+def test_action__that_is_none_is_refused(browser: Browser, action: str, status: int):
+    answer = act(browser, begin(browser), action)
+    assert answer.status_code == status
+    assert answer.json()["message"]
+
+
+def test_action__after_the_end_or_from_a_page_that_is_behind_is_refused(browser: Browser):
+    episode = begin(browser)
+    assert act(browser, episode, "STOP", steps=3).status_code == 409
+    ended = act(browser, episode, "STOP").json()
+    assert ended["outcome"] == "wrong_stop"
+    again = act(browser, ended, "STOP")
+    assert again.status_code == 409
+    assert "over" in again.json()["message"]
+
+
+def test_explanation__comes_at_the_end_only_and_marks_the_items_of_the_program(browser: Browser):
+    episode = begin(browser)
+    assert browser.get(f"{EPISODES}/{episode['id']}/explanation").status_code == 409
+    assert "program" not in str(episode)
+    act(browser, episode, "STOP")
+    told = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
+    (task,) = [task for task in load_tasks("builtin", "scatter", "flipit", "dev") if task.id == episode["task_id"]]
+    assert told["program"] == task.program
+    assert told["truth"] == task.truth(task.start) != told["target"]
+    assert told["parts"][0]["value"] == str(told["truth"])
+    places = {(item["box"], item["index"]) for item in episode["scene"]["items"]}
+    assert all(tuple(place) in places for part in told["parts"] for place in part["items"])
+
+
+def test_episode__of_another_browser_is_not_there(app: Any, browser: Browser):
+    episode = begin(browser)
+    other = Browser(app)
+    assert other.get(f"{EPISODES}/{episode['id']}").status_code == 404
+    assert act(other, episode, "STOP").status_code == 404
+    assert browser.get(f"{EPISODES}/{episode['id']}").json()["over"] is False
+
+
+def test_episode__goes_on_after_a_restart(tmp_path: Path):
+    with server(tmp_path) as app:
+        browser = Browser(app)
+        episode = begin(browser, configuration="TowerScratch")
+        episode = act(browser, episode, "ADD(LEFT, BLUE)").json()
+        cookies = dict(browser.client.cookies)
+    with server(tmp_path) as app:
+        again = Browser(app)
+        again.client.cookies.update(cookies)
+        assert again.get(f"{EPISODES}/{episode['id']}").json() == episode
+
+
+def test_tables__count_solved_tasks_but_not_those_looked_up(browser: Browser):
+    for looks_up in (True, False):
+        episode = begin(browser, configuration="TowerScratch")
+        task = load_tasks("builtin", "tower", "scratch", "dev").by_id(episode["task_id"])
+        if looks_up:
+            browser.post(f"{EPISODES}/{episode['id']}/solution")
+        for action in Solver(Settings("TowerScratch").dynamics()).solve(task).actions:
+            from lilgym_mp.actions import describe
+
+            episode = act(browser, episode, describe(action)).json()
+        assert episode["outcome"] == "success"
+    assert browser.send("PUT", "/api/play/nickname", {"nickname": "Ada L."}).status_code == 204
+    (line,) = browser.get("/api/play/best").json()
+    assert (line["player"], line["successes"], line["you"]) == ("Ada L.", 1, True)
+    (own,) = browser.get("/api/play/progress").json()["configurations"]
+    assert (own["episodes"], own["successes"]) == (1, 1)
+
+
+@pytest.mark.parametrize("nickname", ["<b>", "", "x" * 41, "a\nb"])
+def test_nickname__is_plain(browser: Browser, nickname: str):
+    assert browser.send("PUT", "/api/play/nickname", {"nickname": nickname}).status_code == 422
+
+
+def test_tasks__are_searched_and_unknown_ones_are_told(browser: Browser):
+    found = browser.get("/api/play/tasks", params={"configuration": "TowerScratch", "text": "BLUE"}).json()
+    assert found["total"] >= len(found["tasks"]) > 0
+    assert all("blue" in task["statement"].lower() for task in found["tasks"])
+    answer = browser.post(EPISODES, {"configuration": "TowerScratch", "task_id": "nowhere"})
+    assert answer.status_code == 404
+    assert "no task 'nowhere'" in answer.json()["message"]
+    assert browser.post(EPISODES, {"configuration": "Towers"}).status_code == 422
+
+
+def test_page__offers_every_configuration(browser: Browser):
+    text = browser.get("/play").text
+    for name in ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"):
+        assert f'value="{name}"' in text
