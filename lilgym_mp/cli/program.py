@@ -51,7 +51,7 @@ def run_in_scene(args: argparse.Namespace) -> int:
     except ProgramError:
         raise CommandError(explain_program(source)) from None
     print(text(task.start, [f'"{task.statement}"'], coloured=shows_colours()))
-    for depth, part, value in parts:
-        indent = "  " * depth
-        print(f"{indent}{part}\n{indent}  = {value}")
+    for part in parts:
+        indent = "  " * part.depth
+        print(f"{indent}{part.source}\n{indent}  = {part.value}")
     return 0

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from PIL import Image
 
-from lilgym_mp.frames import smooth_picture
+from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import Scene
 
 KEPT_PICTURES = 2_000
