@@ -115,6 +115,37 @@ def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatc
         write_minari("lilgym/own-v0", episodes, mdp("tower"), dataset.env_spec, "Ours.")
 
 
+def test_minari__is_small_says_how_small_and_can_be_added_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    minari: Any = pytest.importorskip("minari")
+    from minari.data_collector import EpisodeBuffer
+
+    from lilgym_mp.solver.minari_dataset import write_minari
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    tasks = load_tasks("builtin", "scatter", "scratch", "dev")[:20]
+    episodes = demonstrations(solve_tasks(tasks, mdp("scatter")), mdp("scatter"))
+    spec = gym.make("lilgym_mp/ScatterScratch-v0", split="dev").spec
+    assert spec is not None
+    write_minari("own-v0", episodes, mdp("scatter"), spec, "Ours.")
+    dataset = minari.load_dataset("own-v0")
+    (file,) = (tmp_path / "own-v0" / "data").glob("*.hdf5")
+    images = sum(episode.observations["image"].nbytes for episode in dataset.iterate_episodes())
+    assert file.stat().st_size < images / 8
+    stored = sum(part.stat().st_size for part in file.parent.iterdir())
+    assert dataset.storage.metadata["dataset_size"] == pytest.approx(stored / 1e6, abs=0.11)
+    first = dataset[0]
+    buffer = EpisodeBuffer(
+        observations={name: list(part) for name, part in first.observations.items()},
+        actions=first.actions,
+        rewards=first.rewards,
+        terminations=first.terminations,
+        truncations=first.truncations,
+        infos={name: list(part) for name, part in first.infos.items()},
+    )
+    dataset.update_dataset_from_buffer([buffer])
+    assert (minari.load_dataset("own-v0")[len(episodes)].observations["image"] == first.observations["image"]).all()
+
+
 def test_minari__leaves_nothing_when_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("minari")
     from lilgym_mp.solver.minari_dataset import write_minari
