@@ -69,6 +69,18 @@ def add_parser(subparsers: Any) -> None:
         "--record", type=Path, metavar="DIR", help="write every episode there, a file for each agent and configuration"
     )
     parser.add_argument(
+        "--record-decisions",
+        action="store_true",
+        help="with --record: also keep, for each step, the agent's action probabilities, its value and the legal "
+        "actions",
+    )
+    parser.add_argument(
+        "--judge-decisions",
+        action="store_true",
+        help="with --record-decisions: ask the expert in each step whether the action taken begins a shortest solution "
+        "(slow in Scatter)",
+    )
+    parser.add_argument(
         "--optimal", action="store_true", help="with --record: ask the expert how many actions each start needs"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there as JSON")
@@ -86,13 +98,20 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("--sampled is short for --actions sampled; leave one of them out")
     if args.optimal and args.record is None:
         raise CommandError("--optimal goes with --record DIR, where what the expert finds is kept")
+    if args.record_decisions and args.record is None:
+        raise CommandError("--record-decisions goes with --record DIR, where they are kept")
+    if args.judge_decisions and not args.record_decisions:
+        raise CommandError("--judge-decisions goes with --record-decisions, which it judges")
     if not args.agents and not args.policy:
         raise CommandError("name the directories of trained agents, or policies with --policy")
     if args.json is not None and writable_file(args.json).exists() and not args.force:
         raise OutputError(f"{args.json} exists; --force overwrites it")
     agents = [contestant for place in args.agents for contestant in agent_contestants(place, args)]
     policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
-    trials = [Trial(settings, args.split, args.seed, args.passes) for settings in _settings(args, agents)]
+    trials = [
+        Trial(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
+        for settings in _settings(args, agents)
+    ]
     _check_record(args, [*agents, *policies], trials)
     results: list[Result] = []
     for trial in trials:
@@ -123,7 +142,9 @@ def _check_record(args: argparse.Namespace, contestants: Sequence[Contestant], t
 
 def _recorded(played: Iterable[Result], args: argparse.Namespace, trial: Trial, seen: set[str]) -> Iterator[Result]:
     """The results, each written as it comes."""
-    recorder = Recorder(trial.settings, trial.split, seen, asks_expert=args.optimal)
+    recorder = Recorder(
+        trial.settings, trial.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
+    )
     for result in played:
         path = recorder.write(args.record, result)
         Circumstances.now(args.words).write(path)

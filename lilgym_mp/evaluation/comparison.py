@@ -26,6 +26,7 @@ class Trial:
     seed: int = 0
     passes: int = 1
     batch_size: int = BATCH_SIZE
+    record_decisions: bool = False
 
     def __str__(self) -> str:
         settings = self.settings
@@ -94,7 +95,11 @@ class Result:
 
     def episodes_json(self) -> list[dict[str, Any]]:
         return [
-            {name: list(value) if isinstance(value, tuple) else value for name, value in episode._asdict().items()}
+            {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in episode._asdict().items()
+                if name != "decisions"  # these are for recordings
+            }
             for episode in self.episodes
         ]
 
@@ -107,7 +112,13 @@ def play(contestant: Contestant, trial: Trial, training_statements: Collection[s
     policy = contestant.policy(trial.settings)
     began = time.process_time()
     episodes = evaluate(
-        policy, trial.settings, trial.split, seed=trial.seed, passes=trial.passes, batch_size=trial.batch_size
+        policy,
+        trial.settings,
+        trial.split,
+        seed=trial.seed,
+        passes=trial.passes,
+        batch_size=trial.batch_size,
+        record_decisions=trial.record_decisions,
     )
     seconds = time.process_time() - began
     forms = set(map(statement_form, training_statements))

@@ -16,13 +16,15 @@ from typing import Any, Self, cast
 from lilgym_mp.actions import Action, ActionError, describe, named
 from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
+from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.files import write_whole
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene, SceneError
 
 FORMAT = "lilgym_mp-episodes"
-VERSION = 1
+VERSION = 2
+READABLE = (1, VERSION)  # 1 has no decisions
 SUFFIX = ".episodes.jsonl.gz"
 GREEDY, SAMPLED = "greedy", "sampled"
 LONGEST_LINE = 1 << 20  # characters
@@ -65,8 +67,9 @@ class Header:
         """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
         values = dict(data)
         found = values.pop("format"), values.pop("version")
-        if found != (FORMAT, VERSION):
-            raise ValueError(f"format {found[0]!r}, version {found[1]!r}; must be {FORMAT!r}, version {VERSION}")
+        if found[0] != FORMAT or found[1] not in READABLE:
+            versions = " or ".join(map(str, READABLE))
+            raise ValueError(f"format {found[0]!r}, version {found[1]!r}; must be {FORMAT!r}, version {versions}")
         values["settings"] = Settings.from_json(values["settings"])
         header = cls(**values)
         for name in ("seed", "passes", "episodes", "start_scenes", "contexts"):
@@ -95,6 +98,7 @@ class RecordedEpisode:
     optimal_actions: int | None = None  # the expert's from the start, STOP included
     actions_left: int | None = None  # the expert's from where a wrong STOP was said, STOP included
     stop_probabilities: tuple[float, ...] | None = None  # the agent's before each action
+    decisions: tuple[Decision, ...] | None = None  # what the agent went by before each action; None: not recorded
 
     @property
     def is_success(self) -> bool:
@@ -111,7 +115,13 @@ class RecordedEpisode:
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return {**values, "actions": [describe(action) for action in self.actions], "start": self.start.to_json()}
+        kept = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
+        return {
+            **values,
+            "actions": [describe(action) for action in self.actions],
+            "start": self.start.to_json(),
+            "decisions": kept,
+        }
 
     @classmethod
     def from_json(cls, data: Any) -> Self:
@@ -132,8 +142,13 @@ class RecordedEpisode:
         for name in ("phenomena", "tags", "rewards", "stop_probabilities"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
-        if len(values["rewards"]) != len(values["actions"]) or not values["actions"]:
-            raise ValueError(f"{len(values['rewards'])} rewards for {len(values['actions'])} actions")
+        if values.get("decisions") is not None:
+            values["decisions"] = tuple(map(Decision.from_json, values["decisions"]))
+        if not values["actions"]:
+            raise ValueError("an episode has at least one action")
+        for name in ("rewards", "decisions"):
+            if values.get(name) is not None and len(values[name]) != len(values["actions"]):
+                raise ValueError(f"{len(values[name])} {name} for {len(values['actions'])} actions")
         return cls(**values)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -12,6 +12,7 @@ import numpy as np
 from lilgym_mp.actions import STOP, Action, ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.evaluation.decisions import PolicyOutput, certain
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 
@@ -35,7 +36,9 @@ class Policy(Protocol):
     A policy that never looks at the masks may have an attribute `needs_masks = False`: none are made for it then, and
     `legal` is an array of shape (B, 0). One with `needs_states = True`, which no learnt policy has, is called with a
     list of the MDPs' states as a fourth argument. One may have an attribute `stop_probabilities`: B numbers, 0 to 1,
-    how probable STOP was to it in its latest call; they are kept with the episodes.
+    how probable STOP was to it in its latest call; they are kept with the episodes. One may have a method
+    `output(legal, chosen)`, asked after a call where decisions are recorded: the `PolicyOutput` of that call, whose
+    mask was `legal` and whose answer was `chosen`, or None.
     """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -43,15 +46,31 @@ class Policy(Protocol):
         ...
 
 
-def random_legal(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+@dataclass(frozen=True)
+class RandomLegal:
     """Any legal action, all equally likely."""
-    chosen = rng.integers(legal.sum(1))  # which of the legal actions, by row
-    return (legal.cumsum(1) > chosen[:, None]).argmax(1)
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        chosen = rng.integers(legal.sum(1))  # which of the legal actions, by row
+        return (legal.cumsum(1) > chosen[:, None]).argmax(1)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        return PolicyOutput(legal / legal.sum(1, keepdims=True))
 
 
-def random_unmasked(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+@dataclass(frozen=True)
+class RandomUnmasked:
     """Any action, all equally likely."""
-    return rng.integers(legal.shape[1], size=len(legal))
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        return rng.integers(legal.shape[1], size=len(legal))
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        return PolicyOutput(np.full(legal.shape, 1 / legal.shape[1]))
+
+
+random_legal = RandomLegal()
+random_unmasked = RandomUnmasked()
 
 
 @dataclass(frozen=True)
@@ -66,6 +85,15 @@ class WithoutMask:
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         return self.policy(observations, np.ones_like(legal), rng)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
+        return output_of(self.policy, np.ones_like(legal), chosen)
+
+
+def output_of(policy: Policy, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
+    """What the policy's latest call came to; None where it does not tell."""
+    output: Callable[[BoolArray, Int64Array], PolicyOutput | None] | None = getattr(policy, "output", None)
+    return None if output is None else output(legal, chosen)
 
 
 @dataclass(frozen=True)
@@ -83,6 +111,13 @@ class RandomType:
         types = rng.integers(len(ActionType), size=len(observations.statements))
         indices = self._by_type()
         return np.array([indices[kind][rng.integers(len(indices[kind]))] for kind in types.tolist()], np.int64)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        indices = self._by_type()
+        probabilities = np.empty((len(chosen), self.appearance.action_count))
+        for kind in indices:
+            probabilities[:, kind] = 1 / (len(indices) * len(kind))
+        return PolicyOutput(probabilities)
 
     def _by_type(self) -> list[list[int]]:
         return _action_types(self.appearance)
@@ -120,3 +155,6 @@ class ExpertPolicy:
             self._plans[episode] = tuple(rest)
             chosen.append(self._dynamics.appearance.encode(action))
         return np.array(chosen, np.int64)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        return PolicyOutput(certain(chosen, self._dynamics.appearance.action_count))

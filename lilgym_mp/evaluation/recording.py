@@ -13,6 +13,7 @@ from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.contestants import Contestant
+from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.evaluation.report import software
@@ -39,14 +40,22 @@ class Recorder:
     """Records results of one configuration and split; what the expert finds is kept for all contestants."""
 
     def __init__(
-        self, settings: Settings, split: str, training_statements: Collection[str], *, asks_expert: bool = False
+        self,
+        settings: Settings,
+        split: str,
+        training_statements: Collection[str],
+        *,
+        asks_expert: bool = False,
+        judges_decisions: bool = False,
     ) -> None:
+        """`asks_expert`: for the start of each episode; `judges_decisions`: in each step whose decision is recorded."""
         env = settings.make(split)
         self._tasks: TaskSet = env.tasks
         self._dynamics: Dynamics = env.dynamics
         self._training_statements = set(training_statements)
         self._training_forms = set(map(statement_form, self._training_statements))
         self._solver = Solver(self._dynamics) if asks_expert else None
+        self._judge = Solver(self._dynamics) if judges_decisions else None
         self._known: dict[tuple[str, Scene], int | None] = {}  # actions to success, by task and scene
 
     def write(self, directory: Path, result: Result) -> Path:
@@ -104,6 +113,20 @@ class Recorder:
             optimal_actions=self._actions_to_success(task, task.start),
             actions_left=self._actions_left(task, episode, actions),
             stop_probabilities=episode.stop_probabilities,
+            decisions=self._decisions(task, episode, actions),
+        )
+
+    def _decisions(self, task: Task, episode: Episode, actions: Sequence[Action]) -> tuple[Decision, ...] | None:
+        """With what the expert says of each step, where it is asked."""
+        judge = self._judge
+        if episode.decisions is None or judge is None:
+            return episode.decisions
+        states = [State(task, scene, step) for step, scene in enumerate(scenes(self._dynamics, task.start, actions))]
+        return tuple(
+            decision.judged(
+                optimal=_is_optimal(judge, state, action), steps_to_go=judge.optimal_actions(state).steps or None
+            )
+            for decision, state, action in zip(episode.decisions, states, actions, strict=False)
         )
 
     def _actions_left(self, task: Task, episode: Episode, actions: Sequence[Action]) -> int | None:
@@ -120,6 +143,19 @@ class Recorder:
             solution = self._solver.solve_from(State(task, scene, 0))
             self._known[key] = solution.steps if solution.solved else None
         return self._known[key]
+
+
+def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
+    """Whether the action begins a shortest solution; None where the expert does not know."""
+    found, dynamics = solver.optimal_actions(state), solver.dynamics
+    if dynamics.appearance.encode(action) in found.actions:
+        return True
+    if not found.actions:
+        return None
+    moved = dynamics.step(state, action)
+    if found.complete or moved.outcome is not Outcome.CONTINUES:
+        return False
+    return True if solver.solve_from(moved.state).steps == found.steps - 1 else None
 
 
 def rewards(dynamics: Dynamics, episode: Episode) -> tuple[float, ...]:

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.evaluation.policies import Observations, Policy
+from lilgym_mp.evaluation.decisions import Decision, decisions
+from lilgym_mp.evaluation.policies import Observations, Policy, output_of
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.rules import State
 
@@ -28,6 +30,7 @@ class Episode(NamedTuple):
     actions: tuple[int, ...]
     invalid_reason: str | None = None
     stop_probabilities: tuple[float, ...] | None = None  # before each action, of a policy that tells them
+    decisions: tuple[Decision, ...] | None = None  # before each action, where they are recorded and the policy tells
 
     @property
     def is_success(self) -> bool:
@@ -43,12 +46,14 @@ def evaluate(
     passes: int = 1,
     batch_size: int = BATCH_SIZE,
     task_ids: Sequence[str] | None = None,
+    record_decisions: bool = False,
     on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> list[Episode]:
     """One episode for each task of the split, or of `task_ids` in it, and pass: in that order, pass after pass.
 
     The same arguments give the same episodes when the policy is a function of its arguments; `batch_size` is one
-    of them, as episodes side by side share the random numbers. `on_episode` hears of each as it ends.
+    of them, as episodes side by side share the random numbers. `record_decisions`: keep what the policy went by in each
+    step, if it tells (`Policy.output`). `on_episode` hears of each as it ends.
     Raises ValueError for settings or a split that do not exist, or fewer than one pass.
     """
     if passes < 1 or batch_size < 1:
@@ -56,14 +61,45 @@ def evaluate(
     task_ids = tuple(settings.make(split).evaluation_tasks() if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
     episodes: list[Episode | None] = [None] * len(task_ids)
-    for index, episode in _played(policy, envs, task_ids, np.random.default_rng(seed)):
+    recorder = _DecisionRecorder(policy, envs) if record_decisions else None
+    for index, episode in _played(policy, envs, task_ids, np.random.default_rng(seed), recorder):
         on_episode(episode)
         episodes[index] = episode
     return [episode for episode in episodes if episode is not None]
 
 
+class _DecisionRecorder:
+    """The decisions of the episodes under way."""
+
+    def __init__(self, policy: Policy, envs: BatchedEnv) -> None:
+        self._policy, self._envs = policy, envs
+        self._kept: list[list[Decision]] = [[] for _ in range(envs.num_envs)]
+
+    def record(self, active: np.ndarray, legal: np.ndarray, chosen: np.ndarray) -> None:
+        """Of the policy's latest call, for the environments `active`; `legal` is the mask that it was shown."""
+        output = output_of(self._policy, legal, chosen)
+        if output is None:
+            return
+        exact = legal if getattr(self._policy, "needs_masks", True) else self._envs.action_masks()[active]
+        for place, decision in zip(active.tolist(), decisions(output, exact, self._appearance), strict=True):
+            self._kept[place].append(decision)
+
+    @property
+    def _appearance(self) -> Appearance:
+        return self._envs.dynamics.appearance
+
+    def taken(self, place: int) -> tuple[Decision, ...] | None:
+        """Those of the episode that ended there; None where the policy told nothing."""
+        kept, self._kept[place] = self._kept[place], []
+        return tuple(kept) or None
+
+
 def _played(
-    policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator
+    policy: Policy,
+    envs: BatchedEnv,
+    task_ids: Sequence[str],
+    rng: np.random.Generator,
+    recorder: _DecisionRecorder | None,
 ) -> Iterator[tuple[int, Episode]]:
     """Every episode with its index, as they end: an environment that is free begins the next one."""
     assert envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED
@@ -78,6 +114,8 @@ def _played(
         chosen = np.zeros(count, np.int64)
         seen, legal = _seen(policy, envs, observations, active, playing)
         chosen[active] = policy(seen, legal, rng, *_states(policy, envs, active))
+        if recorder is not None:
+            recorder.record(active, legal, chosen[active])
         told: Sequence[float] | None = getattr(policy, "stop_probabilities", None)
         for place, probability in zip(active.tolist(), () if told is None else told, strict=told is not None):
             stops[place].append(round(float(probability), 6))
@@ -90,7 +128,11 @@ def _played(
             continue
         for place in np.flatnonzero(ended & (playing != IDLE)).tolist():
             episode = _episode(envs, place, infos, float(rewards[place]), actions[place])
-            yield int(playing[place]), episode._replace(stop_probabilities=tuple(stops[place]) or None)
+            kept = None if recorder is None else recorder.taken(place)
+            yield (
+                int(playing[place]),
+                episode._replace(stop_probabilities=tuple(stops[place]) or None, decisions=kept),
+            )
             playing[place] = next_index if next_index < len(task_ids) else IDLE
             next_index += 1
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]

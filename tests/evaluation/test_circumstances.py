@@ -38,6 +38,6 @@ def test_read__is_none_where_nothing_was_kept_and_names_a_damaged_file(tmp_path:
 
 def test_commit__is_that_of_the_checkout_and_none_of_an_installed_package():
     named = circumstances.commit()
-    assert named is None or re.fullmatch(r"[0-9a-f]{10,}(, changed)?", named)
+    assert named is None or re.fullmatch(r"[0-9a-f]{10,}( with changes)?", named)
     if not (Path(circumstances.__file__).parents[2] / ".git").exists():
         assert named is None

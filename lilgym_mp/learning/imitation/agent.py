@@ -12,6 +12,7 @@ import numpy as np
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError
 from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import chosen_device
@@ -127,6 +128,7 @@ class _ImagePolicy:
         self._sampled = sampled
         self._player = self._fresh()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
+        self._latest = np.zeros((0, 0), np.float32)  # (B, heads) log-probabilities of the latest call
 
     def _fresh(self) -> Player:
         agent = self._agent
@@ -139,9 +141,15 @@ class _ImagePolicy:
         player = self._player
         scenes = [read_scene(image, self._appearance.name) for image in observations.images]
         found = player.log_probabilities(observations.statements, player.table.indices(scenes), observations.targets)
-        self.stop_probabilities = np.exp(found[:, STOP_HEAD])
+        self._latest, self.stop_probabilities = found, np.exp(found[:, STOP_HEAD])
         heads = decide(found, observations.steps, self._horizon, self._rule, rng if self._sampled else None)
         return player.layout.action_of[heads]
+
+    def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
+        """The network's own probabilities, before its rule for when to stop."""
+        probabilities = np.zeros((len(self._latest), self._appearance.action_count), np.float32)
+        probabilities[:, self._player.layout.action_of] = np.exp(self._latest)
+        return PolicyOutput(probabilities)
 
 
 def describe(

@@ -12,12 +12,13 @@ from lilgym_mp.actions import STOP, Action
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.evaluation.decisions import PolicyOutput, certain
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser, move
-from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.learning.parsing.planning import Plan, Planner
 from lilgym_mp.learning.parsing.training import KIND, VERSION
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.render import draw
@@ -32,6 +33,7 @@ class _Course:
 
     actions: Sequence[Action]
     scene: Scene  # that the next picture should show
+    plan: Plan | None = None  # that it comes from; None where the picture could not be read
 
 
 class ParseAndPlanPolicy:
@@ -42,10 +44,12 @@ class ParseAndPlanPolicy:
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
         self._courses: dict[int, _Course] = {}
+        self._latest: list[Plan | None] = []  # B, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         appearance = self.planner.dynamics.appearance
         chosen: list[int] = []
+        self._latest = []
         for row, (episode, step) in enumerate(
             zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
         ):
@@ -54,8 +58,21 @@ class ParseAndPlanPolicy:
             if course is None or not np.array_equal(draw(course.scene, "half"), image):
                 course = self._planned(image, statement, bool(observations.targets[row]), step)
             chosen.append(appearance.encode(course.actions[0]))
+            self._latest.append(course.plan)
             self._advance(episode, course)
         return np.array(chosen, np.int64)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        """Certain of what it chose; how probable the programs were when the plan was made, and its success."""
+        programs = [
+            {} if plan is None else {goal.program: goal.probability for goal in plan.goals} for plan in self._latest
+        ]
+        successes = [0.0 if plan is None else plan.success_probability for plan in self._latest]
+        return PolicyOutput(
+            certain(chosen, self.planner.dynamics.appearance.action_count),
+            success_probabilities=successes,
+            programs=programs,
+        )
 
     def _planned(self, image: UInt8Array, statement: str, target: bool, step: int) -> _Course:
         dynamics = self.planner.dynamics
@@ -63,7 +80,8 @@ class ParseAndPlanPolicy:
             scene = dynamics.appearance.check_scene(read_scene(image, dynamics.appearance.name))
         except (PerceptionError, ValueError):  # a picture that cannot be read leaves nothing to plan with
             return _Course((STOP,), Scene.empty())
-        return _Course(self.planner.plan(scene, statement, target, step).actions, scene)
+        plan = self.planner.plan(scene, statement, target, step)
+        return _Course(plan.actions, scene, plan)
 
     def _advance(self, episode: int, course: _Course) -> None:
         """Remembers what follows the next action of the plan."""
@@ -74,7 +92,7 @@ class ParseAndPlanPolicy:
             self._courses.clear()
         dynamics = self.planner.dynamics
         scene = dynamics.appearance.apply(course.scene, action, dynamics.rules.placement).scene
-        self._courses[episode] = _Course(rest, scene)
+        self._courses[episode] = _Course(rest, scene, course.plan)
 
 
 @dataclass(frozen=True)

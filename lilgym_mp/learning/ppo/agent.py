@@ -15,6 +15,7 @@ from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import VocabularyError
 from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.evaluation import Policy as EvaluatedPolicy
+from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
@@ -24,6 +25,7 @@ from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_of
 from lilgym_mp.learning.ppo.states import BoxTable
+from lilgym_mp.learning.ppo.type_first import Policy
 
 KIND = "ppo"
 VERSION = 2
@@ -40,6 +42,7 @@ class ModelPolicy:
         self._model, self._sampled = model, sampled
         self._table = BoxTable()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
+        self._latest: tuple[Policy, torch.Tensor] | None = None  # and the values, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         if len(self._table) > MOST_BOXES:
@@ -50,9 +53,16 @@ class ModelPolicy:
         targets = observations.targets.astype(np.int64)
         states = self._table.states(tuple(numbers), np.array(statement_of, np.int64), boxes_of, targets)
         with torch.no_grad():
-            policy, _ = policy_of(self._model, states, legal if self.needs_masks else None)
+            policy, values = policy_of(self._model, states, legal if self.needs_masks else None)
         self.stop_probabilities = policy.stop_probability().float().cpu().numpy()
+        self._latest = policy, values
         return policy.sample(rng) if self._sampled else policy.likeliest()
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
+        if self._latest is None:
+            return None
+        policy, values = self._latest
+        return PolicyOutput(policy.probabilities().cpu().numpy(), values.float().cpu().numpy())
 
 
 @dataclass(frozen=True)

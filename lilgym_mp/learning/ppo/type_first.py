@@ -201,6 +201,10 @@ class Policy:
             total = total + torch.where(needed, found, torch.zeros_like(found))
         return total.masked_fill(kinds == NOT_NEEDED, -torch.inf)
 
+    def probabilities(self) -> Tensor:
+        """(N, actions) of being drawn; with a mask, of the legal ones alone."""
+        return (self.joint() if self.masked is None else self.masked).float().exp()
+
     def sample(self, rng: np.random.Generator) -> Int64Array:
         """(N,) actions drawn."""
         if self.masked is not None:

@@ -1,0 +1,190 @@
+"""What a policy went by in each step: what is kept of it, that it costs nothing unasked, what the expert says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.evaluation import Observations, Settings, evaluate
+from lilgym_mp.evaluation.comparison import Trial, play, training_statements
+from lilgym_mp.evaluation.contestants import Contestant, built_in
+from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, decisions, places
+from lilgym_mp.evaluation.episodes import Recording, read_episodes
+from lilgym_mp.evaluation.policies import WithoutMask, random_legal
+from lilgym_mp.evaluation.recording import Recorder
+from lilgym_mp.scene import Colour
+
+TOWER = make_appearance("tower", (19, 5))
+SCATTER = make_appearance("scatter", (19, 5))
+ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
+
+
+def recorded(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
+    trial = Trial(Settings(configuration), "dev", record_decisions=True)
+    seen = training_statements(trial.settings)
+    recorder = Recorder(trial.settings, trial.split, seen, judges_decisions=judges)
+    return read_episodes(recorder.write(directory, play(built_in(name), trial, seen)))
+
+
+def tower_output(**probabilities: float) -> PolicyOutput:
+    row = np.zeros((1, TOWER.action_count))
+    actions = {"stop": STOP, "add": AddBlock(1, Colour.BLUE), "add_too": AddBlock(1, Colour.BLACK)}
+    actions |= {"remove": RemoveBlock(2)}
+    for name, probability in probabilities.items():
+        row[0, TOWER.encode(actions[name])] = probability
+    return PolicyOutput(row, np.array([0.25]))
+
+
+def test_decision__adds_up_types_and_cells():
+    found = decisions(tower_output(stop=0.1, add=0.4, add_too=0.2, remove=0.3), ALL_LEGAL, TOWER)[0]
+    assert found.types == (0.1, 0.6, 0.3)
+    assert found.add_cells == {1: 0.6}
+    assert found.remove_cells == {2: 0.3}
+    assert found.likeliest[:2] == ((AddBlock(1, Colour.BLUE), 0.4), (RemoveBlock(2), 0.3))
+    assert found.value == 0.25
+
+
+def test_decision__tells_how_much_of_the_probability_is_legal():
+    legal = ALL_LEGAL.copy()
+    legal[0, TOWER.encode(RemoveBlock(2))] = False
+    found = decisions(tower_output(stop=0.1, add=0.6, remove=0.3), legal, TOWER)[0]
+    assert found.legal_probability == 0.7
+    assert found.legal == (1, 9, 2)
+
+
+def test_decision__has_at_most_five_actions_and_none_without_probability():
+    few = decisions(tower_output(stop=1.0), ALL_LEGAL, TOWER)[0]
+    assert few.likeliest == ((STOP, 1.0),)
+    many = decisions(PolicyOutput(np.full((1, 13), 1 / 13)), ALL_LEGAL, TOWER)[0]
+    assert len(many.likeliest) == 5
+
+
+def test_decision__refuses_probabilities_of_other_actions():
+    with pytest.raises(ValueError, match=r"probabilities \(1, 7\), not \(1, 13\)"):
+        decisions(PolicyOutput(np.zeros((1, 7))), ALL_LEGAL, TOWER)
+
+
+def test_places__scatter_cells_are_numbered_column_by_column():
+    types, cells, count = places(SCATTER)
+    assert count == 95
+    for index in (1, 500, 2565, 2600):
+        action = SCATTER.decode(index)
+        assert cells[index] == action.column * 5 + action.row  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.bincount(types).tolist() == [1, 2565, 95]
+
+
+@pytest.mark.parametrize("name", ["expert", "random-legal", "random-unmasked", "random-type"])
+@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
+def test_record__every_simple_policy_tells_its_distribution(tmp_path: Path, name: str, configuration: str):
+    for episode in recorded(tmp_path, name, configuration).episodes:
+        assert episode.decisions is not None
+        assert len(episode.decisions) == len(episode.actions)
+        for decision in episode.decisions:
+            assert sum(decision.types) == pytest.approx(1, abs=1e-3)
+            assert sum(decision.add_cells.values()) == pytest.approx(decision.types[1], abs=0.01)
+            assert decision.legal[0] == 1
+
+
+def test_record__a_masked_policy_has_all_its_probability_on_legal_actions(tmp_path: Path):
+    def shares(name: str) -> list[float]:
+        episodes = recorded(tmp_path / name, name).episodes
+        return [decision.legal_probability for episode in episodes for decision in episode.decisions or ()]
+
+    assert min(shares("random-legal")) > 0.999
+    assert min(shares("random-unmasked")) < 0.9
+
+
+def test_record__the_expert_finds_itself_optimal_and_random_play_not(tmp_path: Path):
+    best = recorded(tmp_path / "best", "expert", judges=True).episodes
+    assert all(decision.optimal for episode in best for decision in episode.decisions or ())
+    first = [episode.decisions[0] for episode in best if episode.decisions]
+    assert [decision.steps_to_go for decision in first] == [len(episode.actions) for episode in best]
+    worse = recorded(tmp_path / "worse", "random-unmasked", judges=True).episodes
+    ends = [episode.decisions[-1] for episode in worse if episode.decisions and not episode.is_success]
+    assert ends
+    assert not any(decision.optimal for decision in ends)
+
+
+def test_record__nothing_is_asked_of_the_expert_unless_wanted(tmp_path: Path):
+    episodes = recorded(tmp_path, "expert").episodes
+    assert all(decision.optimal is None for episode in episodes for decision in episode.decisions or ())
+
+
+class Silent:
+    """Stops; tells nothing of why."""
+
+    needs_masks = False
+
+    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros(len(observations.statements), np.int64)
+
+
+def test_record__a_policy_that_tells_nothing_has_no_decisions():
+    settings = Settings("TowerScratch")
+    for policy in (Silent(), WithoutMask(Silent())):
+        assert all(episode.decisions is None for episode in evaluate(policy, settings, "dev", record_decisions=True))
+
+
+class NeverAsked(Silent):
+    def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
+        raise AssertionError("asked although nothing is recorded")
+
+
+def test_evaluate__asks_for_no_decisions_unless_they_are_recorded():
+    assert evaluate(NeverAsked(), Settings("TowerScratch"), "dev")
+
+
+def test_evaluate__recording_changes_nothing_that_is_played():
+    settings = Settings("TowerFlipIt")
+    plain, kept = (evaluate(random_legal, settings, "dev", record_decisions=told) for told in (False, True))
+    assert plain == [episode._replace(decisions=None) for episode in kept]
+
+
+def test_without_mask__tells_the_policy_that_all_is_legal():
+    settings = Settings("TowerScratch")
+    found = evaluate(WithoutMask(random_legal), settings, "dev", record_decisions=True)
+    likeliest = [decision.likeliest[0][1] for episode in found for decision in episode.decisions or ()]
+    assert set(likeliest) == {round(1 / 13, 4)}
+
+
+def test_from_json__is_the_inverse_of_to_json():
+    decision = decisions(tower_output(stop=0.1, add=0.6, remove=0.3), ALL_LEGAL, TOWER)[0]
+    decision = replace(decision, programs={"exist(all_items)": 0.5}, success_probability=0.5, optimal=True)
+    assert Decision.from_json(decision.to_json()) == decision
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"types": [0.5, 0.5]}, "3 numbers each"),
+        ({"types": [0.5, 0.5, 2]}, "types must be probabilities from 0 to 1, not 2"),
+        ({"add_cells": [[1, "much"]]}, "add_cells must be probabilities"),
+        ({"likeliest": [["FLY", 0.5]]}, "'FLY' names no action"),
+        ({"programs": {"exist(all_items)": -1}}, "programs: exist"),
+    ],
+)
+def test_from_json__says_what_is_wrong(change: dict[str, object], said: str):
+    good = decisions(tower_output(stop=1.0), ALL_LEGAL, TOWER)[0].to_json()
+    with pytest.raises(ValueError, match=said):
+        Decision.from_json({**good, **change})
+
+
+def test_record__more_decisions_than_actions_are_refused(tmp_path: Path):
+    episode = recorded(tmp_path, "expert").episodes[0]
+    row = episode.to_json()
+    row["decisions"] = row["decisions"] * 2
+    with pytest.raises(ValueError, match=r"\d+ decisions for \d+ actions"):
+        type(episode).from_json(row)
+
+
+def test_contestant__without_output_is_still_recorded(tmp_path: Path):
+    trial = Trial(Settings("TowerScratch"), "dev", record_decisions=True)
+    contestant = Contestant("silent", lambda settings: Silent())
+    result = play(contestant, trial, set())
+    path = Recorder(trial.settings, trial.split, set()).write(tmp_path, result)
+    assert all(episode.decisions is None for episode in read_episodes(path).episodes)

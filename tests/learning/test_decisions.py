@@ -1,0 +1,90 @@
+"""What agents of every kind tell of their decisions, where these are recorded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.cli import main
+from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
+from lilgym_mp.evaluation.decisions import Decision
+from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.learning.agents import load_agent, open_agent
+from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.training import train_ppo
+
+TOWER = Settings("TowerFlipIt")
+SMALL = PPORecipe(
+    envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
+)
+
+
+def played(policy: Policy, settings: Settings = TOWER) -> list[Episode]:
+    task_ids = settings.make("dev").evaluation_tasks()[:12]
+    return evaluate(policy, settings, "dev", task_ids=task_ids, record_decisions=True)
+
+
+def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Decision, str, float | None]]:
+    """Each decision, what was done, and how probable STOP was said to be."""
+    appearance = settings.dynamics().appearance
+    found: list[tuple[Decision, str, float | None]] = []
+    for episode in episodes:
+        assert episode.decisions is not None
+        stops = episode.stop_probabilities or (None,) * len(episode.actions)
+        for decision, action, stop in zip(episode.decisions, episode.actions, stops, strict=True):
+            assert sum(decision.types) == pytest.approx(1, abs=1e-3)
+            found.append((decision, type(appearance.decode(action)).__name__, stop))
+    return found
+
+
+@pytest.mark.parametrize("mask", [True, False])
+def test_ppo__tells_probabilities_and_the_value(tmp_path: Path, mask: bool):
+    recipe = PPORecipe.from_json({**SMALL.to_json(), "mask": mask})
+    train_ppo(Settings("TowerScratch"), recipe, tmp_path, steps=128, device="cpu")
+    settings = Settings("TowerScratch")
+    episodes = played(open_agent(tmp_path, "cpu").policy(settings), settings)
+    found = steps(episodes, settings)
+    for decision, _, stop in found:
+        assert decision.types[0] == pytest.approx(stop, abs=1e-3)
+        assert decision.value is not None
+        assert -1 <= decision.value <= 1
+    assert (min(decision.legal_probability for decision, _, _ in found) > 0.999) or not mask
+
+
+def test_imitation__tells_the_networks_probabilities():
+    found = steps(played(load_agent("imitation-tower", "cpu").policy(TOWER)))
+    for decision, _, stop in found:
+        assert decision.types[0] == pytest.approx(stop, abs=1e-3)
+        assert decision.value is None
+    assert any(decision.types[0] < 0.5 for decision, _, _ in found)
+
+
+def test_parse_and_plan__tells_the_programs_that_it_planned_for():
+    for decision, done, _ in steps(played(load_agent("parse-and-plan", "cpu").policy(TOWER))):
+        assert decision.likeliest[0][1] == 1
+        assert (done == "Stop") == (decision.types[0] == 1)
+        assert decision.programs
+        assert max(decision.programs.values()) <= 1
+        assert decision.success_probability is not None
+
+
+def test_evaluate_command__records_decisions_where_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    words = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", str(tmp_path)]
+    assert main([*words, "--record-decisions", "--judge-decisions"]) == 0
+    (file,) = tmp_path.glob("*.episodes.jsonl.gz")
+    decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
+    assert decisions
+    assert all(decision.optimal for decision in decisions)
+    assert "--record-decisions" in json.loads(next(tmp_path.glob("*.made.json")).read_text())["command"]
+    assert main([*words, "--force"]) == 0
+    assert all(episode.decisions is None for episode in read_episodes(file).episodes)
+    capsys.readouterr()
+
+
+def test_evaluate_command__decisions_need_a_directory(capsys: pytest.CaptureFixture[str]):
+    assert main(["evaluate", "--policy", "expert", "--record-decisions"]) != 0
+    assert "--record-decisions goes with --record DIR" in capsys.readouterr().err
+    assert main(["evaluate", "--policy", "expert", "--judge-decisions"]) != 0
+    assert "--judge-decisions goes with --record-decisions" in capsys.readouterr().err
