@@ -27,6 +27,7 @@ from lilgym_mp.scene import BOX_COUNT, Colour
 
 PATCH = 10  # pixels a side
 PATCHES = SIDE // PATCH  # along each side of a box
+CHANNELS = 32  # features of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
 SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
 MOST_REMEMBERED = 20_000  # statements
@@ -64,7 +65,7 @@ class OurNetwork(Model):
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.layout = joint_layout(appearance)
         self.text = Text(len(vocabulary), width, heads, text_layers, dropout=0.0)
-        self.boxes = BoxEncoder(width, 64 if isinstance(appearance, Scatter) else 32)
+        self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
         self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
         self.part = nn.Linear(width, width)
@@ -108,11 +109,10 @@ class OurNetwork(Model):
         judged = self.judge(scene + self.target(targets))
         of_state = pairs.index_select(0, pairs_of.flatten()).view(-1, BOX_COUNT, pairs.shape[-1])
         acting = self.act_feedforward(self.act_box(of_state) + self.act_scene(judged)[:, None])  # (N, 3, d)
-        patches = boxes.patches.index_select(0, torch.from_numpy(states.boxes_of).to(device).flatten())
         types = self.types(judged)
         reached = self.truth(scene).squeeze(1) * (2 * targets - 1)
         types = torch.cat([types[:, :1] + reached[:, None], types[:, 1:]], 1)
-        adds, removes = self.arguments(acting, patches.unflatten(0, (-1, BOX_COUNT)))
+        adds, removes = self.arguments(acting, boxes.patches, torch.from_numpy(states.boxes_of).to(device))
         return Prediction(
             types.float(), (adds.float(), removes.float()), torch.tanh(self.value(judged).float()).squeeze(1)
         )
@@ -217,7 +217,7 @@ class TowerArguments(nn.Module):
         self.out = nn.Linear(width, len(Colour) + 1)
         nn.init.orthogonal_(self.out.weight, SMALL_GAIN)
 
-    def forward(self, acting: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, acting: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
         """(N, 3 * 3) of ADD and (N, 3) of REMOVE from (N, 3, d)."""
         found = self.out(acting)
         return found[..., :-1].flatten(1), found[..., -1]
@@ -226,12 +226,12 @@ class TowerArguments(nn.Module):
 class ScatterArguments(nn.Module):
     """A cell and a look to add there, or a cell to remove from."""
 
-    CELL = 64
+    CELL = 32
 
-    def __init__(self, appearance: Scatter, width: int, channels: int = 64) -> None:
+    def __init__(self, appearance: Scatter, width: int) -> None:
         super().__init__()
         self.rows, self.columns, _ = box_cells(appearance)
-        self.seen = nn.Linear(channels, self.CELL)
+        self.seen = nn.Linear(CHANNELS, self.CELL)
         self.place = nn.Parameter(0.02 * torch.randn(self.rows * self.columns, self.CELL))
         self.box = nn.Linear(width, self.CELL)
         self.cell = nn.Linear(self.CELL, self.CELL)
@@ -242,14 +242,18 @@ class ScatterArguments(nn.Module):
         for layer in (self.add, self.wanted, self.remove):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
 
-    def forward(self, acting: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 * cells * 27) of ADD and (N, 3 * cells) of REMOVE from (N, 3, d) and (N, 3, 5, 5, C)."""
+    def forward(self, acting: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3 * cells * 27) of ADD and (N, 3 * cells) of REMOVE.
+
+        From the states' boxes in the light of statement and target (N, 3, d), the patches of U distinct boxes
+        (U, 5, 5, C), and which of these the states have (N, 3).
+        """
         seen = self.seen(patches)
         if (self.rows, self.columns) != (PATCHES, PATCHES):
-            flat = seen.flatten(0, 1).permute(0, 3, 1, 2)
-            flat = F.interpolate(flat, size=(self.rows, self.columns), mode="nearest").permute(0, 2, 3, 1)
-            seen = flat.unflatten(0, seen.shape[:2])
-        hidden = F.relu(seen.flatten(2, 3) + self.place + self.box(acting)[:, :, None])
-        hidden = F.relu(self.cell(hidden)) * self.cell_of_box(acting)[:, :, None]  # (N, 3, cells, 64)
+            seen = F.interpolate(seen.permute(0, 3, 1, 2), size=(self.rows, self.columns), mode="nearest")
+            seen = seen.permute(0, 2, 3, 1)
+        seen = (seen.flatten(1, 2) + self.place).index_select(0, boxes_of.flatten()).unflatten(0, boxes_of.shape)
+        hidden = F.relu(seen + self.box(acting)[:, :, None])
+        hidden = F.relu(self.cell(hidden)) * self.cell_of_box(acting)[:, :, None]  # (N, 3, cells, 32)
         adds = self.add(hidden) + self.wanted(acting)[:, :, None]
         return adds.flatten(1), self.remove(hidden).flatten(1)
