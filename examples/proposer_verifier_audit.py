@@ -33,7 +33,7 @@ try:
     from stable_baselines3.common.vec_env import DummyVecEnv
     from torch import Tensor, nn
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
 
 GAME = {
     "appearance": "tower",

@@ -22,7 +22,7 @@ try:
     from ray.tune.registry import register_env  # pyright: ignore[reportMissingImports]
     from rllib_two_policies import MaskedActorCritic, started_ray
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[rllib,pettingzoo]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[rllib,pettingzoo]"')
 
 
 class MaskInObservation(gym.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):

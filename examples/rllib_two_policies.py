@@ -34,7 +34,7 @@ try:
 
     from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[rllib,pettingzoo]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[rllib,pettingzoo]"')
 
 GAME: dict[str, Any] = {
     "appearance": "tower",

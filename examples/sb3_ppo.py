@@ -19,7 +19,7 @@ try:
 
     from lilgym_mp.sb3 import BACKENDS, make_vec_env
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
 
 
 def train(backend: str, given: argparse.Namespace) -> None:

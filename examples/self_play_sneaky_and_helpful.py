@@ -21,7 +21,7 @@ try:
     from torch import Tensor, nn
     from torch.distributions import Categorical
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
 
 PROPOSER, VERIFIER = AGENTS
 GAME: dict[str, Any] = {

@@ -23,7 +23,7 @@ try:
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecMonitor
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[sb3,supersuit]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3,supersuit]"')
 
 
 class FlatParts(BaseParallelWrapper):

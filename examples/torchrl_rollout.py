@@ -35,7 +35,7 @@ try:
     from torchrl.objectives import ClipPPOLoss  # pyright: ignore[reportMissingImports]
     from torchrl.objectives.value import GAE  # pyright: ignore[reportMissingImports]
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install "lilgym-mp[torchrl]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[torchrl]"')
 
 PARTS = ["item_array", "statement", "target"]
 MASK = "action_mask"

@@ -1,7 +1,7 @@
 """Train sb3-contrib's MaskablePPO on the environments by hand, and evaluate it beside random play.
 
 `lilgym-mp train ppo` has a loop of its own, without masks; this one is Stable-Baselines3's, to change at will.
-Needs the extra "sb3": pip install "lilgym-mp[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
+Needs the extra "sb3": pip install ".[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
 """
 
 from __future__ import annotations

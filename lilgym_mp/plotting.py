@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.extras import install
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -17,7 +19,7 @@ def new_figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as fault:
-        raise ImportError('charts need matplotlib: pip install "lilgym-mp[charts]"', name="matplotlib") from fault
+        raise ImportError(f"charts need matplotlib: {install('charts')}", name="matplotlib") from fault
     return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
 
 

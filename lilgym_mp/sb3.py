@@ -16,7 +16,9 @@ try:
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 except ModuleNotFoundError as missing:
-    message = f'lilgym_mp.sb3 needs {missing.name}, which comes with the extra sb3: pip install "lilgym-mp[sb3]"'
+    from lilgym_mp.extras import install
+
+    message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
     raise ModuleNotFoundError(message, name=missing.name) from missing
 
 from lilgym_mp.arrays import BoolArray

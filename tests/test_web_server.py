@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.extras import install
 from lilgym_mp.web import ServeOptions
 from lilgym_mp.web.store import DatabaseError, open_database
 from tests.web_app import Browser, server
@@ -220,7 +221,7 @@ def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, caps
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "fastapi", None)
     assert main(["serve", "--port", "0"]) == USAGE_ERROR
-    assert capsys.readouterr().err == 'lilgym-mp serve: needs fastapi: pip install "lilgym-mp[web]"\n'
+    assert capsys.readouterr().err == f"lilgym-mp serve: needs fastapi: {install('web')}\n"
 
 
 def test_command__a_missing_directory_of_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

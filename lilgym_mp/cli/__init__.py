@@ -17,6 +17,7 @@ from typing import NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.extras import install
 from lilgym_mp.terminal import printable
 from lilgym_mp_command import INTERRUPTED
 
@@ -53,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as fault:
         if fault.name not in TRAINING_PACKAGES:
             raise
-        return _refused(f'{name}: needs {fault.name}: pip install "lilgym-mp[sb3]"')
+        return _refused(f"{name}: needs {fault.name}: {install('sb3')}")
     except BrokenPipeError:  # whoever read our output has gone, as in `lilgym-mp ... | head`
         _forget_output()
         return FAILED

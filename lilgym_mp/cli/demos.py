@@ -16,6 +16,7 @@ from lilgym_mp.cli.solve import add_solving, dynamics_of, solve_split
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_whole
+from lilgym_mp.extras import install
 from lilgym_mp.solver.action_sets import action_sets, explored, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
 
@@ -100,7 +101,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.seed < 0:
         raise CommandError(f"--seed must be at least 0, not {args.seed}")
     if args.minari is not None and find_spec("minari") is None:
-        raise CommandError('--minari needs Minari, which is not here: pip install "lilgym-mp[minari]"; --out does not')
+        raise CommandError(f"--minari needs Minari, --out does not: {install('minari')}")
     if args.out is not None:
         if args.out.suffix != ".npz":
             raise CommandError(f"--out must name a file that ends in .npz, not {str(args.out)!r}")

@@ -17,6 +17,7 @@ from typing import Any
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import PATIENCE, Attempt, Standing, attempts, mark_finished
+from lilgym_mp.extras import install
 
 RETRIES = 3  # of a run, where its node or Ray's process for it dies
 TELL_SECONDS = 1.0
@@ -88,7 +89,7 @@ def _connected(address: str) -> Any:
     try:
         ray: Any = import_module("ray")
     except ImportError:
-        raise CommandError('--ray needs ray: pip install "lilgym-mp[ray]"') from None
+        raise CommandError(f"--ray needs ray: {install('ray')}") from None
     try:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as fault:

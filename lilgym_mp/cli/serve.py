@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import RUNS
+from lilgym_mp.extras import install
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     except ModuleNotFoundError as fault:
         if fault.name not in WEB_PACKAGES:
             raise
-        raise CommandError(f'needs {fault.name}: pip install "lilgym-mp[web]"') from None
+        raise CommandError(f"needs {fault.name}: {install('web')}") from None
     if args.runs is not None and not args.runs.is_dir():
         raise CommandError(f"--runs {args.runs}: there is no such directory")
     runs = args.runs or (RUNS if RUNS.is_dir() else None)

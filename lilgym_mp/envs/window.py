@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
 from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.extras import install
 
 RENDER_FPS = 4  # frames a second of every environment
 
@@ -20,7 +21,7 @@ class Window:
         try:
             import pygame
         except ImportError:
-            message = 'render_mode="human" needs pygame: pip install "lilgym-mp[human]"'
+            message = f'render_mode="human" needs pygame: {install("human")}'
             raise DependencyNotInstalled(message) from None
         self._pygame: Any = pygame
         self._fps = fps

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.extras import install
 from lilgym_mp.llm.agents import AgentError, Answer, Message
 
 
@@ -17,7 +18,7 @@ class TransformersAgent:
         try:
             import transformers  # pyright: ignore[reportMissingImports]
         except ImportError:
-            message = 'the agent "transformers" needs its extra: pip install "lilgym-mp[transformers]"'
+            message = f'the agent "transformers" needs the library: {install("transformers")}'
             raise AgentError(message) from None
         library: Any = transformers
         if not Path(directory).is_dir():

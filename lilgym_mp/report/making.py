@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.evaluation.files import OutputError, writable_directory
+from lilgym_mp.extras import install
 from lilgym_mp.plotting import save
 from lilgym_mp.report.behaviour import behaviour
 from lilgym_mp.report.curves import learning
@@ -101,7 +102,7 @@ def _template() -> Any:
     try:
         from jinja2 import Environment, StrictUndefined
     except ImportError as fault:
-        raise ImportError('reports need jinja2: pip install "lilgym-mp[report]"', name="jinja2") from fault
+        raise ImportError(f"reports need jinja2: {install('report')}", name="jinja2") from fault
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return environment.from_string(files("lilgym_mp.report").joinpath(PAGE_TEMPLATE).read_text(encoding="utf-8"))
 

@@ -142,7 +142,7 @@ def test_missing_package__is_named_with_what_to_install(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "safetensors", None)
     assert main(["train", "ppo", "TowerScratch", "--steps", "1", "--out", str(tmp_path)]) == USAGE_ERROR
-    assert 'needs safetensors: pip install "lilgym-mp[sb3]"' in capsys.readouterr().err
+    assert 'needs safetensors: pip install "stable-baselines3' in capsys.readouterr().err
 
 
 def test_program_check__shows_where_a_program_is_wrong(capsys: pytest.CaptureFixture[str]):

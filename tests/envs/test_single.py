@@ -627,7 +627,7 @@ def test_close__ends_all_play():
 def test_render__a_window_without_pygame_tells_what_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = make(TOWER, render_mode="human")
-    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "lilgym-mp\[human\]"'):
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "pygame>=.*the extra human'):
         env.reset(seed=0)
 
 

@@ -120,7 +120,7 @@ class _EndsItsProcess(Solver):
 def test_demos__say_what_minari_needs(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.cli.demos.find_spec", lambda name: None)
     assert main(["demos", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
-    assert 'pip install "lilgym-mp[minari]"' in capsys.readouterr().err
+    assert 'pip install "minari[hdf5]' in capsys.readouterr().err
 
 
 def test_solve__shows_named_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):

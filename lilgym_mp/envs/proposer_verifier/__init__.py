@@ -39,6 +39,7 @@ from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Intent, Role
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
+from lilgym_mp.extras import install
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:
@@ -110,5 +111,5 @@ else:
         """Says why PettingZoo's forms are not there."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        message = f'{name} needs pettingzoo: pip install "lilgym-mp[pettingzoo]"; BatchedGames does not'
+        message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
         raise ImportError(message, name="pettingzoo")

@@ -1,0 +1,45 @@
+"""Hints name packages that an index has, those of the extra."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp import extras
+
+ROOT = Path(__file__).parent.parent
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+OURS = re.compile(r"""install "lilgym-mp\[""")
+
+
+@pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])
+def test_install__names_the_packages_of_the_extra(extra: str):
+    wanted = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
+    assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == wanted
+    assert extras.install(extra).endswith(f"(the extra {extra})")
+
+
+def test_install__of_a_checkout_that_is_not_installed(monkeypatch: pytest.MonkeyPatch):
+    def missing(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(extras, "requires", missing)
+    assert extras.install("report") == 'pip install ".[report]" (the extra report)'
+
+
+def test_extras__that_code_names_are_there():
+    sources = [path for place in ("lilgym_mp", "wrappers") for path in (ROOT / place).rglob("*.py")]
+    named = {extra for path in sources for extra in re.findall(r"""\binstall\(["'](\w+)["']\)""", path.read_text())}
+    assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
+
+
+def test_no_message_or_page__installs_this_package_from_an_index():
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    packages = [path for path in (ROOT / "lilgym_mp").iterdir() if path.is_dir() and path.name != "learning"]
+    places = [*packages, ROOT / "wrappers", ROOT / "examples"]
+    sources = [path for place in places for path in place.rglob("*.py")]
+    assert [str(path.relative_to(ROOT)) for path in (*pages, *sources) if OURS.search(path.read_text())] == []
