@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.documents import shown_blocks
+
 TESTS = Path(__file__).parent
 EXAMPLES = TESTS.parent / "examples"
 TESTED_ELSEWHERE = {  # example: the file of tests that runs it
@@ -110,3 +112,17 @@ def test_rllib_single_agent__learns_on_a_local_ray(run_apart: Run) -> None:
     _needs("rllib_single_agent.py", "ray", "rllib")
     printed = run_apart("rllib_single_agent.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "0")
     assert "steps  mean return" in printed
+
+
+@pytest.mark.parametrize(
+    ("module", "extra", "said"),
+    [("ray", "rllib", r"^[+-]?\d\.\d+$"), ("torchrl", "torchrl", r"^\(64, 100\) 100% legal, \d+ ")],
+)
+def test_code_in_the_page_on_other_libraries__does_what_it_says(module: str, extra: str, said: str) -> None:
+    _needs("../docs/integrations.md", module, extra)
+    page = (TESTS.parent / "docs" / "integrations.md").read_text()
+    (code,) = [shown.code for shown in shown_blocks(page) if f"from {module}." in shown.code]
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=TESTS.parent, timeout=SECONDS
+    )
+    assert re.search(said, done.stdout, re.MULTILINE), done.stderr[-2000:]

@@ -138,6 +138,14 @@ def test_horizon__is_told(settings: dict[str, Any], horizon: int):
     assert gym.make_vec(TOWER, num_envs=2, **settings).unwrapped.horizon == horizon  # pyright: ignore[reportAttributeAccessIssue]
 
 
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_autoreset_mode__is_an_attribute_as_of_gymnasiums_vector_environments(mode: AutoresetMode):
+    envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=2, autoreset_mode=mode))
+    told: Any = envs
+    assert told.autoreset_mode is told.unwrapped.autoreset_mode is mode
+    assert told.metadata["autoreset_mode"] is mode
+
+
 def test_metadata__of_vector_environments_tells_the_frame_rate():
     assert gym.make_vec(TOWER, num_envs=2).metadata["render_fps"] == gym.make(TOWER).metadata["render_fps"]
 

@@ -59,7 +59,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self._state = VectorEnvState(env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # where the next action is ignored, since it only resets
         self._values = np.zeros(env.num_envs)  # of the states now, where rewards are changed
-        self._autoreset: AutoresetMode = self.metadata["autoreset_mode"]
+        self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -84,7 +84,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
             infos = self._reported(infos, entries, ended)
         if LAST in infos:
             infos = self._with_ends(infos)
-        if self._autoreset is AutoresetMode.NEXT_STEP:
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._restarting = ended
         return self._shown(observations), rewards, terminated, truncated, self._with_infos(infos)
 
@@ -99,7 +99,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
     def _changed(self, rewards: Float64Array, ended: BoolArray) -> Float64Array:
         """(N,) the rewards after the change, and `_values` those of the states now; a reset's reward stays."""
         before = self._values.copy()
-        same_step = self._autoreset is AutoresetMode.SAME_STEP
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._evaluate(np.arange(self.num_envs) if same_step else (~ended).nonzero()[0])
         changed = self.transformation.rewards(rewards, before, np.where(ended, 0.0, self._values))
         return np.where(self._restarting, rewards, changed)
@@ -141,7 +141,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
     def _reported(self, infos: dict[str, Any], entries: Mapping[str, Batch], ended: BoolArray) -> dict[str, Any]:
         """The infos with what became of the actions; of an episode that ended, where Gymnasium has its last info."""
         acted = ~self._restarting
-        if self._autoreset is not AutoresetMode.SAME_STEP:
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             return infos | _where(entries, acted)
         infos = infos | _where(entries, acted & ~ended)
         if ended.any():

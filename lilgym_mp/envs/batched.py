@@ -60,7 +60,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self.single_observation_space = observation_space(settings.image_size, settings.tasks(), self._arrays)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
-        self._autoreset = settings.autoreset
+        self.autoreset_mode = settings.autoreset
         self._evaluation = settings.evaluation
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
@@ -207,12 +207,12 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
                 f" not {array.dtype} of shape {array.shape}"
             )
         ended = self._buffers.ended
-        if self._autoreset is AutoresetMode.DISABLED and ended.any():
+        if self.autoreset_mode is AutoresetMode.DISABLED and ended.any():
             numbers = ", ".join(map(str, np.flatnonzero(ended)))
             raise gym.error.ResetNeeded(f"environments {numbers} have ended; reset them with a reset_mask first")
         outside = (array < 0) | (array >= count)
         if np.count_nonzero(outside):
-            if self._autoreset is AutoresetMode.NEXT_STEP:
+            if self.autoreset_mode is AutoresetMode.NEXT_STEP:
                 outside &= ~ended
                 array = np.where(ended, 0, array)
             for number in np.flatnonzero(outside).tolist():
@@ -267,7 +267,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         if self._evaluation:
             infos |= {"repeated": buffers.repeated & ended, "_repeated": ended.copy()}
             self._evaluated += int((ended & ~buffers.repeated).sum())
-        if self._autoreset is AutoresetMode.SAME_STEP:
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
             final = np.empty(self.num_envs, object)  # None at first
             for number in ended.nonzero()[0].tolist():
                 final[number] = self._last_observation(number)
