@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from lilgym_mp.web.catalogue import Catalogue
+from lilgym_mp.web.evaluator import Evaluator
 from lilgym_mp.web.options import ServeOptions
 from lilgym_mp.web.store import Database
 
@@ -19,8 +20,10 @@ class Services:
         self.options = options
         self.database = database
         self.catalogue = Catalogue(options.corpus)
+        self.evaluator = Evaluator(options.program_processes, options.program_seconds)
 
     def close(self) -> None:
+        self.evaluator.close()
         self.database.close()
 
 

@@ -1,0 +1,390 @@
+"""/annotate: statements to write programs for, and the organisers' pages."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, get_args
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import AfterValidator, BaseModel, Field, StringConstraints
+from sqlalchemy import select
+
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.programs.syntax import MAX_LENGTH
+from lilgym_mp.scene import Scene
+from lilgym_mp.web import annotating, importing, language, organising, tutorial
+from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.fields import RandomId, ShortText, storable
+from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.services import ServicesOf
+from lilgym_mp.web.store.models import Person, TutorialAnswer
+from lilgym_mp.web.templating import page
+from lilgym_mp.web.visitors import ANNOTATOR, CallerOf, LoggedIn, OrganiserOf, give_token
+
+router = APIRouter()
+api = APIRouter(prefix="/api/annotate", tags=["annotate"])
+
+MOST_ID = 2**31 - 1
+RowId = Annotated[int, Path(ge=1, le=MOST_ID)]
+ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
+Title = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")]
+SplitName = Literal["train", "dev", "test"]
+SkipReason = Literal["ambiguous", "cannot be expressed", "wrong label", "not English", "too hard", "other"]
+
+
+class ProgramBody(BaseModel):
+    program: ProgramText
+
+
+class DraftBody(BaseModel):
+    """The editor's text, and the version that it was made from."""
+
+    program: ProgramText
+    version: int = Field(ge=0, le=MOST_ID)
+
+
+class DraftSaved(BaseModel):
+    version: int
+
+
+class NewSubmission(BaseModel):
+    """A program; `key` is the sender's own, so that sending it again after a lost connection keeps one."""
+
+    key: RandomId
+    program: ProgramText
+    confidence: int | None = Field(None, ge=1, le=5)
+    comment: ShortText = ""
+    question: ShortText = ""
+
+
+class NewSkip(BaseModel):
+    key: RandomId
+    reason: SkipReason
+    comment: ShortText = ""
+    question: ShortText = ""
+
+
+class NewPerson(BaseModel):
+    name: Title
+    role: Literal["annotator", "organiser"] = ANNOTATOR
+
+
+class TokenBody(BaseModel):
+    """The path that logs somebody in. It is told this once."""
+
+    name: str
+    path: str
+
+
+class NewBatch(BaseModel):
+    name: Title
+    people: list[Annotated[int, Field(ge=1, le=MOST_ID)]] = Field(max_length=1_000)
+    statements: int = Field(20, ge=1, le=100_000)
+    annotators_each: int = Field(1, ge=1, le=100)
+
+
+class NewRedistribution(BaseModel):
+    name: Title
+    people: list[Annotated[int, Field(ge=1, le=MOST_ID)]] = Field(max_length=1_000)
+
+
+class BatchMade(BaseModel):
+    id: int
+    assignments: int
+
+
+class NewReview(BaseModel):
+    verdict: Literal["kept", "disputed", "rejected"]
+    note: ShortText = ""
+
+
+class ImportBody(BaseModel):
+    """What became of a file: statements read, those that were new, and what is wrong with others."""
+
+    read: int
+    added: int
+    faults: int
+    first_faults: list[str]
+
+
+class TutorialTaskBody(BaseModel):
+    name: str
+    title: str
+    statement: str
+    advice: str
+    label: bool
+    scene: SceneBody
+    hidden_scenes: int
+    solved: bool
+
+
+# Pages
+
+
+@router.get("/annotate", include_in_schema=False)
+def home_page(request: Request, caller: CallerOf) -> Response:
+    return page(request, "annotate.html", is_organiser=caller.is_organiser)
+
+
+@router.get("/annotate/guidelines", include_in_schema=False)
+def guidelines_page(request: Request) -> Response:
+    return page(request, "guidelines.html", language=language.language())
+
+
+@router.get("/annotate/tutorial", include_in_schema=False)
+def tutorial_page(request: Request, person: LoggedIn) -> Response:
+    return page(request, "annotate_tutorial.html")
+
+
+@router.get("/annotate/organise", include_in_schema=False)
+def organise_page(request: Request, person: OrganiserOf) -> Response:
+    return page(request, "organise.html")
+
+
+@router.get("/annotate/{assignment_id}", include_in_schema=False)
+def work_page(request: Request, person: LoggedIn, services: ServicesOf, assignment_id: RowId) -> Response:
+    with services.database.reading() as session:
+        annotating.find(session, person, assignment_id)
+    reasons = get_args(SkipReason)
+    return page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
+
+
+# The language
+
+
+@api.get("/language")
+def words() -> language.LanguageBody:
+    """Everything that can stand in a program, with signatures and documentation."""
+    return language.language()
+
+
+@api.post("/check")
+def check(text: ProgramBody) -> language.CheckBody:
+    """Whether a text is a program, and where not, what is wrong."""
+    return language.check(text.program)
+
+
+# An annotator's own
+
+
+@api.get("/assignments")
+def assignments(services: ServicesOf, person: LoggedIn) -> list[annotating.AssignmentLine]:
+    with services.database.reading() as session:
+        return annotating.assignments(session, person)
+
+
+@api.get("/assignments/{assignment_id}")
+def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotating.AssignmentBody:
+    """The statement, its shown scene and label, and the program as it was being written."""
+    with services.database.reading() as session:
+        found = annotating.find(session, person, assignment_id)
+        told = annotating.body(session, person, found)
+    if found.assignment.opened is None:
+        with services.database.writing() as session:
+            annotating.note_opening(session, person, assignment_id)
+    return told
+
+
+@api.put("/assignments/{assignment_id}/draft")
+def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
+    """Keeps the editor's text."""
+    with services.database.writing() as session:
+        return DraftSaved(
+            version=annotating.save_draft(session, person, assignment_id, written.program, written.version)
+        )
+
+
+@api.post("/assignments/{assignment_id}/run")
+def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: ProgramBody) -> annotating.RunBody:
+    """Runs a program on the shown scene."""
+    with services.database.reading() as session:
+        found = annotating.find(session, person, assignment_id)
+    scene = Scene.from_json(found.shown.scene)
+    return annotating.run(services.evaluator, written.program, scene, label=found.shown.label)
+
+
+@api.post("/assignments/{assignment_id}/submissions", status_code=201)
+def submit(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSubmission) -> annotating.VerdictBody:
+    """Submits a program that agrees with the shown scene; it is checked on the hidden ones."""
+    with services.database.reading() as session:
+        found = annotating.find(session, person, assignment_id)
+        kept = annotating.earlier(session, assignment_id, new.key)
+    if kept is None:
+        scenes = annotating.labelled_scenes(found)
+        verdict = annotating.judged(services.evaluator, new.program, scenes, found.assignment.shown)
+        said = new.model_dump(exclude={"key"})
+        with services.database.writing() as session:
+            kept = annotating.submit(session, person, assignment_id, new.key, verdict, **said)
+    return annotating.verdict_body(kept)
+
+
+@api.post("/assignments/{assignment_id}/skip", status_code=201)
+def skip(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSkip) -> annotating.VerdictBody:
+    """Skips the statement, with a reason."""
+    with services.database.writing() as session:
+        said = new.model_dump(exclude={"key"})
+        kept = annotating.submit(session, person, assignment_id, new.key, annotating.SKIPPED, **said)
+        return annotating.verdict_body(kept)
+
+
+@api.get("/history")
+def history(services: ServicesOf, person: LoggedIn) -> list[annotating.SubmissionLine]:
+    """Everything that you submitted, with what reviews say of it."""
+    with services.database.reading() as session:
+        return annotating.history(session, person)
+
+
+# The tutorial
+
+
+@api.get("/tutorial")
+def tutorial_tasks(services: ServicesOf, person: LoggedIn) -> list[TutorialTaskBody]:
+    with services.database.reading() as session:
+        solved = set(session.scalars(select(TutorialAnswer.task).where(TutorialAnswer.person_id == person.id)))
+    return [
+        TutorialTaskBody(
+            name=task.name,
+            title=task.title,
+            statement=task.statement,
+            advice=task.advice,
+            label=task.scenes[0][1],
+            scene=scene_body(task.scenes[0][0]),
+            hidden_scenes=len(task.scenes) - 1,
+            solved=task.name in solved,
+        )
+        for task in tutorial.TASKS
+    ]
+
+
+def _tutorial_task(name: str) -> tutorial.TutorialTask:
+    if name not in tutorial.BY_NAME:
+        raise refusal(404, f"no tutorial task {name!r}; there are {', '.join(tutorial.BY_NAME)}")
+    return tutorial.BY_NAME[name]
+
+
+@api.post("/tutorial/{name}/run")
+def run_tutorial(services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody) -> annotating.RunBody:
+    scene, label = _tutorial_task(name).scenes[0]
+    return annotating.run(services.evaluator, written.program, scene, label=label)
+
+
+@api.post("/tutorial/{name}/submissions", status_code=201)
+def submit_tutorial(
+    services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody
+) -> annotating.VerdictBody:
+    task = _tutorial_task(name)
+    verdict = annotating.judged(services.evaluator, written.program, task.scenes, 0)
+    if verdict == annotating.ACCEPTED:
+        with services.database.writing() as session:
+            answer = session.get(TutorialAnswer, (person.id, name)) or TutorialAnswer(person_id=person.id, task=name)
+            answer.program = written.program
+            session.add(answer)
+    return annotating.VerdictBody(id=0, verdict=verdict, message=annotating.MESSAGES[verdict])
+
+
+# The organisers'
+
+
+@api.post("/imports", openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}})
+async def import_file(
+    request: Request, services: ServicesOf, person: OrganiserOf, split: SplitName = "train"
+) -> ImportBody:
+    """Adds the statements of a file, the request's body: the corpus format, or NLVR's lines (then in `split`)."""
+    data = await request.body()
+
+    def imported() -> ImportBody:
+        try:
+            found = importing.read_statements(data, split)
+        except CorpusError as fault:
+            raise refusal(422, str(fault)) from None
+        with services.database.writing() as session:
+            added = importing.keep_statements(session, found.statements)
+        first = found.faults[: importing.MOST_FAULTS]
+        return ImportBody(read=len(found.statements), added=added, faults=len(found.faults), first_faults=first)
+
+    return await run_sync(imported)
+
+
+@api.get("/people")
+def people(services: ServicesOf, person: OrganiserOf) -> list[organising.PersonLine]:
+    with services.database.reading() as session:
+        return organising.people(session)
+
+
+@api.post("/people", status_code=201)
+def add_person(services: ServicesOf, person: OrganiserOf, new: NewPerson) -> TokenBody:
+    """Gives somebody a token, a new one where there was one."""
+    with services.database.writing() as session:
+        token = give_token(session, new.name, new.role)
+    return TokenBody(name=new.name, path=f"/login?token={token}")
+
+
+@api.delete("/people/{person_id}/token", status_code=204)
+def revoke(services: ServicesOf, person: OrganiserOf, person_id: RowId) -> None:
+    """Ends somebody's token, and with it every login."""
+    with services.database.writing() as session:
+        found = session.get(Person, person_id)
+        if found is None:
+            raise refusal(404, f"there is nobody with the number {person_id}")
+        if found.id == person.id:
+            raise refusal(409, "you cannot end your own token")
+        found.token_hash = None
+
+
+@api.get("/batches")
+def batches(services: ServicesOf, person: OrganiserOf) -> list[organising.BatchLine]:
+    with services.database.reading() as session:
+        return organising.batches(session)
+
+
+@api.post("/batches", status_code=201)
+def make_batch(services: ServicesOf, person: OrganiserOf, new: NewBatch) -> BatchMade:
+    """Gives statements that nobody has yet to people, in turn."""
+    with services.database.writing() as session:
+        batch, made = organising.make_batch(session, new.name, new.people, new.statements, new.annotators_each)
+        return BatchMade(id=batch.id, assignments=made)
+
+
+@api.post("/redistributions", status_code=201)
+def redistribute(services: ServicesOf, person: OrganiserOf, new: NewRedistribution) -> BatchMade:
+    """Gives skipped and disputed statements to people who had not seen them."""
+    with services.database.writing() as session:
+        batch, made = organising.redistribute(session, new.name, new.people)
+        return BatchMade(id=batch.id, assignments=made)
+
+
+@api.get("/reviews")
+def reviews(
+    services: ServicesOf,
+    person: OrganiserOf,
+    first: Annotated[int, Query(ge=0, le=MOST_ID)] = 0,
+    most: Annotated[int, Query(ge=1, le=100)] = 20,
+) -> list[organising.StatementReview]:
+    """Statements with what was submitted for them, from number `first` on."""
+    with services.database.reading() as session:
+        return organising.review_page(session, services.evaluator, first, most)
+
+
+@api.post("/submissions/{submission_id}/reviews", status_code=204)
+def review(services: ServicesOf, person: OrganiserOf, submission_id: RowId, new: NewReview) -> None:
+    """Says what is to become of a submission; its sender sees verdict and note."""
+    with services.database.writing() as session:
+        organising.add_review(session, person, submission_id, new.verdict, new.note)
+
+
+@api.get("/statistics")
+def statistics(services: ServicesOf, person: OrganiserOf) -> organising.StatisticsBody:
+    with services.database.reading() as session:
+        return organising.statistics(session)
+
+
+@api.get("/export", response_class=Response)
+def export(services: ServicesOf, person: OrganiserOf) -> Response:
+    """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
+    with services.database.reading() as session:
+        data = organising.export(session)
+    headers = {"Content-Disposition": 'attachment; filename="annotated.jsonl"'}
+    return Response(data, media_type="application/jsonl", headers=headers)
+
+
+router.include_router(api)

@@ -1,0 +1,416 @@
+"""/annotate: the paper's procedure from import to export."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import inspect
+
+from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
+from lilgym_mp.corpus.exporting import flipit_entries
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.programs.syntax import parse
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.scene import Scene
+from lilgym_mp.web.evaluator import EvaluationError, Evaluator
+from lilgym_mp.web.store import open_database
+from lilgym_mp.web.store.models import Table
+from lilgym_mp.web.tutorial import TASKS
+from tests.web_app import Browser, server
+
+API = "/api/annotate"
+BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
+TASK_PROGRAMS = {
+    "exist": BLUE,
+    "count": "equal_int(count(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: "
+    "AND(is_black(x), is_bottom(x)))))), 2)",
+    "faithful": "All(filter_obj(all_items, lambda x: is_triangle(x)), lambda x: is_yellow(x))",
+    "touching": "exist(filter_obj(all_items, lambda x: AND(is_circle(x), is_touching_wall(x))))",
+}
+
+
+def _block(colour: str) -> dict[str, Any]:
+    return {"x_loc": 40, "y_loc": 80, "type": "square", "color": colour, "size": 20}
+
+
+def _lines(count: int) -> bytes:
+    """NLVR's form: statements of a blue block, each with a scene of which it is true and one of which it is not."""
+    lines = []
+    for number in range(count):
+        for scene, label in (([[_block("#0099ff")], [], []], "true"), ([[_block("Black")], [], []], "false")):
+            identifier = f"{number}-{int(label == 'true')}"
+            sentence = f"Statement {number} says that something is blue."
+            line = {"sentence": sentence, "identifier": identifier, "label": label, "structured_rep": scene}
+            lines.append(json.dumps(line))
+    return "\n".join(lines).encode()
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[Any]:
+    with server(tmp_path, program_processes=1, program_seconds=20.0) as made:
+        yield made
+
+
+@pytest.fixture
+def organiser(app: Any) -> Browser:
+    return Browser(app).log_in("Olga", "organiser")
+
+
+def imported(organiser: Browser, data: bytes, **query: Any) -> dict[str, Any]:
+    answer = organiser.post(f"{API}/imports", content=data, params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def given(organiser: Browser, *names: str, statements: int = 1, each: int = 1) -> list[Browser]:
+    """Annotators with a batch."""
+    browsers = [Browser(organiser.app).log_in(name) for name in names]
+    people = {line["name"]: line["id"] for line in organiser.get(f"{API}/people").json()}
+    body = {
+        "name": f"batch of {', '.join(names)}",
+        "people": [people[name] for name in names],
+        "statements": statements,
+        "annotators_each": each,
+    }
+    assert organiser.post(f"{API}/batches", body).status_code == 201
+    return browsers
+
+
+def first(browser: Browser) -> str:
+    return f"{API}/assignments/{browser.get(f'{API}/assignments').json()[0]['id']}"
+
+
+def submit(browser: Browser, path: str, program: str, key: str = "k1", **more: Any) -> Any:
+    return browser.post(f"{path}/submissions", {"key": key, "program": program, **more})
+
+
+def test_procedure__from_import_to_an_export_that_the_check_accepts(organiser: Browser, tmp_path: Path):
+    assert imported(organiser, _lines(3)) == {"read": 3, "added": 3, "faults": 0, "first_faults": []}
+    (ada,) = given(organiser, "Ada", statements=3)
+    for line in ada.get(f"{API}/assignments").json():
+        path = f"{API}/assignments/{line['id']}"
+        told = ada.get(path).json()
+        assert told["hidden_scenes"] == 1
+        run = ada.post(f"{path}/run", {"program": BLUE}).json()
+        assert run["agrees"]
+        assert run["truth"] is told["label"]
+        answer = submit(ada, path, BLUE, confidence=5)
+        assert answer.json()["verdict"] == "accepted", answer.text
+    export = organiser.get(f"{API}/export")
+    assert export.status_code == 200
+    file = tmp_path / "annotated.jsonl"
+    file.write_bytes(export.content)
+    report = check_corpus(file)
+    assert report.ok, str(report)
+    assert [count.tasks for count in report.counts if count.start == "flipit" and count.tasks] == [6]
+    statistics = organiser.get(f"{API}/statistics").json()
+    assert (statistics["statements"], statistics["collected"], statistics["kept"]) == (3, 3, 3)
+    assert statistics["annotators"][0]["accepted"] == 3
+    assert statistics["median_seconds"] >= 0
+
+
+def test_hidden_scenes__are_nowhere_in_what_an_annotator_gets(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = first(ada)
+    told = ada.get(path).json()
+    always = "True" if told["label"] else "False"
+    answer = submit(ada, path, always)
+    assert answer.status_code == 201
+    assert answer.json()["verdict"] == "failed"
+    texts = [ada.get(path).text, answer.text, ada.get(f"{API}/history").text]
+    hidden = "black square" if told["label"] else "blue square"
+    assert "square" in texts[0]
+    assert not any(hidden in text for text in texts)
+    assert set(answer.json()) == {"id", "verdict", "message"}
+
+
+def test_submission__that_disagrees_with_the_shown_scene_is_refused(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = first(ada)
+    answer = submit(ada, path, f"NOT({BLUE})")
+    assert answer.status_code == 409
+    assert "does not agree with the shown scene" in answer.json()["message"]
+    assert ada.get(f"{API}/history").json() == []
+
+
+def test_submission__sent_twice_is_kept_once(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = first(ada)
+    answers = [submit(ada, path, BLUE, key="same").json() for _ in range(3)]
+    assert answers[0] == answers[1] == answers[2]
+    assert len(ada.get(f"{API}/history").json()) == 1
+
+
+def test_submission__every_one_is_kept_with_its_history(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = first(ada)
+    always = "True" if ada.get(path).json()["label"] else "False"
+    submit(ada, path, always, key="one", comment="a guess")
+    submit(ada, path, BLUE, key="two", question="Is a <b>blue</b> circle meant?")
+    history = ada.get(f"{API}/history").json()
+    assert [line["verdict"] for line in history] == ["accepted", "failed"]
+    assert history[0]["question"] == "Is a <b>blue</b> circle meant?"
+
+
+@pytest.mark.parametrize(
+    ("program", "status"),
+    [
+        ("", 422),
+        ("   ", 422),
+        ("exist(", 422),
+        ("unknown(all_items)", 422),
+        ("x" * 9_000, 422),
+        ("x" * 10_000_000, 413),
+    ],
+)
+def test_program__that_is_none_is_refused_and_nothing_is_lost(organiser: Browser, program: str, status: int):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = first(ada)
+    for where in ("run", "submissions"):
+        answer = ada.post(f"{path}/{where}", {"program": program, "key": "k"})
+        assert answer.status_code == status
+        assert answer.json()["message"]
+    assert ada.get(path).json()["state"] == "open"
+
+
+def test_program__without_a_value_says_why(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    run = ada.post(f"{first(ada)}/run", {"program": "is_blue(all_items)"}).json()
+    assert run["truth"] is None
+    assert "must be an item" in run["fault"]
+
+
+def test_program__without_a_value_of_the_empty_scene_is_refused(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    answer = submit(ada, first(ada), "is_blue(unique(all_items))")
+    assert answer.status_code == 409
+    assert "without items" in answer.json()["message"]
+
+
+def test_evaluator__ends_a_program_that_takes_too_long_and_goes_on():
+    evaluator = Evaluator(1, 0.000001)
+    try:
+        scenes = [Scene.empty()] * 50_000
+        with pytest.raises(EvaluationError, match="took longer than"):
+            evaluator.evaluate(BLUE, scenes)
+        evaluator._seconds = 30.0
+        assert evaluator.evaluate(BLUE, [Scene.empty()]).truths == [False]
+    finally:
+        evaluator.close()
+
+
+def test_annotators__can_neither_see_nor_change_each_others_work(organiser: Browser):
+    imported(organiser, _lines(2))
+    ada, bob = given(organiser, "Ada", "Bob", statements=2)
+    path = first(ada)
+    assert ada.get(path).status_code == 200
+    assert bob.get(path).status_code == 404
+    assert bob.get(path.replace("/api", "").replace("/assignments", "")).status_code == 404
+    for where, body in (
+        ("run", {"program": BLUE}),
+        ("submissions", {"program": BLUE, "key": "k"}),
+        ("skip", {"key": "k", "reason": "other"}),
+    ):
+        assert bob.post(f"{path}/{where}", body).status_code == 404
+    assert bob.send("PUT", f"{path}/draft", {"program": "x", "version": 0}).status_code == 404
+    assert bob.get(f"{API}/history").json() == []
+    assert ada.get(path).json()["state"] == "open"
+
+
+@pytest.mark.parametrize("path", ["people", "batches", "reviews", "statistics", "export"])
+def test_organisers_work__is_not_for_annotators_or_strangers(app: Any, path: str):
+    assert Browser(app).log_in("Ada").get(f"{API}/{path}").status_code == 403
+    assert Browser(app).get(f"{API}/{path}").status_code == 401
+
+
+def test_draft__of_two_tabs_loses_nothing(organiser: Browser):
+    imported(organiser, _lines(1))
+    (ada,) = given(organiser, "Ada")
+    path = f"{first(ada)}/draft"
+    assert ada.send("PUT", path, {"program": "exist(", "version": 0}).json() == {"version": 1}
+    assert ada.send("PUT", path, {"program": "exist(", "version": 0}).json() == {"version": 1}
+    answer = ada.send("PUT", path, {"program": "count(", "version": 0})
+    assert answer.status_code == 409
+    assert "another tab" in answer.json()["message"]
+    assert ada.get(first(ada)).json()["draft"] == "exist("
+
+
+def test_work__outlives_a_restart(tmp_path: Path):
+    with server(tmp_path) as app:
+        organiser = Browser(app).log_in("Olga", "organiser")
+        imported(organiser, _lines(1))
+        (ada,) = given(organiser, "Ada")
+        path = first(ada)
+        ada.send("PUT", f"{path}/draft", {"program": "exist(", "version": 0})
+        ada.post(f"{path}/skip", {"key": "k", "reason": "ambiguous", "comment": "two readings"})
+        cookies = dict(ada.client.cookies)
+        before = ada.get(path).json()
+    with server(tmp_path) as app:
+        again = Browser(app)
+        again.client.cookies.update(cookies)
+        assert again.get(path).json() == before
+        assert before["submissions"][0]["reason"] == "ambiguous"
+
+
+def test_redistribution__gives_skipped_and_disputed_statements_to_others(organiser: Browser):
+    imported(organiser, _lines(3))
+    (ada,) = given(organiser, "Ada", statements=3)
+    skipped, disputed, kept = (line["id"] for line in ada.get(f"{API}/assignments").json())
+    ada.post(f"{API}/assignments/{skipped}/skip", {"key": "k", "reason": "too hard"})
+    for number in (disputed, kept):
+        ada.get(f"{API}/assignments/{number}")
+        submit(ada, f"{API}/assignments/{number}", BLUE)
+    reviews = organiser.get(f"{API}/reviews").json()
+    sent = [statement["submissions"][0]["id"] for statement in reviews]
+    note = {"verdict": "disputed", "note": "Shorter, please."}
+    assert organiser.post(f"{API}/submissions/{sent[1]}/reviews", note).status_code == 204
+    assert organiser.post(f"{API}/submissions/{sent[2]}/reviews", {"verdict": "kept"}).status_code == 204
+    bob = Browser(organiser.app).log_in("Bob")
+    people = {line["name"]: line["id"] for line in organiser.get(f"{API}/people").json()}
+    body = {"name": "second round", "people": [people["Ada"], people["Bob"]]}
+    assert organiser.post(f"{API}/redistributions", body).json()["assignments"] == 2
+    assert len(bob.get(f"{API}/assignments").json()) == 2
+    assert [line["note"] for line in ada.get(f"{API}/history").json()] == ["", "Shorter, please.", ""]
+    statistics = organiser.get(f"{API}/statistics").json()
+    assert (statistics["collected"], statistics["kept"], statistics["disputed"]) == (2, 1, 1)
+    again = organiser.post(f"{API}/redistributions", {**body, "name": "third round"})
+    assert again.status_code == 409
+
+
+def test_agreement__is_of_truths_and_not_of_texts(organiser: Browser):
+    imported(organiser, _lines(2))
+    ada, bob = given(organiser, "Ada", "Bob", statements=2, each=2)
+    programs = {
+        0: (BLUE, "exist(filter_color(all_items, Color.BLUE))"),
+        1: (BLUE, "AND(exist(filter_color(all_items, Color.BLUE)), count(all_items) == 1)"),
+    }
+    for browser, place in ((ada, 0), (bob, 1)):
+        for number, line in enumerate(browser.get(f"{API}/assignments").json()):
+            answer = submit(browser, f"{API}/assignments/{line['id']}", programs[number][place])
+            assert answer.json()["verdict"] == "accepted", answer.text
+    towers = [[_block("#0099ff"), {**_block("Black"), "y_loc": 59}], [], []]
+    more = {"sentence": "More.", "identifier": "m-0", "label": "true", "structured_rep": towers}
+    imported(organiser, json.dumps(more).encode())
+    same, other = organiser.get(f"{API}/reviews").json()
+    assert same["agreement"] == 1.0
+    assert same["compared_scenes"] == 6
+    assert other["agreement"] == pytest.approx(5 / 6, abs=1e-4)
+
+
+def test_tokens__a_revoked_one_ends_every_login(organiser: Browser):
+    answer = organiser.post(f"{API}/people", {"name": "Eve"})
+    path = answer.json()["path"]
+    eve = Browser(organiser.app)
+    assert eve.get(path, follow_redirects=False).status_code == 303
+    assert eve.get(f"{API}/assignments").status_code == 200
+    (number,) = [line["id"] for line in organiser.get(f"{API}/people").json() if line["name"] == "Eve"]
+    assert organiser.send("DELETE", f"{API}/people/{number}/token").status_code == 204
+    assert eve.get(f"{API}/assignments").status_code == 401
+    assert Browser(organiser.app).get(path).status_code == 401
+
+
+def test_import__of_the_corpus_format_and_what_is_wrong_in_a_file(organiser: Browser, tmp_path: Path):
+    tasks = load_tasks("builtin", "scatter", "flipit", "dev")
+    entries = list(flipit_entries(tasks))[:5]
+    write_corpus(tmp_path / "some.jsonl.gz", "some", "CC0-1.0", entries)
+    data = (tmp_path / "some.jsonl.gz").read_bytes()
+    assert imported(organiser, data)["added"] == 5
+    assert imported(organiser, data)["added"] == 0
+    broken = b'{"sentence": "S.", "identifier": "1-0", "label": "maybe", "structured_rep": []}\n{"sentence": 1}\nno'
+    told = imported(organiser, broken)
+    assert (told["read"], told["faults"]) == (0, 3)
+    assert "label must be true or false" in told["first_faults"][0]
+    for data in (b"", b"\xff\xfe", b"\x1f\x8b broken"):
+        answer = organiser.post(f"{API}/imports", content=data)
+        assert answer.status_code == 422
+        assert "the file" in answer.json()["message"]
+
+
+def test_language__has_every_word_with_signature_and_documentation(app: Any):
+    told = Browser(app).get(f"{API}/language").json()
+    words = {word["name"]: word for word in told["words"]}
+    assert {name for name, word in words.items() if word["is_function"]} == set(WORDS)
+    assert all(word["signature"] and word["meaning"] for word in words.values())
+    assert {"all_boxes", "Color.BLUE", ".is_tower()", "lambda"} <= set(words)
+
+
+@pytest.mark.parametrize("program", [BLUE, "exist(all_itmes)", "exist((", "a ; b", "lambda: 1", ""])
+def test_check__says_what_the_language_says(app: Any, program: str):
+    told = Browser(app).post(f"{API}/check", {"program": program}).json()
+    if told["ok"]:
+        parse(program)
+        return
+    with pytest.raises(ProgramError) as fault:
+        parse(program)
+    assert (told["offset"], told["message"]) == (fault.value.offset, fault.value.reason)
+
+
+def test_tutorial__its_tasks_can_be_solved_and_are_remembered(app: Any):
+    ada = Browser(app).log_in("Ada")
+    assert {task.name for task in TASKS} == set(TASK_PROGRAMS)
+    for name, program in TASK_PROGRAMS.items():
+        answer = ada.post(f"{API}/tutorial/{name}/submissions", {"program": program})
+        assert answer.json()["verdict"] == "accepted", (name, answer.text)
+    assert all(task["solved"] for task in ada.get(f"{API}/tutorial").json())
+    assert ada.post(f"{API}/tutorial/none/run", {"program": BLUE}).status_code == 404
+    spurious = {"program": "exist(filter_obj(all_items, lambda x: is_triangle(x)))"}
+    assert ada.post(f"{API}/tutorial/faithful/submissions", spurious).json()["verdict"] == "failed"
+
+
+@pytest.mark.parametrize("path", ["", "/guidelines", "/tutorial", "/organise"])
+def test_pages__are_there(organiser: Browser, path: str):
+    assert organiser.get(f"/annotate{path}").status_code == 200
+
+
+def test_pages__send_strangers_to_their_link(app: Any):
+    assert "logs you in" in Browser(app).get("/annotate").text
+    assert Browser(app).get("/annotate/tutorial").status_code == 401
+
+
+def test_database__of_an_older_version_is_migrated_and_keeps_what_it_has(tmp_path: Path):
+    from alembic import command
+    from alembic.config import Config
+    from sqlalchemy import create_engine
+
+    from lilgym_mp.web.store.database import MIGRATIONS
+
+    url = f"sqlite:///{tmp_path / 'web.sqlite3'}"
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "0001")
+    with sqlite3.connect(tmp_path / "web.sqlite3") as older:
+        older.execute("INSERT INTO people (name, role, created) VALUES ('Ada', 'annotator', '2026-01-01')")
+    older.close()
+    database = open_database(url)
+    tables = set(inspect(database.engine).get_table_names())
+    assert tables - {"alembic_version"} == set(Table.metadata.tables)
+    with sqlite3.connect(tmp_path / "web.sqlite3") as newer:
+        assert newer.execute("SELECT name FROM people").fetchall() == [("Ada",)]
+    newer.close()
+    database.close()
+
+
+def test_database__its_migrations_make_the_tables_that_the_code_has(tmp_path: Path):
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+
+    database = open_database(f"sqlite:///{tmp_path / 'web.sqlite3'}")
+    with database.engine.connect() as connection:
+        differences = compare_metadata(MigrationContext.configure(connection), Table.metadata)
+    database.close()
+    assert differences == []
