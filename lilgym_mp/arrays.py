@@ -12,3 +12,5 @@ Int16Array = NDArray[np.int16]
 Int64Array = NDArray[np.int64]
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+
+BOOLEANS = (bool, np.bool_)  # no whole numbers, though both (the latter before NumPy 2.3) pass for one as an index

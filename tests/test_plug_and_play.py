@@ -182,6 +182,15 @@ def test_workers__stay_open_where_wrappers_close_what_they_wrap(monkeypatch: pyt
         env.close()
 
 
+def test_vector_wrappers__that_are_dropped_leave_open_what_they_wrapped(monkeypatch: pytest.MonkeyPatch):
+    """Gymnasium 1.1 to 1.2.2 closes a vector environment when a wrapper of it is collected."""
+    monkeypatch.setattr(gym.vector.VectorEnv, "__del__", lambda self: self.close(), raising=False)
+    envs = gym.make_vec(TOWER, num_envs=2)
+    for _ in range(2):
+        stop_forcing_v0(envs).reset(seed=0)
+    envs.reset(seed=0)
+
+
 def test_sb3__without_its_extra_names_it(tmp_path: Path):
     (tmp_path / "stable_baselines3.py").write_text(
         "raise ModuleNotFoundError('No module named stable_baselines3', name='stable_baselines3')\n"

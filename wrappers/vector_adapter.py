@@ -61,6 +61,9 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self._values = np.zeros(env.num_envs)  # of the states now, where rewards are changed
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
 
+    def __del__(self) -> None:
+        """Leaves open what it wraps; before Gymnasium 1.3 a wrapper closes that when it is collected."""
+
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:

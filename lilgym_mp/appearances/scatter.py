@@ -34,7 +34,7 @@ from lilgym_mp.appearances.placement import (
     searched,
     snapped,
 )
-from lilgym_mp.arrays import BoolArray
+from lilgym_mp.arrays import BOOLEANS, BoolArray
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
@@ -75,7 +75,7 @@ def _is_pair(grid: object) -> bool:
 
 def _positive(count: object) -> int:
     """`count` when it is a positive whole number, else 0."""
-    if isinstance(count, bool) or not isinstance(count, SupportsIndex):
+    if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
         return 0
     return max(0, operator.index(count))
 

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import SupportsIndex, cast, overload
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.arrays import BOOLEANS
 from lilgym_mp.corpus.faults import FaultLog
 from lilgym_mp.corpus.records import Record, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
@@ -78,7 +79,7 @@ class TaskSet(Sequence[Task]):
     def number(self, task_id: str | SupportsIndex) -> int:
         """The place of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
         called: object = task_id
-        if isinstance(called, SupportsIndex) and not isinstance(called, bool):
+        if isinstance(called, SupportsIndex) and not isinstance(called, BOOLEANS):
             called = str(operator.index(called))
         number = self._numbers.get(called) if isinstance(called, str) else None
         if number is None:

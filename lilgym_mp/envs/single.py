@@ -13,7 +13,7 @@ from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.arrays import BoolArray, UInt8Array
+from lilgym_mp.arrays import BOOLEANS, BoolArray, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import StatementArrays
@@ -131,10 +131,10 @@ class LilGymEnv(gym.Env[Observation, int]):
     def _checked(self, action: SupportsIndex) -> int:
         count = self._action_count
         try:
-            index = operator.index(action)
+            index = -1 if isinstance(action, BOOLEANS) else operator.index(action)
         except TypeError:
             raise ActionError(f"an action must be a whole number 0 .. {count - 1}, not {action!r}") from None
-        if not 0 <= index < count or isinstance(action, bool):
+        if not 0 <= index < count:
             raise ActionError(f"action {action!r} is out of range; choose from 0 .. {count - 1}")
         return index
 

@@ -10,7 +10,7 @@ from typing import SupportsIndex
 import numpy as np
 
 from lilgym_mp.actions import ActionError, describe
-from lilgym_mp.arrays import BoolArray, Int8Array
+from lilgym_mp.arrays import BOOLEANS, BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
 from lilgym_mp.envs.proposer_verifier.rulebook import Rulebook
@@ -193,12 +193,12 @@ class Game:
         """`action` as an int. Raises ActionError when it is none of the action space of `role`."""
         count = self.action_counts[role]
         try:
-            index = operator.index(action)
+            index = -1 if isinstance(action, BOOLEANS) else operator.index(action)
         except TypeError:
             raise ActionError(
                 f"an action of {AGENTS[role]} must be a whole number 0 .. {count - 1}, not {action!r}"
             ) from None
-        if not 0 <= index < count or isinstance(action, bool):
+        if not 0 <= index < count:
             raise ActionError(f"action {action!r} of {AGENTS[role]} is out of range; choose from 0 .. {count - 1}")
         return index
 
