@@ -16,7 +16,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from lilgym_mp.benchmark.traces import Course, Trace, vector_trace
+from lilgym_mp.benchmark.traces import Trace, Workload, vector_trace
 
 WARM_UPS = 3
 
@@ -83,9 +83,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     given = parser.parse_args()
     for configuration in given.configurations:
-        course = Course(configuration)
-        env: Any = gym.make_vec(course.environment_id, num_envs=given.envs, **course.arguments)
-        trace = vector_trace(course.scripts(given.envs), env.metadata["autoreset_mode"])
+        workload = Workload(configuration)
+        env: Any = gym.make_vec(workload.environment_id, num_envs=given.envs, **workload.arguments)
+        trace = vector_trace(workload.scripts(given.envs), env.metadata["autoreset_mode"])
         found = rounds_of(env, trace, given.rounds)
         medians = {part: median(one[part] for one in found) for part in found[0]}
         whole = sum(medians.values())

@@ -14,8 +14,8 @@ from sb3_contrib import MaskablePPO
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.comparison import Trial, play_all, training_statements
-from lilgym_mp.evaluation.contestants import BASELINES, Contestant
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play_all, training_statements
+from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy
 from lilgym_mp.evaluation.report import table
 from lilgym_mp.learning.network import ActorCritic
 from lilgym_mp.learning.policy import Agent, MaskedActorCritic
@@ -60,10 +60,10 @@ def main() -> None:
 
     assert isinstance(learner.policy, MaskedActorCritic)
     policy = Agent(learner.policy.network.eval(), vocabulary, length)
-    agent = Contestant("trained agent, masked", lambda settings: policy, "rewards alone")
-    trial = Trial(settings, "dev", args.seed)
-    print(trial)
-    print(table(list(play_all([agent, *BASELINES], trial, statements))))
+    agent = NamedPolicy("trained agent, masked", lambda settings: policy, "rewards alone")
+    plan = EvaluationPlan(settings, "dev", args.seed)
+    print(plan)
+    print(table(list(play_all([agent, *BASELINES], plan, statements))))
 
 
 if __name__ == "__main__":

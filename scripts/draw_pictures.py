@@ -32,7 +32,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
-from lilgym_mp.evaluation.film import film_moments, replay, save_gif
+from lilgym_mp.evaluation.film import film_frames, replay, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -83,14 +83,14 @@ def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
 
 def draw_films() -> None:
     """A film and a first frame of each configuration, and one film of all four."""
-    moments = []
+    frames = []
     for configuration in CONFIGURATIONS:
         episode = shown_episode(configuration)
         frames = frames_of(configuration, episode)
         save_gif(PICTURES / f"{configuration}.gif", frames)
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
-        moments.append(list(replay(Settings(configuration).make(SPLIT), episode)))
-    film_moments(PICTURES / "agent.gif", moments, columns=2)
+        frames.append(list(replay(Settings(configuration).make(SPLIT), episode)))
+    film_frames(PICTURES / "agent.gif", frames, columns=2)
 
 
 def draw_games() -> None:

@@ -2,6 +2,6 @@
 
 from lilgym_mp.benchmark.catalogue import GROUPS, subjects
 from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Effort, Measurement
-from lilgym_mp.benchmark.traces import Course
+from lilgym_mp.benchmark.traces import Workload
 
-__all__ = ["EFFORTS", "GROUPS", "Bench", "Course", "Effort", "Measurement", "subjects"]
+__all__ = ["EFFORTS", "GROUPS", "Bench", "Effort", "Measurement", "Workload", "subjects"]

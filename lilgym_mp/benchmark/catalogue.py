@@ -10,7 +10,7 @@ from typing import Any
 
 from lilgym_mp.benchmark import parts, players
 from lilgym_mp.benchmark.players import Play
-from lilgym_mp.benchmark.traces import Course
+from lilgym_mp.benchmark.traces import Workload
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.wrappers import stop_forcing_v0
@@ -27,7 +27,7 @@ class Subject:
     group: str
     name: str
     num_envs: int
-    open: Callable[[Course], AbstractContextManager[Play]]
+    open: Callable[[Workload], AbstractContextManager[Play]]
     is_part: bool = False
 
 
@@ -37,7 +37,7 @@ def _copies() -> list[Subject]:
 
 def _single() -> list[Subject]:
     forcing = partial(players.single, wrap=stop_forcing_v0, masks=True)
-    openers: dict[str, Callable[[Course], AbstractContextManager[Play]]] = {
+    openers: dict[str, Callable[[Workload], AbstractContextManager[Play]]] = {
         "single": players.single,
         "single, masks": partial(players.single, masks=True),
         "single, stop forcing": forcing,
@@ -45,7 +45,7 @@ def _single() -> list[Subject]:
     return [Subject("single", name, 1, opener) for name, opener in openers.items()]
 
 
-def _vector(group: str, name: str, count: int, make: Callable[[Course, int], Any], *, masks: bool = False) -> Subject:
+def _vector(group: str, name: str, count: int, make: Callable[[Workload, int], Any], *, masks: bool = False) -> Subject:
     return Subject(group, name, count, partial(players.vector, num_envs=count, make=make, masks=masks))
 
 
@@ -119,7 +119,7 @@ def _pettingzoo() -> list[Subject]:
 
 
 def _parts() -> list[Subject]:
-    openers: dict[tuple[str, int], Callable[[Course], AbstractContextManager[Play]]] = {
+    openers: dict[tuple[str, int], Callable[[Workload], AbstractContextManager[Play]]] = {
         ("program truth", 1): parts.truth,
         ("mask", 1): parts.mask,
         ("mask, in a batch", 64): partial(parts.batched_masks, num_envs=64),

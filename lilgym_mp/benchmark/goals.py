@@ -25,7 +25,7 @@ class Goal(NamedTuple):
         return self.unit == "us"
 
 
-class Verdict(NamedTuple):
+class GoalResult(NamedTuple):
     """What was measured for a goal: the worst of the configurations."""
 
     goal: Goal
@@ -86,12 +86,12 @@ GOALS = (
 )
 
 
-def verdicts(bench: Bench) -> list[Verdict]:
+def goal_results(bench: Bench) -> list[GoalResult]:
     """For each goal whose figure was measured, the worst figure among the configurations that it is about."""
-    found: list[Verdict] = []
+    found: list[GoalResult] = []
     for goal in GOALS:
         configurations = [name for name in bench.configurations if CONFIGURATIONS[name][0] in goal.appearances]
         values = [value for name in configurations if (value := goal.value(bench, name)) is not None]
         if values:
-            found.append(Verdict(goal, max(values) if goal.less_is_better else min(values)))
+            found.append(GoalResult(goal, max(values) if goal.less_is_better else min(values)))
     return found

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from lilgym_mp.benchmark.catalogue import LIMIT, Subject
 from lilgym_mp.benchmark.players import Play, Timed
-from lilgym_mp.benchmark.traces import ACTIONS, Course
+from lilgym_mp.benchmark.traces import ACTIONS, Workload
 
 OPTIONAL_PACKAGES = ("stable_baselines3", "torch", "pettingzoo")
 
@@ -59,15 +59,15 @@ class Bench:
         self.is_interrupted = False
         self.load_averages = (load_average(), float("nan"))  # at the beginning and after the last measurement
 
-    def measure(self, course: Course, subjects: Sequence[Subject], on_round: Callable[[], object]) -> None:
+    def measure(self, workload: Workload, subjects: Sequence[Subject], on_round: Callable[[], object]) -> None:
         """Measures the subjects on a course; Ctrl-C ends that, and what has been measured stays.
 
         Subjects whose packages are not installed are noted and left out.
         """
-        measured = [Measurement(course.configuration, subject) for subject in subjects]
+        measured = [Measurement(workload.configuration, subject) for subject in subjects]
         try:
             with ExitStack() as stack:
-                plays = [(one, play) for one in measured if (play := self._opened(one, course, stack)) is not None]
+                plays = [(one, play) for one in measured if (play := self._opened(one, workload, stack)) is not None]
                 for number in range(self.effort.repeats):
                     for one, play in plays if number % 2 == 0 else reversed(plays):
                         one.rates.append(self._rate(play))
@@ -77,9 +77,9 @@ class Bench:
         self.results += [one for one in measured if one.rates]
         self.load_averages = (self.load_averages[0], load_average())
 
-    def _opened(self, one: Measurement, course: Course, stack: ExitStack) -> Play | None:
+    def _opened(self, one: Measurement, workload: Workload, stack: ExitStack) -> Play | None:
         try:
-            return stack.enter_context(one.subject.open(course))
+            return stack.enter_context(one.subject.open(workload))
         except ImportError as missing:
             if (missing.name or "").partition(".")[0] not in OPTIONAL_PACKAGES:
                 raise

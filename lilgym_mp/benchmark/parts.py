@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from time import perf_counter
 
 from lilgym_mp.benchmark.players import Play, Timed, batched_env
-from lilgym_mp.benchmark.traces import Course, vector_trace
+from lilgym_mp.benchmark.traces import Workload, vector_trace
 from lilgym_mp.render import Canvas, draw
 from lilgym_mp.rules import Dynamics, State
 
 Part = Callable[[State], object]
 
 
-def _in_play(course: Course, make_part: Callable[[Dynamics], Part], *, every: int = 1) -> Play:
+def _in_play(workload: Workload, make_part: Callable[[Dynamics], Part], *, every: int = 1) -> Play:
     """The time that a part takes in every n-th episode's states, each scene met for the first time."""
-    env = course.recorder
+    env = workload.recorder
     dynamics, decode = env.dynamics, env.dynamics.appearance.decode
     part = make_part(dynamics)
-    (script,) = course.scripts(1)
+    (script,) = workload.scripts(1)
     games = [
         (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
     ]
@@ -43,35 +43,35 @@ def _in_play(course: Course, make_part: Callable[[Dynamics], Part], *, every: in
 
 
 @contextmanager
-def truth(course: Course) -> Iterator[Play]:
+def truth(workload: Workload) -> Iterator[Play]:
     """Whether STOP would succeed: the program's truth in the scene."""
-    yield _in_play(course, lambda dynamics: dynamics.goal_reached)
+    yield _in_play(workload, lambda dynamics: dynamics.goal_reached)
 
 
 @contextmanager
-def mask(course: Course) -> Iterator[Play]:
+def mask(workload: Workload) -> Iterator[Play]:
     """The mask of all actions."""
-    yield _in_play(course, lambda dynamics: dynamics.legal_mask)
+    yield _in_play(workload, lambda dynamics: dynamics.legal_mask)
 
 
 @contextmanager
-def image(course: Course) -> Iterator[Play]:
+def image(workload: Workload) -> Iterator[Play]:
     """Bringing the image up to date, without copying it."""
     canvas = Canvas()
-    yield _in_play(course, lambda dynamics: lambda state: canvas.show(state.scene))
+    yield _in_play(workload, lambda dynamics: lambda state: canvas.show(state.scene))
 
 
 @contextmanager
-def whole_image(course: Course) -> Iterator[Play]:
+def whole_image(workload: Workload) -> Iterator[Play]:
     """Drawing a scene from nothing, as the image is defined."""
-    yield _in_play(course, lambda dynamics: lambda state: draw(state.scene, "half"), every=20)
+    yield _in_play(workload, lambda dynamics: lambda state: draw(state.scene, "half"), every=20)
 
 
 @contextmanager
-def reset(course: Course) -> Iterator[Play]:
+def reset(workload: Workload) -> Iterator[Play]:
     """`reset` of one environment without wrappers, after an episode, its observation included."""
-    env = course.make_bare()
-    (script,) = course.scripts(1)
+    env = workload.make_bare()
+    (script,) = workload.scripts(1)
 
     def play() -> Timed:
         seconds = 0.0
@@ -89,10 +89,10 @@ def reset(course: Course) -> Iterator[Play]:
 
 
 @contextmanager
-def batched_masks(course: Course, num_envs: int) -> Iterator[Play]:
+def batched_masks(workload: Workload, num_envs: int) -> Iterator[Play]:
     """`action_masks` of a batch, an environment's share."""
-    env = batched_env(course, num_envs)
-    trace = vector_trace(course.scripts(num_envs), env.metadata["autoreset_mode"])
+    env = batched_env(workload, num_envs)
+    trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
 
     def play() -> Timed:
         seconds = 0.0
@@ -109,9 +109,9 @@ def batched_masks(course: Course, num_envs: int) -> Iterator[Play]:
 
 
 @contextmanager
-def batched_reset(course: Course, num_envs: int) -> Iterator[Play]:
+def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
     """`reset` of a whole batch, an environment's share."""
-    env = batched_env(course, num_envs, copy=True)
+    env = batched_env(workload, num_envs, copy=True)
     env.reset(seed=0)
     resets = 10
 

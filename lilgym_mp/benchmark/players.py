@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.benchmark.traces import Course, Trace, vector_trace
+from lilgym_mp.benchmark.traces import Trace, Workload, vector_trace
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.wrappers import stop_forcing_v0
 
@@ -39,9 +39,9 @@ def unwrapped(env: Any) -> Any:
 
 
 @contextmanager
-def copying(course: Course, num_envs: int) -> Iterator[Play]:
+def copying(workload: Workload, num_envs: int) -> Iterator[Play]:
     """Copies of N images, which nobody who gives them away can do without."""
-    image = course.recorder.reset(seed=0)[0]["image"]
+    image = workload.recorder.reset(seed=0)[0]["image"]
     images = np.repeat(image[None], num_envs, 0)
     count = -(-COPIES // num_envs)
 
@@ -56,10 +56,10 @@ def copying(course: Course, num_envs: int) -> Iterator[Play]:
 
 
 @contextmanager
-def single(course: Course, *, wrap: Wrap = unwrapped, masks: bool = False) -> Iterator[Play]:
+def single(workload: Workload, *, wrap: Wrap = unwrapped, masks: bool = False) -> Iterator[Play]:
     """One environment from `gymnasium.make`; with `masks`, its mask is asked for before each action."""
-    env = wrap(course.make())
-    (script,) = course.scripts(1)
+    env = wrap(workload.make())
+    (script,) = workload.scripts(1)
     count = sum(len(episode.actions) for episode in script.episodes)
     ask = getattr(env, "action_masks", env.unwrapped.action_masks) if masks else None
 
@@ -79,19 +79,21 @@ def single(course: Course, *, wrap: Wrap = unwrapped, masks: bool = False) -> It
     env.close()
 
 
-def batched_env(course: Course, num_envs: int, *, copy: bool = True) -> Any:
-    return gym.make_vec(course.environment_id, num_envs=num_envs, copy=copy, **course.arguments)
+def batched_env(workload: Workload, num_envs: int, *, copy: bool = True) -> Any:
+    return gym.make_vec(workload.environment_id, num_envs=num_envs, copy=copy, **workload.arguments)
 
 
-def worker_env(course: Course, num_envs: int, *, processes: int, copy: bool = True) -> Any:
-    return WorkerVectorEnv(course.environment_id, num_envs, processes, copy=copy, **course.arguments)
+def worker_env(workload: Workload, num_envs: int, *, processes: int, copy: bool = True) -> Any:
+    return WorkerVectorEnv(workload.environment_id, num_envs, processes, copy=copy, **workload.arguments)
 
 
 @contextmanager
-def vector(course: Course, num_envs: int, make: Callable[[Course, int], Any], *, masks: bool = False) -> Iterator[Play]:
+def vector(
+    workload: Workload, num_envs: int, make: Callable[[Workload, int], Any], *, masks: bool = False
+) -> Iterator[Play]:
     """One of this package's vector environments."""
-    env = make(course, num_envs)
-    trace = vector_trace(course.scripts(num_envs), env.metadata["autoreset_mode"])
+    env = make(workload, num_envs)
+    trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
     play = _stepped(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
     try:
         yield play
@@ -117,20 +119,20 @@ def _stepped(
     return play
 
 
-def stop_forced(course: Course, num_envs: int) -> Any:
+def stop_forced(workload: Workload, num_envs: int) -> Any:
     """The batched environment with stop forcing: masks then depend on whether STOP succeeds."""
-    return stop_forcing_v0(batched_env(course, num_envs))
+    return stop_forcing_v0(batched_env(workload, num_envs))
 
 
 @contextmanager
-def sb3(course: Course, num_envs: int, backend: str, *, masks: bool = False, **options: Any) -> Iterator[Play]:
+def sb3(workload: Workload, num_envs: int, backend: str, *, masks: bool = False, **options: Any) -> Iterator[Play]:
     """A Stable-Baselines3 `VecEnv`, with monitor, as the trainer uses it."""
     from lilgym_mp.sb3 import make_vec_env
 
     if backend == "subproc" and "fork" in multiprocessing.get_all_start_methods():
         options["start_method"] = "fork"  # its processes then start in a second, not in a minute; as fast afterwards
-    venv = make_vec_env(course.environment_id, num_envs, backend, **course.arguments, **options)
-    trace = vector_trace(course.scripts(num_envs), AutoresetMode.SAME_STEP)
+    venv = make_vec_env(workload.environment_id, num_envs, backend, **workload.arguments, **options)
+    trace = vector_trace(workload.scripts(num_envs), AutoresetMode.SAME_STEP)
 
     def begin() -> None:
         venv.seed(0)
@@ -144,19 +146,19 @@ def sb3(course: Course, num_envs: int, backend: str, *, masks: bool = False, **o
             venv.close()
 
 
-def game_settings(course: Course) -> dict[str, Any]:
+def game_settings(workload: Workload) -> dict[str, Any]:
     """The proposer-verifier game in which every round takes one action of the MDP."""
-    where = {"appearance": course.appearance, "start": course.start}
-    return {**where, **course.arguments, "protocol": "joint", "ending": "either"}
+    where = {"appearance": workload.appearance, "start": workload.start}
+    return {**where, **workload.arguments, "protocol": "joint", "ending": "either"}
 
 
 @contextmanager
-def parallel_game(course: Course) -> Iterator[Play]:
+def parallel_game(workload: Workload) -> Iterator[Play]:
     """PettingZoo's parallel form: the proposer plays the script, the verifier lets it go on."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
 
-    env = parallel_env(**game_settings(course))
-    (script,) = course.scripts(1)
+    env = parallel_env(**game_settings(workload))
+    (script,) = workload.scripts(1)
     proposer, verifier = AGENTS
     games = [(e.task, [{proposer: action, verifier: 0} for action in e.actions]) for e in script.episodes]
     count = sum(len(pairs) for _, pairs in games)
@@ -174,13 +176,13 @@ def parallel_game(course: Course) -> Iterator[Play]:
 
 
 @contextmanager
-def turn_game(course: Course, *, checked: bool) -> Iterator[Play]:
+def turn_game(workload: Workload, *, checked: bool) -> Iterator[Play]:
     """PettingZoo's turn-by-turn form: each turn is a call of `step` and one of `last`."""
     from lilgym_mp.envs.proposer_verifier import env as checked_env
     from lilgym_mp.envs.proposer_verifier import raw_env
 
-    env = (checked_env if checked else raw_env)(**game_settings(course))
-    (script,) = course.scripts(1)
+    env = (checked_env if checked else raw_env)(**game_settings(workload))
+    (script,) = workload.scripts(1)
     games = [(e.task, [turn for action in e.actions for turn in (action, 0)]) for e in script.episodes]
     count = sum(len(turns) for _, turns in games)
 
@@ -198,12 +200,12 @@ def turn_game(course: Course, *, checked: bool) -> Iterator[Play]:
 
 
 @contextmanager
-def batched_games(course: Course, num_envs: int, *, copy: bool) -> Iterator[Play]:
+def batched_games(workload: Workload, num_envs: int, *, copy: bool) -> Iterator[Play]:
     """N games in one process."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames
 
-    games = BatchedGames(num_envs, copy=copy, **game_settings(course))
-    trace = vector_trace(course.scripts(num_envs), AutoresetMode.SAME_STEP)
+    games = BatchedGames(num_envs, copy=copy, **game_settings(workload))
+    trace = vector_trace(workload.scripts(num_envs), AutoresetMode.SAME_STEP)
     proposer, verifier = AGENTS
     going_on = np.zeros(num_envs, np.int64)
 

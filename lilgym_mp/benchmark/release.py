@@ -15,7 +15,7 @@ from typing import Any
 from lilgym_mp.benchmark import release_player
 from lilgym_mp.benchmark.catalogue import Subject
 from lilgym_mp.benchmark.players import Play, Timed
-from lilgym_mp.benchmark.traces import Course
+from lilgym_mp.benchmark.traces import Workload
 
 PACKAGE = "lilgym"
 PATIENCE_SECONDS = 300.0  # for the release to start, or to play once
@@ -44,7 +44,7 @@ def release_subject(directory: Path, options: Mapping[str, Any]) -> Subject:
 
 
 @contextmanager
-def _played(course: Course, directory: Path, options: Mapping[str, Any]) -> Iterator[Play]:
+def _played(workload: Workload, directory: Path, options: Mapping[str, Any]) -> Iterator[Play]:
     """Raises ReleaseError when the release has no such environment or does not run."""
     python = directory / OWN_PYTHON
     command = [str(python) if python.is_file() else sys.executable, release_player.__file__]
@@ -57,7 +57,7 @@ def _played(course: Course, directory: Path, options: Mapping[str, Any]) -> Iter
         start_new_session=True,  # Ctrl-C is ours to handle
     )
     try:
-        _asked(child, _order(course, directory, options))
+        _asked(child, _order(workload, directory, options))
 
         def play() -> Timed:
             answer = _asked(child, {})
@@ -68,12 +68,12 @@ def _played(course: Course, directory: Path, options: Mapping[str, Any]) -> Iter
         _ended(child)
 
 
-def _order(course: Course, directory: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    (script,) = course.scripts(1)
-    decode = course.recorder.decode_action
+def _order(workload: Workload, directory: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+    (script,) = workload.scripts(1)
+    decode = workload.recorder.decode_action
     return {
         "directory": str(directory),
-        "configuration": course.configuration,
+        "configuration": workload.configuration,
         "options": dict(options),
         "episodes": [[decode(action) for action in episode.actions] for episode in script.episodes],
     }

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.benchmark.goals import verdicts
+from lilgym_mp.benchmark.goals import goal_results
 from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Measurement
 from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.evaluation.report import aligned, software
@@ -67,7 +67,9 @@ def _processor() -> str:
 def _goal_rows(bench: Bench) -> str:
     rows = [
         (goal.what, goal.unit, _figure(goal.must), "-" if goal.aim is None else _figure(goal.aim), _figure(value), says)
-        for goal, value, says in ((verdict.goal, verdict.value, verdict.says) for verdict in verdicts(bench))
+        for goal, value, says in (
+            (goal_result.goal, goal_result.value, goal_result.says) for goal_result in goal_results(bench)
+        )
     ]
     return aligned([("figure", "unit", "must", "aim", "measured", ""), *rows]) if rows else ""
 
@@ -124,7 +126,9 @@ def report_json(bench: Bench) -> dict[str, Any]:
         "notes": bench.notes,
         "goals": [
             {"what": goal.what, "unit": goal.unit, "must": goal.must, "aim": goal.aim, "measured": value, "says": says}
-            for goal, value, says in ((verdict.goal, verdict.value, verdict.says) for verdict in verdicts(bench))
+            for goal, value, says in (
+                (goal_result.goal, goal_result.value, goal_result.says) for goal_result in goal_results(bench)
+            )
         ],
         "results": [_measurement_json(bench, one) for one in bench.results],
     }

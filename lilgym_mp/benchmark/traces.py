@@ -48,7 +48,7 @@ class Trace(NamedTuple):
     ends: int  # episodes ended in all
 
 
-class Course:
+class Workload:
     """One configuration and its play."""
 
     def __init__(self, configuration: str, corpus: str = "builtin", *, actions: int = ACTIONS) -> None:

@@ -56,7 +56,7 @@ def _json_object(text: str) -> dict[str, Any]:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Course, subjects
+    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Workload, subjects
     from lilgym_mp.benchmark.release import release_subject
 
     names = args.configurations or (QUICK_CONFIGURATIONS if args.quick else CONFIGURATIONS)
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     for name in names:
         if not bench.is_interrupted:
             _tell(f"{name}: {len(chosen)} subjects, {effort.repeats} rounds ", end="")
-            bench.measure(Course(name, args.corpus, actions=effort.actions), chosen, lambda: _tell(".", end=""))
+            bench.measure(Workload(name, args.corpus, actions=effort.actions), chosen, lambda: _tell(".", end=""))
             _tell("")
     _write(bench, output, args.write_docs)
     return INTERRUPTED if bench.is_interrupted else 0

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
-from lilgym_mp.evaluation.contestants import Contestant, built_in
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
     learners = _learners(args, place)
     with _started(learners) as processes:
         _wait(learners, processes)
-    trial = Trial(settings, SPLIT, args.seed)
-    results = list(play_all(_contestants(args, place), trial, training_statements(settings)))
-    _report(place, trial, results)
+    plan = EvaluationPlan(settings, SPLIT, args.seed)
+    results = list(play_all(_named_policies(args, place), plan, training_statements(settings)))
+    _report(place, plan, results)
     return 0
 
 
@@ -150,36 +150,36 @@ def _standing(learner: Learner) -> str:
         return "getting ready"
 
 
-def _contestants(args: argparse.Namespace, place: Path) -> list[Contestant]:
+def _named_policies(args: argparse.Namespace, place: Path) -> list[NamedPolicy]:
     import torch
 
     from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.imitation.agent import ImitationAgent
 
     torch.set_num_threads(1)
-    trained: list[Contestant] = []
+    trained: list[NamedPolicy] = []
     for name in (IMITATION, PARSE_AND_PLAN):
         agent = open_agent(place / name.replace(" ", "-"), "cpu")
         details = {"run": name.replace(" ", "-"), "recipe": dict(agent.description.recipe)}
-        trained.append(Contestant(name, agent.policy, agent.description.supervision, details=details))
+        trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
             torch.manual_seed(args.seed)
             fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rules, agent.description)
-            trained.insert(0, Contestant("untrained network", fresh.policy))
+            trained.insert(0, NamedPolicy("untrained network", fresh.policy))
     return [built_in("random-type"), built_in("random-legal"), *trained, built_in("expert")]
 
 
-def _report(place: Path, trial: Trial, results: Sequence[Result]) -> None:
+def _report(place: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
     """Writes and shows what came of it."""
-    explanation = _explanation(place, trial.settings)
-    summary = "\n\n".join([str(trial), table(results), supervision_table(results), LEGEND])
+    explanation = _explanation(place, plan.settings)
+    summary = "\n\n".join([str(plan), table(results), supervision_table(results), LEGEND])
     write_json(place / "results.json", results_json(results, with_episodes=True))
     write_text(place / "results.md", f"{summary}\n")
     write_text(place / "explanation.txt", f"{explanation}\n")
     films = [place / f"{name.replace(' ', '-')}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
     for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
         (result,) = (result for result in results if result.name == name)
-        film_grid(film, trial.settings, trial.split, _to_film(result.episodes))
+        film_grid(film, plan.settings, plan.split, _to_film(result.episodes))
     print(
         f"\n{summary}\n\n{explanation}\n\n"
         f"results: {place / 'results.md'}, {place / 'results.json'}\n"

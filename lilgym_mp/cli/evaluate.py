@@ -13,10 +13,10 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_configuration, add_device, add_settings, add_split, said_settings
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.circumstances import Circumstances
-from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
-from lilgym_mp.evaluation.contestants import BASELINES, BUILT_IN, Contestant, built_in
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_json
+from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN, NamedPolicy, built_in
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
@@ -106,19 +106,19 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("name the directories of trained agents, or policies with --policy")
     if args.json is not None and writable_file(args.json).exists() and not args.force:
         raise OutputError(f"{args.json} exists; --force overwrites it")
-    agents = [contestant for place in args.agents for contestant in agent_contestants(place, args)]
+    agents = [named for place in args.agents for named in agent_policies(place, args)]
     policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
-    trials = [
-        Trial(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
+    plans = [
+        EvaluationPlan(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
         for settings in _settings(args, agents)
     ]
-    _check_record(args, [*agents, *policies], trials)
+    _check_record(args, [*agents, *policies], plans)
     results: list[Result] = []
-    for trial in trials:
-        seen = training_statements(trial.settings)
-        played = play_all([*agents, *policies], trial, seen)
-        results += played if args.record is None else _recorded(played, args, trial, seen)
-        print(f"{trial}: done", flush=True)
+    for plan in plans:
+        seen = training_statements(plan.settings)
+        played = play_all([*agents, *policies], plan, seen)
+        results += played if args.record is None else _recorded(played, args, plan, seen)
+        print(f"{plan}: done", flush=True)
     print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
     for warning in warnings(results):
         print(warning)
@@ -128,22 +128,26 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _check_record(args: argparse.Namespace, contestants: Sequence[Contestant], trials: Sequence[Trial]) -> None:
+def _check_record(
+    args: argparse.Namespace, named_policies: Sequence[NamedPolicy], plans: Sequence[EvaluationPlan]
+) -> None:
     """Raises OutputError when the directory cannot be written to, or holds one of the files already."""
     if args.record is None:
         return
     writable_directory(args.record)
-    for trial in trials:
-        for contestant in contestants:
-            path = episodes_file(args.record, contestant, trial.settings, trial.split, trial.seed)
+    for plan in plans:
+        for named in named_policies:
+            path = episodes_file(args.record, named, plan.settings, plan.split, plan.seed)
             if path.exists() and not args.force:
                 raise OutputError(f"{path} exists; --force overwrites it")
 
 
-def _recorded(played: Iterable[Result], args: argparse.Namespace, trial: Trial, seen: set[str]) -> Iterator[Result]:
+def _recorded(
+    played: Iterable[Result], args: argparse.Namespace, plan: EvaluationPlan, seen: set[str]
+) -> Iterator[Result]:
     """The results, each written as it comes."""
     recorder = Recorder(
-        trial.settings, trial.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
+        plan.settings, plan.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
     )
     for result in played:
         path = recorder.write(args.record, result)
@@ -152,7 +156,7 @@ def _recorded(played: Iterable[Result], args: argparse.Namespace, trial: Trial, 
         yield result
 
 
-def agent_contestants(place: Path, args: argparse.Namespace) -> list[Contestant]:
+def agent_policies(place: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     """The agent at a place, once for each way in which the command line wants it to act."""
     import torch
 
@@ -172,7 +176,7 @@ def agent_contestants(place: Path, args: argparse.Namespace) -> list[Contestant]
         "training": training_facts(description),
     }
     return [
-        Contestant(
+        NamedPolicy(
             _name(description.kind, place, [manner] * (len(manners) > 1), [mask] * (len(masks) > 1)),
             partial(_policy, agent, manner == SAMPLED, mask == OFF),
             description.supervision,
@@ -215,7 +219,7 @@ def training_facts(description: ModelDescription) -> dict[str, float]:
     return found
 
 
-def _settings(args: argparse.Namespace, agents: Sequence[Contestant]) -> list[Settings]:
+def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[Settings]:
     """What is to be played, in the order of CONFIGURATIONS unless named."""
     named = [
         choose("configuration", name, {name: name for name in CONFIGURATIONS}) for name in args.configuration or ()
@@ -245,7 +249,7 @@ def warnings(results: Sequence[Result]) -> list[str]:
         stopped = sum(len(episode.actions) == 1 for episode in result.episodes)
         if stopped == len(result.episodes) and result.summary.accuracy < 0.5:
             told.append(
-                f"note: {result.name} stops at once in every episode of {result.trial.settings.configuration};"
+                f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
                 " look at drawn actions (--actions sampled), or train it longer"
             )
     return told

@@ -11,7 +11,7 @@ from typing import Any
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import option
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.contestants import BUILT_IN
+from lilgym_mp.evaluation.named_policies import BUILT_IN
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from lilgym_mp.learning.parsing.recipe import ParserRecipe

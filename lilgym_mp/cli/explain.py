@@ -11,7 +11,7 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_device, add_settings, said_settings
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, Moment, film_moments
+from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, FilmFrame, film_frames
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import Scene
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
         print(f"what comes of it: {outcome} (the task's program: {task.program})")
     if args.film is not None:
-        film_moments(args.film, [_film(plan, planner, statement, task.target)])
+        film_frames(args.film, [_film(plan, planner, statement, task.target)])
         print(f"film: {args.film}")
     return 0
 
@@ -103,16 +103,16 @@ def _asked(args: argparse.Namespace) -> tuple[Settings, Task]:
     raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
 
 
-def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[Moment]:
+def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[FilmFrame]:
     from lilgym_mp.learning.parsing.explaining import scenes_of
 
     task = f'"{statement}" Make it {str(target).lower()}.'
     scenes = scenes_of(plan, planner)
     captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
-    moments = [
-        Moment(smooth_picture(scene, 1), task, caption, PENDING_RGB)
+    frames = [
+        FilmFrame(smooth_picture(scene, 1), task, caption, PENDING_RGB)
         for scene, caption in zip(scenes, captions, strict=True)
     ]
     likely = plan.success_probability >= 0.5
     stop = f"{len(plan.actions)}. STOP, a success with a probability of {100 * plan.success_probability:.0f} %"
-    return [*moments, Moment(smooth_picture(scenes[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]
+    return [*frames, FilmFrame(smooth_picture(scenes[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]

@@ -1,9 +1,9 @@
 """Environments in several processes that share one block of memory.
 
-The calling process steps the first part of the environments itself, a worker process each other part. An order is
-a number in shared memory; who waits for it spins for a moment, then yields, then sleeps until a bell rings. Only
-resets, states and faults go through pipes. A worker ends when its caller does, and when nobody holds the other ends
-of its pipes any more.
+The calling process steps the first part of the environments itself, a worker process each other part. The caller
+announces a command by a counter in shared memory. Whoever waits for a counter spins briefly, then yields, then blocks
+on a pipe. Only resets, states and tracebacks go through pipes. A worker exits when its caller exits, or when
+nobody holds the other ends of its pipes.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
 PAGES = 3  # copies of all images that the caller can hold before it has to copy them itself
 NO_PAGE = -1
-NAP_SECONDS = 0.2  # between looks at whether the others live
+POLL_SECONDS = 0.2  # between checks that the other processes are alive
 START_SECONDS = 120.0  # for a worker to import what it needs and load its tasks
-GOODBYE_SECONDS = 1.0
+JOIN_SECONDS = 1.0
 LONGEST_WAIT = 1e6  # seconds that the system can be asked to wait
 DESCRIPTORS = 12  # a worker takes while it is started; Python loses some when they run out half-way
 
@@ -58,7 +58,7 @@ class WorkerError(RuntimeError):
     closed then."""
 
 
-class Order(IntEnum):
+class Command(IntEnum):
     RESET = 0
     STEP = 1
     MASK = 2
@@ -69,9 +69,9 @@ class Order(IntEnum):
     CLOSE = 7
 
 
-COPIED = (Order.RESET, Order.STEP)  # orders after which observations are given out
-_WRITES = {"mask": Order.MASK, "goal": Order.GOAL, "items": Order.ITEMS}
-_WRITTEN = {order: what for what, order in _WRITES.items()}
+COPIED = (Command.RESET, Command.STEP)  # commands after which observations are given out
+_WRITES = {"mask": Command.MASK, "goal": Command.GOAL, "items": Command.ITEMS}
+_WRITTEN = {command: what for what, command in _WRITES.items()}
 
 _WORDS = ALIGNMENT // 8  # 64-bit words of a cache line
 # Held while workers are started, and by whoever forks: no process then begins amid another thread's imports here.
@@ -79,8 +79,8 @@ _starting = threading.RLock()
 os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
 
 
-class Post:
-    """What one worker and the caller tell each other, each on a cache line of its own."""
+class WorkerControl:
+    """Command and acknowledgement counters of one worker, in shared memory, on a cache line each."""
 
     LINES = 2
 
@@ -95,20 +95,20 @@ class Post:
         with self._lock:
             pass
 
-    def ask(self, count: int, order: Order, page: int = NO_PAGE) -> None:
-        self._words[self._asked + 1] = order
+    def ask(self, count: int, command: Command, page: int = NO_PAGE) -> None:
+        self._words[self._asked + 1] = command
         self._words[self._asked + 3] = page
         self._fence()
         self._words[self._asked] = count
 
     @property
     def asked(self) -> int:
-        """How many orders have been given."""
+        """How many commands have been given."""
         return self._words[self._asked]
 
     @property
-    def order(self) -> Order:
-        return Order(self._words[self._asked + 1])
+    def command(self) -> Command:
+        return Command(self._words[self._asked + 1])
 
     @property
     def page(self) -> int:
@@ -121,7 +121,7 @@ class Post:
 
     @property
     def answered(self) -> int:
-        """How many orders have been carried out."""
+        """How many commands have been carried out."""
         return self._words[self._answered]
 
     def set_asleep(self, *, worker: bool, asleep: bool) -> None:
@@ -162,7 +162,7 @@ class Assignment:
 
 def _control_size(workers: int) -> int:
     """Bytes before the buffers' arrays."""
-    return workers * Post.LINES * ALIGNMENT
+    return workers * WorkerControl.LINES * ALIGNMENT
 
 
 def _pages_form(settings: Settings, pages: int) -> ArraySpec:
@@ -180,17 +180,17 @@ def _laid_out(
     return shared.memory[:control].cast("q"), Buffers.over(memory, forms), copies
 
 
-def _work(
+def _worker_main(
     assignment: Assignment,
     workers: int,
     messages: Connection,
-    bell: Connection,
-    caller_bell: Connection,
+    wake_pipe: Connection,
+    caller_wake_pipe: Connection,
     inherited: Sequence[Connection],
 ) -> None:
-    """A worker's life: carries out orders until it is told to close or the caller is gone.
+    """Main loop of a worker: carries out commands until it is told to close or the caller is gone.
 
-    `inherited`: ends of the caller's that came along with the fork.
+    `inherited`: the caller's ends of pipes, which a forked worker has open as well.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
     for connection in inherited:
@@ -201,29 +201,29 @@ def _work(
         part = slice(assignment.first, assignment.stop)
         engine = Engine(assignment.settings, buffers.part(part.start, part.stop), part.start)
         messages.send(None)
-        post = Post(words, assignment.number)
+        control = WorkerControl(words, assignment.number)
         count = 0
-        while _heard(post, count, bell, ends, assignment.spin_seconds):
+        while _wait_for_command(control, count, wake_pipe, ends, assignment.spin_seconds):
             count += 1
-            order = post.order
-            if order is Order.CLOSE:
+            command = control.command
+            if command is Command.CLOSE:
                 break
-            _carry_out(engine, order, messages)
-            if post.page != NO_PAGE:
-                pages[post.page, part] = engine.buffers.image
-            post.answer(count)
-            if post.is_asleep(worker=False):
-                caller_bell.send_bytes(b"!")
+            _carry_out(engine, command, messages)
+            if control.page != NO_PAGE:
+                pages[control.page, part] = engine.buffers.image
+            control.answer(count)
+            if control.is_asleep(worker=False):
+                caller_wake_pipe.send_bytes(b"!")
     except (BrokenPipeError, ConnectionResetError, EOFError):
         return  # the caller is gone
     except Exception:
-        _report(traceback.format_exc(), messages, caller_bell)
+        _send_fault(traceback.format_exc(), messages, caller_wake_pipe)
 
 
-def _report(fault: str, messages: Connection, caller_bell: Connection) -> None:
-    with suppress(OSError):  # nobody is left to hear it
+def _send_fault(fault: str, messages: Connection, caller_wake_pipe: Connection) -> None:
+    with suppress(OSError):  # the caller is gone
         messages.send(fault)
-        caller_bell.send_bytes(b"!")
+        caller_wake_pipe.send_bytes(b"!")
 
 
 def _ends_of_caller() -> list[int]:
@@ -244,53 +244,55 @@ def _ends_of_caller() -> list[int]:
     return ends
 
 
-def _heard(post: Post, count: int, bell: Connection, ends: Sequence[int], spin_seconds: float) -> bool:
-    """Waits for the next order; False when the caller is gone, one of whose `ends` can be read then."""
+def _wait_for_command(
+    control: WorkerControl, count: int, wake_pipe: Connection, ends: Sequence[int], spin_seconds: float
+) -> bool:
+    """Waits for the next command; False when the caller is gone, one of whose `ends` can be read then."""
 
     def asked() -> bool:
-        return post.asked > count
+        return control.asked > count
 
     while not _spun(asked, spin_seconds):
-        post.set_asleep(worker=True, asleep=True)
-        rung = [] if asked() else wait([bell, *ends])
-        post.set_asleep(worker=True, asleep=False)
-        if bell in rung:
-            bell.recv_bytes()
-        elif rung:
+        control.set_asleep(worker=True, asleep=True)
+        readable = [] if asked() else wait([wake_pipe, *ends])
+        control.set_asleep(worker=True, asleep=False)
+        if wake_pipe in readable:
+            wake_pipe.recv_bytes()
+        elif readable:
             return False
     return True
 
 
-def _carry_out(engine: Engine, order: Order, messages: Connection) -> None:
-    if order is Order.STEP:
+def _carry_out(engine: Engine, command: Command, messages: Connection) -> None:
+    if command is Command.STEP:
         engine.step()
-    elif order is Order.RESET:
+    elif command is Command.RESET:
         engine.reset(messages.recv())
-    elif order is Order.STATES:
+    elif command is Command.STATES:
         messages.send(engine.states())
-    elif order is Order.TASKS:
+    elif command is Command.TASKS:
         change: TaskOperation = messages.recv()
         engine.play(change(engine.tasks))
     else:
-        engine.write(_WRITTEN[order])
+        engine.write(_WRITTEN[command])
 
 
 @dataclass(frozen=True, eq=False)
 class _Worker:
-    """A worker as its caller sees it."""
+    """The caller's handle of a worker."""
 
     number: int
     first: int
     stop: int
     process: BaseProcess
-    post: Post
+    control: WorkerControl
     messages: Connection
-    bell: Connection  # wakes the worker
-    caller_bell: Connection  # wakes the caller
+    wake_pipe: Connection  # wakes the worker
+    caller_wake_pipe: Connection  # wakes the caller
 
     @property
     def connections(self) -> tuple[Connection, ...]:
-        return self.messages, self.bell, self.caller_bell
+        return self.messages, self.wake_pipe, self.caller_wake_pipe
 
 
 class WorkerVectorEnv(LilGymVectorEnv):
@@ -323,7 +325,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         # First, as Gymnasium before 1.3 closes what could not be made, too.
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
-        self._dismissal: weakref.finalize[Any, Any] | None = None  # once there is something to dismiss
+        self._finalizer: weakref.finalize[Any, Any] | None = None  # set once there are processes or memory to release
         checked = Settings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
@@ -332,7 +334,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         pages = PAGES if copy and count > 1 else 0
         size = _control_size(count) + buffers_size(checked.forms()) + _pages_form(checked, pages).size
         self._shared = SharedMemory(size)
-        self._dismissal = weakref.finalize(self, _dismiss, self._workers, self._shared, self._owner)
+        self._finalizer = weakref.finalize(self, _stop_workers, self._workers, self._shared, self._owner)
         words, buffers, self._pages = _laid_out(self._shared, checked, count, pages)
         self._page_start = size - _pages_form(checked, pages).size
         self._lent: list[weakref.ref[Any] | None] = [None] * pages  # to whom each page was given
@@ -355,12 +357,12 @@ class WorkerVectorEnv(LilGymVectorEnv):
         with _starting:
             _check_room(len(assignments), self._shared)
             if assignments and context.get_start_method() == "fork":
-                _rehearse(settings)
+                _warm_up(settings)
             self._engine = Engine(settings, self._buffers.part(0, self._own.stop))
             for assignment in assignments:
-                _hire(context, assignment, len(assignments) + 1, words, self._workers)
+                _start_worker(context, assignment, len(assignments) + 1, words, self._workers)
         for worker in self._workers:
-            self._hear(worker, START_SECONDS)
+            self._receive(worker, START_SECONDS)
 
     @property
     def num_workers(self) -> int:
@@ -380,11 +382,11 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self._copy_own_images()
 
         self._page = self._free_page()
-        self._everywhere(Order.RESET, own_part, payloads)
+        self._run_everywhere(Command.RESET, own_part, payloads)
 
     def _step(self) -> None:
         self._page = self._free_page()
-        self._everywhere(Order.STEP, self._own_step)
+        self._run_everywhere(Command.STEP, self._own_step)
 
     def _own_step(self) -> None:
         self._engine.step()
@@ -412,7 +414,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         return root.reshape(shape)
 
     def _write(self, what: str) -> None:
-        self._everywhere(_WRITES[what], lambda: self._engine.write(what))
+        self._run_everywhere(_WRITES[what], lambda: self._engine.write(what))
 
     def _states(self) -> list[State]:
         states: list[State] = []
@@ -420,92 +422,92 @@ class WorkerVectorEnv(LilGymVectorEnv):
         def collect() -> None:
             states.extend(self._engine.states())
             for worker in self._workers:
-                states.extend(self._hear(worker, self._timeout))
+                states.extend(self._receive(worker, self._timeout))
 
-        self._everywhere(Order.STATES, collect)
+        self._run_everywhere(Command.STATES, collect)
         return states
 
     def _change_tasks(self, change: TaskOperation) -> None:
-        self._everywhere(Order.TASKS, lambda: self._engine.play(self.tasks), [change] * len(self._workers))
+        self._run_everywhere(Command.TASKS, lambda: self._engine.play(self.tasks), [change] * len(self._workers))
 
-    def _everywhere(self, order: Order, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
-        """Has an order carried out in every process. Whatever goes wrong, no worker is left behind."""
+    def _run_everywhere(self, command: Command, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
+        """Has a command carried out in every process. On any failure all workers are stopped."""
         self._check_open()
         try:
-            self._give(order, payloads)
+            self._send_command(command, payloads)
             own_part()
             for worker in self._workers:
-                self._await(worker)
+                self._wait_for_worker(worker)
         except BaseException:
             self.close()
             raise
 
-    def _give(self, order: Order, payloads: Sequence[object]) -> None:
+    def _send_command(self, command: Command, payloads: Sequence[object]) -> None:
         self._count += 1
         try:
             for worker, payload in zip(self._workers, payloads, strict=False):
                 worker.messages.send(payload)
             for worker in self._workers:
-                worker.post.ask(self._count, order, self._page if order in COPIED else NO_PAGE)
-                if worker.post.is_asleep(worker=True):
-                    worker.bell.send_bytes(b"!")
-        except OSError:  # nobody hears it
-            self._lament()
+                worker.control.ask(self._count, command, self._page if command in COPIED else NO_PAGE)
+                if worker.control.is_asleep(worker=True):
+                    worker.wake_pipe.send_bytes(b"!")
+        except OSError:  # the worker is gone
+            self._raise_worker_failure()
 
-    def _await(self, worker: _Worker) -> None:
-        """Returns when the worker has carried out the last order. Raises WorkerError when it will not."""
-        post, count = worker.post, self._count
+    def _wait_for_worker(self, worker: _Worker) -> None:
+        """Returns when the worker has carried out the last command. Raises WorkerError when it will not."""
+        control, count = worker.control, self._count
 
         def answered() -> bool:
-            return post.answered >= count
+            return control.answered >= count
 
         if _spun(answered, self._spin_seconds):
             return
         end = perf_counter() + self._timeout
         while not answered():
-            post.set_asleep(worker=False, asleep=True)
+            control.set_asleep(worker=False, asleep=True)
             if not answered():
-                self._nap(worker)
-            post.set_asleep(worker=False, asleep=False)
+                self._wait_for_wake_up(worker)
+            control.set_asleep(worker=False, asleep=False)
             if perf_counter() > end and not answered():
                 raise WorkerError(f"worker {worker.number} has not answered for {self._timeout:g} seconds")
 
-    def _nap(self, worker: _Worker) -> None:
-        """Sleeps until the worker rings, for a moment at most. Raises WorkerError when it has raised or died."""
-        rung = wait([worker.caller_bell, worker.messages, worker.process.sentinel], NAP_SECONDS)
-        if worker.caller_bell in rung:
+    def _wait_for_wake_up(self, worker: _Worker) -> None:
+        """Blocks until the worker wakes this process, POLL_SECONDS at most. Raises WorkerError if it failed."""
+        readable = wait([worker.caller_wake_pipe, worker.messages, worker.process.sentinel], POLL_SECONDS)
+        if worker.caller_wake_pipe in readable:
             try:
-                worker.caller_bell.recv_bytes()
+                worker.caller_wake_pipe.recv_bytes()
             except (EOFError, OSError):
-                self._lament()
-        if worker.messages in rung or worker.process.sentinel in rung:
-            self._lament()
+                self._raise_worker_failure()
+        if worker.messages in readable or worker.process.sentinel in readable:
+            self._raise_worker_failure()
 
-    def _hear(self, worker: _Worker, seconds: float) -> Any:
-        """The worker's next message. Raises WorkerError when that is a fault or none comes."""
-        rung = wait([worker.messages, worker.process.sentinel], min(seconds, LONGEST_WAIT))
-        if worker.messages in rung:
+    def _receive(self, worker: _Worker, seconds: float) -> Any:
+        """The worker's next message. Raises WorkerError when that is a traceback or when none comes."""
+        readable = wait([worker.messages, worker.process.sentinel], min(seconds, LONGEST_WAIT))
+        if worker.messages in readable:
             try:
                 message = worker.messages.recv()
             except (EOFError, OSError):  # it has died, be it in the middle of a message
-                raise WorkerError(_death(worker)) from None
+                raise WorkerError(_exit_message(worker)) from None
             if isinstance(message, str):
                 raise WorkerError(f"worker {worker.number} raised:\n{message}")
             return message
-        if rung:
-            raise WorkerError(_death(worker))
+        if readable:
+            raise WorkerError(_exit_message(worker))
         raise WorkerError(f"worker {worker.number} has not answered for {seconds:g} seconds")
 
-    def _lament(self) -> NoReturn:
+    def _raise_worker_failure(self) -> NoReturn:
         """Raises WorkerError for the worker that raised or died."""
-        end = perf_counter() + GOODBYE_SECONDS
+        end = perf_counter() + JOIN_SECONDS
         while perf_counter() < end:
             for worker in self._workers:
                 with suppress(OSError):
                     while worker.messages.poll():
-                        self._hear(worker, 0)
+                        self._receive(worker, 0)
                 if not worker.process.is_alive():
-                    raise WorkerError(_death(worker))
+                    raise WorkerError(_exit_message(worker))
         raise WorkerError("a worker broke off, but none has died")
 
     def _check_open(self) -> None:
@@ -517,22 +519,22 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the workers and gives the memory back."""
-        if self._dismissal is not None:
-            _dismiss(self._workers, self._shared, self._owner)
-            self._dismissal.detach()
+        if self._finalizer is not None:
+            _stop_workers(self._workers, self._shared, self._owner)
+            self._finalizer.detach()
 
 
-def _dismiss(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
+def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
     """Ends the workers and empties their list; in a child forked from their owner, only lets go of them.
 
     May be interrupted and begun again. A worker of which nothing is known but its connections ends with these.
     """
     started = [worker for worker in workers if os.getpid() == owner and worker.process.pid is not None]
     for worker in started:
-        worker.post.ask(worker.post.asked + 1, Order.CLOSE)
+        worker.control.ask(worker.control.asked + 1, Command.CLOSE)
         with suppress(OSError):  # it has ended already
-            worker.bell.send_bytes(b"!")
-    end = perf_counter() + GOODBYE_SECONDS
+            worker.wake_pipe.send_bytes(b"!")
+    end = perf_counter() + JOIN_SECONDS
     for worker in started:
         worker.process.join(max(0.0, end - perf_counter()))
         if worker.process.is_alive():
@@ -547,8 +549,8 @@ def _dismiss(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
     shared.release()
 
 
-def _death(worker: _Worker) -> str:
-    worker.process.join(GOODBYE_SECONDS)
+def _exit_message(worker: _Worker) -> str:
+    worker.process.join(JOIN_SECONDS)
     code = worker.process.exitcode
     how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with exit code {code}"
     return f"worker {worker.number} (environments {worker.first} to {worker.stop - 1}) died {how}"
@@ -565,10 +567,10 @@ def _check_room(workers: int, shared: SharedMemory) -> None:
         )
 
 
-def _rehearse(settings: Settings) -> None:
-    """Plays a few environments, so that what they import, load and compile is there for processes forked from this.
+def _warm_up(settings: Settings) -> None:
+    """Steps a few environments, so that forked processes inherit everything imported, loaded and compiled.
 
-    Such a process could wait for ever for a module that another thread was importing when it was forked.
+    A process forked while another thread imports a module could wait for that module forever.
     """
     few = min(settings.num_envs, FEWEST_COMPILED)
     settings = replace(settings, num_envs=few)
@@ -580,43 +582,47 @@ def _rehearse(settings: Settings) -> None:
     engine.states()
 
 
-def _hire(context: Any, assignment: Assignment, workers: int, words: memoryview, listed: list[_Worker]) -> None:
-    """Starts a worker, listed before it is: whenever this is interrupted, who closes the listed ends it."""
+def _start_worker(context: Any, assignment: Assignment, workers: int, words: memoryview, listed: list[_Worker]) -> None:
+    """Starts a worker. It is added to `listed` first: closing those ends one whose start was interrupted as well."""
     ours, theirs = context.Pipe()
-    bell_heard, bell = context.Pipe(duplex=False)
-    caller_bell, caller_bell_rung = context.Pipe(duplex=False)
+    wake_receiver, wake_pipe = context.Pipe(duplex=False)
+    caller_wake_pipe, caller_wake_sender = context.Pipe(duplex=False)
     inherited: list[Connection] = []
     process = context.Process(
-        target=_work,
-        args=(assignment, workers, theirs, bell_heard, caller_bell_rung, inherited),
+        target=_worker_main,
+        args=(assignment, workers, theirs, wake_receiver, caller_wake_sender, inherited),
         name=f"lilgym_mp worker {assignment.number}",
         daemon=True,
     )
-    post = Post(words, assignment.number)
-    listed.append(_Worker(assignment.number, assignment.first, assignment.stop, process, post, ours, bell, caller_bell))
+    control = WorkerControl(words, assignment.number)
+    listed.append(
+        _Worker(
+            assignment.number, assignment.first, assignment.stop, process, control, ours, wake_pipe, caller_wake_pipe
+        )
+    )
     if context.get_start_method() == "fork":
         inherited += [connection for worker in listed for connection in worker.connections]
     try:
-        with _compiler_at_rest(), _deaf_to_interrupts(context):
+        with _compiler_lock_held(), _interrupts_blocked(context):
             process.start()
     except OSError as fault:
         raise WorkerError(f"worker {assignment.number} cannot be started: {fault}") from fault
     finally:
         inherited.clear()
-        for connection in (theirs, bell_heard, caller_bell_rung):
+        for connection in (theirs, wake_receiver, caller_wake_sender):
             connection.close()
 
 
-def _compiler_at_rest() -> AbstractContextManager[object]:
+def _compiler_lock_held() -> AbstractContextManager[object]:
     """Holds numba's lock, if it is loaded: a process forked while another thread compiles could never compile."""
     module = sys.modules.get("numba.core.compiler_lock")
     return nullcontext() if module is None else module.global_compiler_lock
 
 
 @contextmanager
-def _deaf_to_interrupts(context: Any) -> Iterator[None]:
-    """Keeps Ctrl-C from a process that is started here, from its first moment on; the caller hears it afterwards."""
-    if context.get_start_method() != "fork":  # these are started first, or would be deaf for good, and lift the block
+def _interrupts_blocked(context: Any) -> Iterator[None]:
+    """Blocks SIGINT while a process is started, so that Ctrl-C never reaches it; the caller receives it afterwards."""
+    if context.get_start_method() != "fork":  # these servers must not inherit the block
         resource_tracker.ensure_running()
     if context.get_start_method() == "forkserver":
         forkserver.ensure_running()
@@ -628,7 +634,7 @@ def _deaf_to_interrupts(context: Any) -> Iterator[None]:
 
 
 def _part(order: Reset, first: int, stop: int) -> Reset:
-    """What of an order concerns environments first .. stop - 1, numbered from 0."""
+    """What of an command concerns environments first .. stop - 1, numbered from 0."""
     low, high = np.searchsorted(order.env_ids, [first, stop]).tolist()
     return Reset(order.env_ids[low:high] - first, order.seeds[low:high], order.tasks[low:high], order.everywhere)
 

@@ -1,4 +1,4 @@
-"""Several contestants on the same tasks."""
+"""Several policies on the same tasks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 from lilgym_mp.corpus import contexts, load_tasks
 from lilgym_mp.corpus.forms import statement_form
-from lilgym_mp.evaluation.contestants import Contestant
 from lilgym_mp.evaluation.metrics import Share, Summary, summarise
+from lilgym_mp.evaluation.named_policies import NamedPolicy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate
 from lilgym_mp.evaluation.settings import Settings
 
@@ -18,8 +18,8 @@ TRAINING_SPLIT = "train"
 
 
 @dataclass(frozen=True)
-class Trial:
-    """What every contestant goes through in one configuration."""
+class EvaluationPlan:
+    """How every policy is evaluated in one configuration."""
 
     settings: Settings
     split: str
@@ -48,10 +48,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """What one contestant did in one trial."""
+    """What one policy did under one plan."""
 
-    contestant: Contestant
-    trial: Trial
+    named: NamedPolicy
+    plan: EvaluationPlan
     summary: Summary
     seen_forms: Share  # episodes whose statement has a form that training statements have
     unseen_forms: Share
@@ -61,23 +61,23 @@ class Result:
 
     @property
     def name(self) -> str:
-        return self.contestant.name
+        return self.named.name
 
     def to_json(self) -> dict[str, Any]:
         """The result as one row of a file; accuracies from 0 to 1, None of no episodes."""
-        summary, trial, settings = self.summary, self.trial, self.trial.settings
+        summary, plan, settings = self.summary, self.plan, self.plan.settings
         return {
             "agent": self.name,
             "configuration": settings.configuration,
             "corpus": settings.corpus,
-            "split": trial.split,
+            "split": plan.split,
             "rules": settings.rules,
             "horizon": settings.horizon,
-            "supervision": self.contestant.supervision,
-            "start_scenes": len(self.episodes) // trial.passes,
+            "supervision": self.named.supervision,
+            "start_scenes": len(self.episodes) // plan.passes,
             "contexts": len({(episode.statement, episode.target) for episode in self.episodes}),
-            "passes": trial.passes,
-            "seed": trial.seed,
+            "passes": plan.passes,
+            "seed": plan.seed,
             "accuracy": summary.accuracy,
             "accuracy_seen": summary.seen.accuracy,
             "accuracy_unseen": summary.unseen.accuracy,
@@ -90,7 +90,7 @@ class Result:
             "outcomes": summary.outcomes,
             "cpu_seconds": round(self.cpu_seconds, 3),
             "mask": self.mask,
-            **dict(self.contestant.details),
+            **dict(self.named.details),
         }
 
     def episodes_json(self) -> list[dict[str, Any]]:
@@ -104,44 +104,44 @@ class Result:
         ]
 
 
-def play(contestant: Contestant, trial: Trial, training_statements: Collection[str]) -> Result:
-    """Every task of the trial, played by the contestant.
+def play(named: NamedPolicy, plan: EvaluationPlan, training_statements: Collection[str]) -> Result:
+    """Every task of the plan, played by the policy.
 
     `training_statements`: what counts as seen. Raises ValueError for a configuration that it does not play.
     """
-    policy = contestant.policy(trial.settings)
+    policy = named.policy(plan.settings)
     began = time.process_time()
     episodes = evaluate(
         policy,
-        trial.settings,
-        trial.split,
-        seed=trial.seed,
-        passes=trial.passes,
-        batch_size=trial.batch_size,
-        record_decisions=trial.record_decisions,
+        plan.settings,
+        plan.split,
+        seed=plan.seed,
+        passes=plan.passes,
+        batch_size=plan.batch_size,
+        record_decisions=plan.record_decisions,
     )
     seconds = time.process_time() - began
     forms = set(map(statement_form, training_statements))
     seen_forms = [statement_form(episode.statement) in forms for episode in episodes]
     return Result(
-        contestant,
-        trial,
+        named,
+        plan,
         summarise(episodes, training_statements),
         Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
         Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
         episodes,
         seconds,
-        getattr(policy, "needs_masks", True) if contestant.mask is None else contestant.mask,
+        getattr(policy, "needs_masks", True) if named.mask is None else named.mask,
     )
 
 
 def play_all(
-    contestants: Collection[Contestant], trial: Trial, training_statements: Collection[str]
+    named_policies: Collection[NamedPolicy], plan: EvaluationPlan, training_statements: Collection[str]
 ) -> Iterator[Result]:
-    """What came of each contestant that plays the trial's configuration; all draw from generators of the same seed."""
-    for contestant in contestants:
-        if trial.settings.configuration in contestant.configurations:
-            yield play(contestant, trial, training_statements)
+    """The result of each policy that plays the configuration; all draw from generators of the same seed."""
+    for named in named_policies:
+        if plan.settings.configuration in named.configurations:
+            yield play(named, plan, training_statements)
 
 
 def training_statements(settings: Settings) -> set[str]:
@@ -150,7 +150,7 @@ def training_statements(settings: Settings) -> set[str]:
     return {task.statement for task in tasks}
 
 
-def task_counts(trial: Trial) -> dict[str, Any]:
+def task_counts(plan: EvaluationPlan) -> dict[str, Any]:
     """The tasks of a trial: where they are from, start scenes and contexts."""
-    tasks = trial.settings.make(trial.split).tasks
+    tasks = plan.settings.make(plan.split).tasks
     return {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)}

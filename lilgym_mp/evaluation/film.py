@@ -32,7 +32,7 @@ PAPER_RGB, INK_RGB = (255, 255, 255), (30, 30, 30)
 PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (190, 190, 190), (0, 140, 60), (200, 40, 30)
 
 
-class Moment(NamedTuple):
+class FilmFrame(NamedTuple):
     """One frame of an episode."""
 
     picture: UInt8Array  # (100, 380, 3), drawn for people
@@ -41,54 +41,54 @@ class Moment(NamedTuple):
     rgb: tuple[int, int, int]  # of caption and border
 
 
-def replay(env: LilGymEnv, episode: Episode) -> Iterator[Moment]:
+def replay(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     """The start and each action of an episode, played again."""
     env.reset(options={"task": episode.task_id})
     appearance = env.dynamics.appearance
     task = f'"{episode.statement}" Make it {str(episode.target).lower()}.'
-    yield Moment(smooth_picture(env.scene, 1), task, "start", PENDING_RGB)
+    yield FilmFrame(smooth_picture(env.scene, 1), task, "start", PENDING_RGB)
     for number, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(action)
         caption, rgb = f"{number}. {describe(appearance.decode(action))}", PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, reward {episode.reward:+.1f}"
-        yield Moment(smooth_picture(env.scene, 1), task, caption, rgb)
+        yield FilmFrame(smooth_picture(env.scene, 1), task, caption, rgb)
 
 
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:
     """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
     env = settings.make(split)
-    film_moments(path, [list(replay(env, episode)) for episode in episodes], columns)
+    film_frames(path, [list(replay(env, episode)) for episode in episodes], columns)
 
 
-def film_moments(path: Path, films: Sequence[Sequence[Moment]], columns: int = 1) -> None:
+def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int = 1) -> None:
     """Writes a GIF of films side by side; each stays on its last frame until all have ended."""
     length = max(map(len, films))
     save_gif(path, (_grid([film[min(at, len(film) - 1)] for film in films], columns) for at in range(length)))
 
 
-def _grid(moments: Sequence[Moment], columns: int) -> UInt8Array:
-    rows = -(-len(moments) // columns)
+def _grid(frames: Sequence[FilmFrame], columns: int) -> UInt8Array:
+    rows = -(-len(frames) // columns)
     image = Image.new("RGB", (columns * TILE_WIDTH, rows * TILE_HEIGHT), PAPER_RGB)
-    for number, moment in enumerate(moments):
+    for number, frame in enumerate(frames):
         row, column = divmod(number, columns)
-        image.paste(_tile(moment), (column * TILE_WIDTH, row * TILE_HEIGHT))
+        image.paste(_tile(frame), (column * TILE_WIDTH, row * TILE_HEIGHT))
     return np.asarray(image)
 
 
-def _tile(moment: Moment) -> Image.Image:
+def _tile(frame: FilmFrame) -> Image.Image:
     tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
     pen = ImageDraw.Draw(tile)
     font = ImageFont.load_default(FONT_PIXELS)
-    for number, line in enumerate(wrapped(moment.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
+    for number, line in enumerate(wrapped(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
         pen.text((MARGIN, MARGIN + number * LINE_HEIGHT), line, fill=INK_RGB, font=font)
     top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
-    frame = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
-    pen.rectangle(frame, fill=moment.rgb)
-    tile.paste(Image.fromarray(moment.picture), (MARGIN, top))
-    ink = INK_RGB if moment.rgb == PENDING_RGB else moment.rgb
-    pen.text((MARGIN, top + IMAGE_HEIGHT + BORDER + 2), moment.caption, fill=ink, font=font)
+    border = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
+    pen.rectangle(border, fill=frame.rgb)
+    tile.paste(Image.fromarray(frame.picture), (MARGIN, top))
+    ink = INK_RGB if frame.rgb == PENDING_RGB else frame.rgb
+    pen.text((MARGIN, top + IMAGE_HEIGHT + BORDER + 2), frame.caption, fill=ink, font=font)
     return tile
 
 

@@ -12,10 +12,10 @@ from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.evaluation.comparison import Result
-from lilgym_mp.evaluation.contestants import Contestant
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.files import writable_directory
+from lilgym_mp.evaluation.named_policies import NamedPolicy
 from lilgym_mp.evaluation.report import software
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
@@ -27,9 +27,9 @@ from lilgym_mp.task import Task
 LONGEST_NAME = 90  # characters of a file's name without its suffix
 
 
-def episodes_file(directory: Path, contestant: Contestant, settings: Settings, split: str, seed: int) -> Path:
-    """Where the episodes of one contestant, configuration and split go: a name of its own for each."""
-    words = re.sub(r"[^A-Za-z0-9]+", "-", f"{contestant.name} {settings.configuration} {split} {seed}").strip("-")
+def episodes_file(directory: Path, named: NamedPolicy, settings: Settings, split: str, seed: int) -> Path:
+    """Where the episodes of one policy, configuration and split go: a name of its own for each."""
+    words = re.sub(r"[^A-Za-z0-9]+", "-", f"{named.name} {settings.configuration} {split} {seed}").strip("-")
     if len(words) > LONGEST_NAME:
         digest = hashlib.sha256(words.encode()).hexdigest()[:8]
         words = f"{words[-LONGEST_NAME + 9 :].strip('-')}-{digest}"
@@ -37,7 +37,7 @@ def episodes_file(directory: Path, contestant: Contestant, settings: Settings, s
 
 
 class Recorder:
-    """Records results of one configuration and split; what the expert finds is kept for all contestants."""
+    """Records results of one configuration and split; what the expert finds is kept for all policies."""
 
     def __init__(
         self,
@@ -60,27 +60,27 @@ class Recorder:
 
     def write(self, directory: Path, result: Result) -> Path:
         """Writes the result's episodes into the directory, made if need be; gives the file. Raises OutputError."""
-        trial = result.trial
-        path = episodes_file(writable_directory(directory), result.contestant, trial.settings, trial.split, trial.seed)
+        plan = result.plan
+        path = episodes_file(writable_directory(directory), result.named, plan.settings, plan.split, plan.seed)
         write_episodes(path, self._header(result), [self._recorded(episode) for episode in result.episodes])
         return path
 
     def _header(self, result: Result) -> Header:
-        contestant, trial = result.contestant, result.trial
-        details = contestant.details
+        named, plan = result.named, result.plan
+        details = named.details
         provenance = self._tasks.provenance
         return Header(
             package=software().get("lilgym-mp", "unknown"),
-            settings=trial.settings,
-            split=trial.split,
-            agent=details.get("label", contestant.name),
-            supervision=contestant.supervision,
+            settings=plan.settings,
+            split=plan.split,
+            agent=details.get("label", named.name),
+            supervision=named.supervision,
             actions=details.get("actions", GREEDY),
             mask=result.mask,
             stop_forcing=False,
-            seed=trial.seed,
+            seed=plan.seed,
             training_seed=details.get("training_seed"),
-            passes=trial.passes,
+            passes=plan.passes,
             episodes=len(result.episodes),
             start_scenes=len(self._tasks),
             contexts=contexts(self._tasks),

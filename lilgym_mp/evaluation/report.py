@@ -29,7 +29,7 @@ def table(results: Sequence[Result]) -> str:
 
 def supervision_table(results: Sequence[Result]) -> str:
     """What each policy learnt from."""
-    learnt = dict.fromkeys((result.name, result.contestant.supervision) for result in results)
+    learnt = dict.fromkeys((result.name, result.named.supervision) for result in results)
     return aligned([("policy", "supervision"), *learnt])
 
 
@@ -42,7 +42,7 @@ def _row(result: Result) -> tuple[str, ...]:
     shares = (_percent(share) for end, share in summary.outcomes.items() if end != "success")
     return (
         result.name,
-        result.trial.settings.configuration,
+        result.plan.settings.configuration,
         str(summary.all.episodes),
         _percent(summary.accuracy),
         _of(summary.seen),
@@ -87,8 +87,7 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
         "command": sys.argv,
         "software": software(),
         "trials": [
-            {**trial.to_json(), "tasks": task_counts(trial)}
-            for trial in dict.fromkeys(result.trial for result in results)
+            {**plan.to_json(), "tasks": task_counts(plan)} for plan in dict.fromkeys(result.plan for result in results)
         ],
         "results": [
             {**result.to_json(), "episodes": result.episodes_json()} if with_episodes else result.to_json()

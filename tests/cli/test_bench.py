@@ -15,7 +15,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from PIL import Image
 
-from lilgym_mp.benchmark import Bench, Course, Effort, goals, players, subjects
+from lilgym_mp.benchmark import Bench, Effort, Workload, goals, players, subjects
 from lilgym_mp.benchmark.catalogue import LIMIT, Subject
 from lilgym_mp.benchmark.chart import COLOURS, scaling_chart
 from lilgym_mp.benchmark.players import Play, Timed
@@ -48,8 +48,8 @@ gym.register("TowerFlipIt-v0", entry_point=Environment, disable_env_checker=True
 
 
 @pytest.fixture(scope="module", params=["TowerFlipIt", "ScatterFlipIt"])
-def course(request: pytest.FixtureRequest) -> Course:
-    return Course(request.param, actions=110)
+def workload(request: pytest.FixtureRequest) -> Workload:
+    return Workload(request.param, actions=110)
 
 
 @pytest.fixture
@@ -61,22 +61,22 @@ def release(tmp_path: Path) -> Path:
     return package.parent
 
 
-def test_script__is_random_legal_edits_and_a_stop_the_same_each_time(course: Course) -> None:
-    (script,) = course.scripts(1)
+def test_script__is_random_legal_edits_and_a_stop_the_same_each_time(workload: Workload) -> None:
+    (script,) = workload.scripts(1)
     assert [len(episode.actions) for episode in script.episodes] == [1] + [EPISODE_ACTIONS] * 9
     assert all(episode.actions[-1] == 0 and 0 not in episode.actions[:-1] for episode in script.episodes)
-    assert Course(course.configuration, actions=110).scripts(1) == [script]
+    assert Workload(workload.configuration, actions=110).scripts(1) == [script]
 
 
-def test_scripts__end_their_first_episodes_after_different_numbers_of_steps(course: Course) -> None:
-    firsts = [len(script.episodes[0].actions) for script in course.scripts(16)]
+def test_scripts__end_their_first_episodes_after_different_numbers_of_steps(workload: Workload) -> None:
+    firsts = [len(script.episodes[0].actions) for script in workload.scripts(16)]
     assert sorted(set(firsts)) == list(range(1, EPISODE_ACTIONS + 1))
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_trace__is_played_by_a_batch_without_a_single_invalid_action(course: Course, mode: AutoresetMode) -> None:
-    env: Any = gym.make_vec(course.environment_id, num_envs=12, autoreset_mode=mode, **course.arguments)
-    trace = vector_trace(course.scripts(12), mode)
+def test_trace__is_played_by_a_batch_without_a_single_invalid_action(workload: Workload, mode: AutoresetMode) -> None:
+    env: Any = gym.make_vec(workload.environment_id, num_envs=12, autoreset_mode=mode, **workload.arguments)
+    trace = vector_trace(workload.scripts(12), mode)
     env.reset(seed=0)
     ends = 0
     for row in trace.rows:
@@ -101,11 +101,11 @@ def test_trace__counts_actions_but_not_the_calls_that_begin_an_episode() -> None
 
 
 def test_games__take_each_action_of_the_script() -> None:
-    course = Course("TowerFlipIt", actions=110)
-    with players.parallel_game(course) as play:
+    workload = Workload("TowerFlipIt", actions=110)
+    with players.parallel_game(workload) as play:
         rounds = play().steps
-    with players.turn_game(course, checked=True) as play:
-        assert play().steps == 2 * rounds == 2 * sum(len(e.actions) for e in course.scripts(1)[0].episodes)
+    with players.turn_game(workload, checked=True) as play:
+        assert play().steps == 2 * rounds == 2 * sum(len(e.actions) for e in workload.scripts(1)[0].episodes)
 
 
 def _subject_names() -> list[str]:
@@ -120,7 +120,7 @@ def test_subjects__have_names_of_their_own_and_lines_in_the_chart() -> None:
 @pytest.mark.parametrize("goal", goals.GOALS, ids=lambda goal: goal.what)
 def test_goal__is_about_something_that_is_measured(goal: goals.Goal) -> None:
     bench = Bench(SHORT)
-    bench.measure(Course("ScatterFlipIt", actions=11), [_fake(subject) for subject in subjects()], lambda: None)
+    bench.measure(Workload("ScatterFlipIt", actions=11), [_fake(subject) for subject in subjects()], lambda: None)
     assert goal.value(bench, "ScatterFlipIt") == pytest.approx(_expected(goal))
 
 
@@ -134,7 +134,7 @@ def _fake(subject: Subject, rate: float = 1000.0) -> Subject:
 
 
 @contextmanager
-def _pretend(course: Course, rate: float) -> Iterator[Play]:
+def _pretend(workload: Workload, rate: float) -> Iterator[Play]:
     yield lambda: Timed(int(rate), 1.0)
 
 
@@ -142,8 +142,8 @@ def _pretend(course: Course, rate: float) -> Iterator[Play]:
 def test_verdict__says_which_bound_was_met(rate: float, says: str) -> None:
     bench = Bench(SHORT)
     chosen = [_fake(subject, rate) for subject in subjects(["single"])]
-    bench.measure(Course("TowerScratch", actions=11), chosen, lambda: None)
-    assert [(verdict.goal.what, verdict.says) for verdict in goals.verdicts(bench)] == [
+    bench.measure(Workload("TowerScratch", actions=11), chosen, lambda: None)
+    assert [(goal_result.goal.what, goal_result.says) for goal_result in goals.goal_results(bench)] == [
         ("single, gym.make, Tower", says)
     ]
 
@@ -152,7 +152,7 @@ def test_ratio__is_to_copying_in_the_same_round() -> None:
     copies, steps = iter([8, 4, 9, 2]), iter([7, 4, 6, 1])  # the first of each turn warms up, and does not count
     bench = Bench(Effort(2, 0.5))
     bench.measure(
-        Course("TowerScratch", actions=11),
+        Workload("TowerScratch", actions=11),
         [_counted(LIMIT, "memory copy", lambda: next(copies)), _counted("single", "single", lambda: next(steps))],
         lambda: None,
     )
@@ -163,7 +163,7 @@ def test_ratio__is_to_copying_in_the_same_round() -> None:
 
 def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
     @contextmanager
-    def opened(course: Course) -> Iterator[Play]:
+    def opened(workload: Workload) -> Iterator[Play]:
         yield lambda: Timed(count(), 1.0)
 
     return Subject(group, name, 1, opened)
@@ -171,13 +171,13 @@ def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
 
 def test_missing_package__is_noted_and_the_rest_measured() -> None:
     @contextmanager
-    def opened(course: Course) -> Iterator[Play]:
+    def opened(workload: Workload) -> Iterator[Play]:
         raise ModuleNotFoundError("no SB3", name="stable_baselines3.common")
         yield
 
     bench = Bench(SHORT)
     rest = _fake(subjects(["single"])[0])
-    bench.measure(Course("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, opened), rest], lambda: None)
+    bench.measure(Workload("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, opened), rest], lambda: None)
     assert bench.notes == ["not measured: sb3 (needs stable_baselines3.common)"]
     assert [one.subject for one in bench.results] == [rest]
 
@@ -187,7 +187,7 @@ def test_interrupted__keeps_the_rounds_that_are_done() -> None:
         raise KeyboardInterrupt
 
     bench = Bench(SHORT)
-    bench.measure(Course("TowerScratch", actions=11), [_fake(subjects(["single"])[0])], interrupt)
+    bench.measure(Workload("TowerScratch", actions=11), [_fake(subjects(["single"])[0])], interrupt)
     assert bench.is_interrupted
     assert [len(one.rates) for one in bench.results] == [1]
     assert "Interrupted" in report_text(bench)
@@ -196,7 +196,7 @@ def test_interrupted__keeps_the_rounds_that_are_done() -> None:
 def test_chart__has_a_panel_for_each_configuration() -> None:
     bench = Bench(SHORT)
     for name in ("TowerScratch", "ScatterScratch"):
-        bench.measure(Course(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
+        bench.measure(Workload(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
     chart = scaling_chart(bench)
     assert chart is not None
     assert [axes.get_title(loc="left") for axes in chart.axes] == [
@@ -212,8 +212,8 @@ def test_document__holds_the_new_tables_where_the_old_were() -> None:
 
 
 def test_release__is_played_in_its_own_process(release: Path) -> None:
-    course = Course("TowerFlipIt", actions=33)
-    with release_subject(release, {"horizon": 3}).open(course) as play:
+    workload = Workload("TowerFlipIt", actions=33)
+    with release_subject(release, {"horizon": 3}).open(workload) as play:
         assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that this release ends early
 
 
@@ -228,14 +228,14 @@ def test_release__says_why_it_cannot_be_played(
     release: Path, configuration: str, options: dict[str, int], message: str
 ) -> None:
     subject = release_subject(release, options)
-    with pytest.raises(ReleaseError, match=message), subject.open(Course(configuration, actions=11)):
+    with pytest.raises(ReleaseError, match=message), subject.open(Workload(configuration, actions=11)):
         pass
 
 
 def test_release__that_does_not_run_is_told_of(release: Path) -> None:
     (release / "lilgym" / "__init__.py").write_text("raise SystemExit(3)")
     subject = release_subject(release, {})
-    with pytest.raises(ReleaseError, match="exit code 3"), subject.open(Course("TowerFlipIt", actions=11)):
+    with pytest.raises(ReleaseError, match="exit code 3"), subject.open(Workload("TowerFlipIt", actions=11)):
         pass
 
 

@@ -93,7 +93,7 @@ def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(sta
 def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> None:
     env = make(start_method=start_method)
     pids = env.worker_pids
-    env._dismissal.detach()  # nothing tells them to end
+    env._finalizer.detach()  # nothing tells them to end
     del env
     gc.collect()
     assert_gone(pids)
@@ -111,7 +111,7 @@ def test_copies__are_refused_since_processes_are_shared(copied: object) -> None:
 def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     env = make()
     pids = env.worker_pids
-    monkeypatch.setattr(env, "_give", lambda *_: None)  # the order is given, and nobody is there to take it
+    monkeypatch.setattr(env, "_send_command", lambda *_: None)  # the command is sent, and nobody is there to take it
     os.kill(pids[0], signal.SIGKILL)
     assert_gone(pids[:1])
     with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):
@@ -162,7 +162,7 @@ def _in_fork(env: WorkerVectorEnv, work: str) -> str:
                 "states": env.states,
                 "masks": env.action_masks,
                 "close": env.close,
-                "drop": env._dismissal,
+                "drop": env._finalizer,
             }[work]()
         except BaseException as fault:
             said = f"{type(fault).__name__}: {fault}"

@@ -11,10 +11,10 @@ import pytest
 from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.evaluation import Observations, Settings, evaluate
-from lilgym_mp.evaluation.comparison import Trial, play, training_statements
-from lilgym_mp.evaluation.contestants import Contestant, built_in
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, decisions, places
 from lilgym_mp.evaluation.episodes import Recording, read_episodes
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
 from lilgym_mp.evaluation.policies import WithoutMask, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
@@ -25,10 +25,10 @@ ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
 
 
 def recorded(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
-    trial = Trial(Settings(configuration), "dev", record_decisions=True)
-    seen = training_statements(trial.settings)
-    recorder = Recorder(trial.settings, trial.split, seen, judges_decisions=judges)
-    return read_episodes(recorder.write(directory, play(built_in(name), trial, seen)))
+    plan = EvaluationPlan(Settings(configuration), "dev", record_decisions=True)
+    seen = training_statements(plan.settings)
+    recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=judges)
+    return read_episodes(recorder.write(directory, play(built_in(name), plan, seen)))
 
 
 def tower_output(**probabilities: float) -> PolicyOutput:
@@ -182,9 +182,9 @@ def test_record__more_decisions_than_actions_are_refused(tmp_path: Path):
         type(episode).from_json(row)
 
 
-def test_contestant__without_output_is_still_recorded(tmp_path: Path):
-    trial = Trial(Settings("TowerScratch"), "dev", record_decisions=True)
-    contestant = Contestant("silent", lambda settings: Silent())
-    result = play(contestant, trial, set())
-    path = Recorder(trial.settings, trial.split, set()).write(tmp_path, result)
+def test_policy__without_output_is_still_recorded(tmp_path: Path):
+    plan = EvaluationPlan(Settings("TowerScratch"), "dev", record_decisions=True)
+    named = NamedPolicy("silent", lambda settings: Silent())
+    result = play(named, plan, set())
+    path = Recorder(plan.settings, plan.split, set()).write(tmp_path, result)
     assert all(episode.decisions is None for episode in read_episodes(path).episodes)

@@ -15,21 +15,21 @@ import pytest
 from lilgym_mp.actions import AddBlock, Stop
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.comparison import Trial, play, training_statements
-from lilgym_mp.evaluation.contestants import Contestant, built_in
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
 from lilgym_mp.evaluation.policies import Observations, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour
 
-TOWER = Trial(Settings("TowerScratch"), "dev")
+TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # numbers of Tower's actions
 
 
-def recorded(directory: Path, contestant: Contestant, trial: Trial = TOWER, **options: Any) -> Recording:
-    seen = training_statements(trial.settings)
-    recorder = Recorder(trial.settings, trial.split, seen, **options)
-    return read_episodes(recorder.write(directory, play(contestant, trial, seen)))
+def recorded(directory: Path, named: NamedPolicy, plan: EvaluationPlan = TOWER, **options: Any) -> Recording:
+    seen = training_statements(plan.settings)
+    recorder = Recorder(plan.settings, plan.split, seen, **options)
+    return read_episodes(recorder.write(directory, play(named, plan, seen)))
 
 
 class AddsThenStops:
@@ -43,7 +43,7 @@ class AddsThenStops:
         return np.where(observations.steps == 0, ADD_BLUE_LEFT, STOP)
 
 
-SIMPLE = Contestant("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
+SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
 
 
 def test_record__keeps_what_the_environment_gave(tmp_path: Path):
@@ -89,16 +89,16 @@ def test_record__asks_the_expert_for_the_start_and_for_where_a_wrong_stop_was_sa
 
 
 def test_record__equal_evaluations_give_equal_bytes(tmp_path: Path):
-    contestant = built_in("random-type")
-    paths = [recorded(tmp_path / name, contestant).path for name in ("one", "two")]
+    named = built_in("random-type")
+    paths = [recorded(tmp_path / name, named).path for name in ("one", "two")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert [path.name for path in (tmp_path / "one").iterdir()] == [paths[0].name]
 
 
 def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
     settings = Settings("TowerScratch")
-    long = Contestant("imitation (" + "a/long/place/" * 20 + "0)", SIMPLE.policy)
-    other = Contestant("imitation (" + "a/long/place/" * 20 + "1)", SIMPLE.policy)
+    long = NamedPolicy("imitation (" + "a/long/place/" * 20 + "0)", SIMPLE.policy)
+    other = NamedPolicy("imitation (" + "a/long/place/" * 20 + "1)", SIMPLE.policy)
     names = [
         episodes_file(Path(), SIMPLE, settings, "dev", 0),
         episodes_file(Path(), SIMPLE, settings, "dev", 1),

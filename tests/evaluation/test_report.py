@@ -7,9 +7,9 @@ import json
 import pytest
 
 from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal, summarise
-from lilgym_mp.evaluation.comparison import Result, Trial, play_all, training_statements
-from lilgym_mp.evaluation.contestants import BASELINES, Contestant, built_in
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.metrics import Share
+from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in
 from lilgym_mp.evaluation.report import aligned, results_json, supervision_table, table
 
 EPISODES = [
@@ -39,9 +39,9 @@ def test_summarise__nothing_is_refused():
 
 
 def result() -> Result:
-    contestant = Contestant("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
-    trial, summary = Trial(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
-    return Result(contestant, trial, summary, Share(3, 1), Share(1, 0), EPISODES, 0.5)
+    named = NamedPolicy("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
+    plan, summary = EvaluationPlan(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
+    return Result(named, plan, summary, Share(3, 1), Share(1, 0), EPISODES, 0.5)
 
 
 def test_table__has_a_row_a_policy():
@@ -92,44 +92,44 @@ def test_result__is_a_row_with_accuracies_from_0_to_1():
 
 
 def test_results__hold_all_that_is_needed_to_get_them_again():
-    trial = Trial(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
-    seen = training_statements(trial.settings)
-    results = list(play_all(BASELINES, trial, seen))
+    plan = EvaluationPlan(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
+    seen = training_statements(plan.settings)
+    results = list(play_all(BASELINES, plan, seen))
     data = json.loads(json.dumps(results_json(results, with_episodes=True)))
     (written,) = data["trials"]
-    again = Trial(
+    again = EvaluationPlan(
         Settings.from_json(written["settings"]),
         written["split"],
         written["seed"],
         written["passes"],
         written["batch_size"],
     )
-    assert again == trial
+    assert again == plan
     assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
     (repeated,) = play_all([BASELINES[1]], again, seen)
     assert data["results"][1]["episodes"] == repeated.episodes_json()
     assert data["results"][0]["accuracy"] == results[0].summary.accuracy
-    assert written["tasks"]["sha256"] == trial.settings.make("dev").tasks.provenance.sha256
+    assert written["tasks"]["sha256"] == plan.settings.make("dev").tasks.provenance.sha256
     assert written["tasks"]["start_scenes"] == len(results[0].episodes)
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
 
 
 def test_play_all__leaves_out_who_does_not_play_the_configuration():
-    tower_only = Contestant("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
-    assert not list(play_all([tower_only], Trial(Settings("ScatterScratch"), "dev"), set()))
+    tower_only = NamedPolicy("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
+    assert not list(play_all([tower_only], EvaluationPlan(Settings("ScatterScratch"), "dev"), set()))
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
 def test_expert__completes_every_task(configuration: str):
-    trial = Trial(Settings(configuration), "dev")
-    (found,) = play_all([built_in("expert")], trial, set())
+    plan = EvaluationPlan(Settings(configuration), "dev")
+    (found,) = play_all([built_in("expert")], plan, set())
     assert found.summary.accuracy == 1.0
-    assert found.contestant.supervision != "none"
+    assert found.named.supervision != "none"
 
 
 def test_random_type__draws_each_type_equally_often():
-    trial = Trial(Settings("TowerScratch"), "dev", passes=20)
-    (found,) = play_all([built_in("random-type")], trial, set())
+    plan = EvaluationPlan(Settings("TowerScratch"), "dev", passes=20)
+    (found,) = play_all([built_in("random-type")], plan, set())
     first = [episode.actions[0] for episode in found.episodes]
     assert sum(action == 0 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
     assert sum(action > 9 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)

@@ -85,20 +85,20 @@ class BatchedGames:
         self._is_started = True
         return self._observations(), {"turns": self._games.moves.T.copy()}
 
-    def _start(self, which: Int64Array, options: Mapping[str, Any]) -> None:
+    def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
         """Starts some games, each with a task and an intent of its own generator's, in this order."""
         world = self._world
         task = world.tasks.number(options["task"]) if "task" in options else None
         intent = chosen_intent(options)
         if intent is None:
             intent = world.usual_intent
-        tasks = np.empty(len(which), np.int64)
-        intents = np.full(len(which), 0 if intent is None else int(intent))
-        for place, number in enumerate(which.tolist()):
+        tasks = np.empty(len(indices), np.int64)
+        intents = np.full(len(indices), 0 if intent is None else int(intent))
+        for place, number in enumerate(indices.tolist()):
             tasks[place] = self._drawn_task(number) if task is None else task
             if intent is None:
                 intents[place] = int(world.drawn_intent(self._generators[number]))
-        self._games.start(which, tasks, intents)
+        self._games.start(indices, tasks, intents)
 
     def _drawn_task(self, number: int) -> int:
         generator, world = self._generators[number], self._world
@@ -143,7 +143,7 @@ class BatchedGames:
     def _observations(self) -> dict[str, AgentObservation]:
         return self._observed(self._every, copies_images=self._copies)
 
-    def _observed(self, which: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
+    def _observed(self, indices: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
         """What the agents see of games (k,): arrays (k, ...). What both see alike is encoded once."""
         games = self._games
         rows: dict[int, NDArray[Any]] = {}
@@ -151,11 +151,11 @@ class BatchedGames:
             if isinstance(part, ImagePart) and not copies_images:
                 rows[id(part)] = games.images
             elif id(part) not in rows:
-                rows[id(part)] = part.rows(games, which)
+                rows[id(part)] = part.rows(games, indices)
         return {
             AGENTS[role]: {
                 "observation": {key: rows[id(part)] for key, part in self._parts[role].items()},
-                "action_mask": games.masks(role, which),
+                "action_mask": games.masks(role, indices),
             }
             for role in Role
         }
@@ -174,7 +174,7 @@ class BatchedGames:
         shared: Info = {}
         if world.reveals_truth:
             intent = Intent(int(games.intents[number]))
-            shared = truth_info(world, games.mdp(number), intent, games.last_judged(number))
+            shared = truth_info(world, games.mdp(number), intent, games.last_judgement(number))
         infos = both_infos(shared | games.last_end(number), games.last_illegal(number))
         return dict(zip(AGENTS, infos, strict=True))
 
@@ -201,8 +201,8 @@ class LastObservations(Sequence[dict[str, AgentObservation] | None]):
     @overload
     def __getitem__(self, number: slice) -> tuple[dict[str, AgentObservation] | None, ...]: ...
     def __getitem__(self, number: int | slice) -> Any:
-        which = range(self._num_games)[number]
-        return self._of(which) if isinstance(which, int) else tuple(map(self._of, which))
+        indices = range(self._num_games)[number]
+        return self._of(indices) if isinstance(indices, int) else tuple(map(self._of, indices))
 
     def _of(self, number: int) -> dict[str, AgentObservation] | None:
         for place in (self.numbers == number).nonzero()[0].tolist():

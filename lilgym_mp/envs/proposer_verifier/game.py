@@ -13,7 +13,6 @@ from lilgym_mp.actions import ActionError, describe
 from lilgym_mp.arrays import BOOLEANS, BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
-from lilgym_mp.envs.proposer_verifier.rulebook import Rulebook
 from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     NO_CHOICE,
@@ -24,13 +23,16 @@ from lilgym_mp.envs.proposer_verifier.states import (
     VERIFIER,
     VERIFIER_MOVES,
     Conditions,
-    Counted,
     GameState,
     GameStep,
     Intent,
+    Judgement,
+    MDPMove,
     PastTurn,
     Proposal,
     Role,
+    TurnDecision,
+    TurnInput,
 )
 from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
@@ -38,8 +40,62 @@ from lilgym_mp.tuples import new_tuple
 
 INT8 = np.dtype(np.int8)
 WAITING = "wait"
-NOTHING, WAIT, _, STOP = Counted  # reading a member off its enum costs ten times as much, in every step
+NOTHING, WAIT, _, STOP = MDPMove  # reading a member off its enum costs ten times as much, in every step
 EDIT = int(Proposal.EDIT)
+
+
+Pair = tuple[float, float]  # by Role
+
+
+class DecisionTable:
+    """Every decision of the protocol and every reward, computed once when the game is made.
+
+    One game looks them up; `game_arrays` indexes them for many games at once.
+    """
+
+    decisions: tuple[TurnDecision, ...]
+    # Index of the decision, by: whether the verifier answers, Proposal, answer, whether the exchanges are spent. The
+    # last proposal and the last answer stand for none, so that the index NO_CHOICE finds them.
+    indices: list[list[list[list[int]]]]
+    # Both agents' rewards, by: index of the decision, index of the MDP's StepResult, whether the claim is true, Intent.
+    rewards: list[list[list[list[Pair]]]]
+    nothing_played: int  # stands for the index of a StepResult where the MDP takes no step
+    truth_matters: list[bool]  # by index of the decision: whether its rewards depend on whether the claim is true
+
+    def __init__(self, protocol: GameProtocol, conditions: Conditions, rewards: RewardScheme) -> None:
+        found: dict[TurnDecision, int] = {}
+
+        def index(turn_input: TurnInput) -> int:
+            return found.setdefault(protocol.decide(conditions, turn_input), len(found))
+
+        answers = (*range(len(protocol.answers(conditions))), None)
+        turns = (False,) if protocol.simultaneous else (False, True)
+        self.indices = [
+            [
+                [[index(TurnInput(turn, kind, answer, spent)) for spent in (False, True)] for answer in answers]
+                for kind in Proposal
+            ]
+            for turn in turns
+        ]
+        self.decisions = tuple(found)
+        results = conditions.dynamics.step_results
+        self.nothing_played = len(results)
+        mdp_rewards = [*(result.reward for result in results), 0.0]
+        self.rewards = [
+            [
+                [
+                    [rewards(reward, _judgement(decision, holds=holds), intent) for intent in Intent]
+                    for holds in (False, True)
+                ]
+                for reward in mdp_rewards
+            ]
+            for decision in self.decisions
+        ]
+        self.truth_matters = [any(false != true for false, true in pairs) for pairs in self.rewards]
+
+
+def _judgement(decision: TurnDecision, *, holds: bool) -> Judgement | None:
+    return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
 
 
 class TurnError(ValueError):
@@ -62,7 +118,7 @@ class Game:
     message_cost: float  # to the sender, for each word but silence
     history_length: int  # turns kept in the state
     homogeneous: bool  # both agents' action spaces are as large as the larger; what is beyond one's own is illegal
-    rulebook: Rulebook = field(init=False, repr=False)
+    decision_table: DecisionTable = field(init=False, repr=False)
     choices: tuple[range, range] = field(init=False)  # in an agent's turn, by Role; "wait" comes after them
     action_counts: tuple[int, int] = field(init=False)  # by Role
     wait_actions: tuple[int | None, int | None] = field(init=False)  # by Role; None where agents move at once
@@ -82,7 +138,7 @@ class Game:
         )
         largest = max(proposer, verifier)
         derive = partial(object.__setattr__, self)
-        derive("rulebook", Rulebook(self.protocol, self.conditions, self.rewards))
+        derive("decision_table", DecisionTable(self.protocol, self.conditions, self.rewards))
         derive("choices", choices)
         derive("action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
         derive("wait_actions", tuple(self.action(role, choices[role].stop) if takes_turns else None for role in Role))
@@ -125,20 +181,20 @@ class Game:
         answer, verifier_word, verifier_errs = self._read(movers, VERIFIER, verifier)
         if asked is None:
             asked = proposal
-        book = self.rulebook
+        table = self.decision_table
         kind = EDIT if asked > STOP_ACTION else asked
-        number = book.numbers[movers[0]][kind][answer][rejections >= self.conditions.exchanges]
-        ruling = book.rulings[number]
-        counted, asks, rejects, _, _ = ruling
-        if counted is NOTHING:
-            played, after, verdict, terminated, truncated = None, mdp, book.nothing_played, False, False
+        index = table.indices[movers[0]][kind][answer][rejections >= self.conditions.exchanges]
+        decision = table.decisions[index]
+        mdp_move, asks, rejects, _, _ = decision
+        if mdp_move is NOTHING:
+            played, after, result, terminated, truncated = None, mdp, table.nothing_played, False, False
             rejections += rejects
         else:
-            played = self._counted(mdp, counted, asked)
-            after, (verdict, _, _, terminated, truncated, _), _ = played
+            played = self._step_mdp(mdp, mdp_move, asked)
+            after, (result, _, _, terminated, truncated, _), _ = played
             rejections = 0
-        holds = book.truth_matters[number] and mdp.task.solved_by(mdp.scene)
-        rewards = book.worths[number][verdict][holds][intent]
+        holds = table.truth_matters[index] and mdp.task.solved_by(mdp.scene)
+        rewards = table.rewards[index][result][holds][intent]
         if self._speaks:
             rewards = self._charged(rewards, proposer_word, verifier_word)
             words = (
@@ -151,7 +207,7 @@ class Game:
             GameState, (after, next_movers, intent, asked if asks else None, rejections, words, history)
         )
         illegal = (proposer_errs, verifier_errs)
-        return new_tuple(GameStep, (following, rewards, terminated, truncated, played, illegal, ruling, mdp))
+        return new_tuple(GameStep, (following, rewards, terminated, truncated, played, illegal, decision, mdp))
 
     def _read(self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None) -> tuple[int, int | None, bool]:
         """An action's choice, or NO_CHOICE; its word, None when it is not the agent's turn; whether it is illegal."""
@@ -169,12 +225,12 @@ class Game:
             return choice, word, False
         return NO_CHOICE, SILENCE, True
 
-    def _counted(self, mdp: State, counted: Counted, proposal: int) -> Transition:
+    def _step_mdp(self, mdp: State, mdp_move: MDPMove, proposal: int) -> Transition:
         """What the MDP makes of a turn that spends a round."""
         dynamics = self.conditions.dynamics
-        if counted is WAIT:
+        if mdp_move is WAIT:
             return dynamics.wait(mdp)
-        return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if counted is STOP else proposal))
+        return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if mdp_move is STOP else proposal))
 
     def _charged(
         self, rewards: tuple[float, float], proposer_word: int | None, verifier_word: int | None

@@ -1,6 +1,6 @@
 """Many games at once: `Game.play` over arrays, on top of a core that steps as many MDPs.
 
-What a protocol decides and what it is worth is read from the game's rulebook, so nothing of either stands here.
+The protocol's decisions and the rewards are read from the game's `DecisionTable`; this module has no rules of its own.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.proposer_verifier.game import EDIT
-from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
     NO_CHOICE,
     PROPOSER,
     SILENCE,
     STOP_ACTION,
     VERIFIER,
-    Counted,
+    Judgement,
+    MDPMove,
     PastTurn,
     Role,
 )
@@ -30,7 +30,7 @@ from lilgym_mp.envs.single import end_info
 from lilgym_mp.rules import State, Transition
 
 Info = dict[str, Any]
-NOTHING, WAIT, PROPOSAL, STOP = map(int, Counted)  # plain numbers for arrays, as in `envs.buffers`
+NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain numbers for arrays, as in `envs.buffers`
 
 
 class GameArrays:
@@ -56,7 +56,7 @@ class GameArrays:
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
         self._illegal = np.zeros((len(Role), num_games), np.bool_)  # whose choice was in the last turn, by Role
-        self._rulings = np.zeros(num_games, np.int64)  # the last turn's
+        self._decisions = np.zeros(num_games, np.int64)  # the last turn's
         self._holds = np.zeros(num_games, np.int64)  # whether what it judged was true, where that matters
         self._ends: dict[tuple[int, int], Info] = {}  # by verdict and reason
         self._has_masks = self._has_items = False  # whether those in the buffers are of the present scenes
@@ -69,16 +69,16 @@ class GameArrays:
         self.words = np.full((len(Role), num_games), SILENCE)
         self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
 
-    def start(self, which: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
+    def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
         """Begins games (k,) of tasks (k,) by number."""
-        self._core.start(which, tasks)
+        self._core.start(indices, tasks)
         self._has_masks = self._has_items = False
-        self._rejections[which] = 0
-        self.moves[:, which] = self._first
-        self.intents[which] = intents
-        self.proposals[which] = NO_CHOICE
-        self.words[:, which] = SILENCE
-        self.history[which] = NO_CHOICE
+        self._rejections[indices] = 0
+        self.moves[:, indices] = self._first
+        self.intents[indices] = intents
+        self.proposals[indices] = NO_CHOICE
+        self.words[:, indices] = SILENCE
+        self.history[indices] = NO_CHOICE
 
     def play(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """One turn of every game. Actions (N,) of both agents; those of an agent whose turn it is not are ignored."""
@@ -90,14 +90,14 @@ class GameArrays:
             is_answer = self.moves[VERIFIER].astype(np.int64)
             asked = np.where(is_answer, self.proposals, proposal)
         exchanges_are_spent = (self._rejections >= game.conditions.exchanges).astype(np.int64)
-        ruling = tables.numbers[is_answer, np.minimum(asked, EDIT), answer, exchanges_are_spent]
-        self._rulings = ruling
-        self._holds = self._truths(ruling)
-        counted, asks = tables.counted[ruling], tables.asks[ruling]
-        verdict = self._counted(counted, asked)
-        self.rewards = tables.worths[:, ruling, verdict, self._holds, self.intents]
+        decision = tables.indices[is_answer, np.minimum(asked, EDIT), answer, exchanges_are_spent]
+        self._decisions = decision
+        self._holds = self._truths(decision)
+        mdp_move, asks = tables.mdp_move[decision], tables.asks[decision]
+        verdict = self._step_mdps(mdp_move, asked)
+        self.rewards = tables.rewards[:, decision, verdict, self._holds, self.intents]
         self.terminated, self.truncated = tables.terminated[verdict], tables.truncated[verdict]
-        self._rejections = np.where(counted == NOTHING, self._rejections + tables.rejects[ruling], 0)
+        self._rejections = np.where(mdp_move == NOTHING, self._rejections + tables.rejects[decision], 0)
         going_on = ~(self.terminated | self.truncated)
         if game.takes_turns:
             self.proposals = np.where(asks, asked, NO_CHOICE)
@@ -123,21 +123,21 @@ class GameArrays:
             self.words[role] = np.where(moves, word, self.words[role])
         return np.where(legal, choice, NO_CHOICE), word
 
-    def _truths(self, ruling: Int64Array) -> Int64Array:
+    def _truths(self, decision: Int64Array) -> Int64Array:
         """(N,) 1 where what is judged is true and somebody asks for that."""
-        holds = np.zeros(len(ruling), np.int64)
-        for number in self._tables.wants_truth[ruling].nonzero()[0].tolist():
+        holds = np.zeros(len(decision), np.int64)
+        for number in self._tables.wants_truth[decision].nonzero()[0].tolist():
             holds[number] = self._dynamics.goal_reached(self.mdp(number))
         return holds
 
-    def _counted(self, counted: Int64Array, asked: Int64Array) -> Int64Array:
-        """Has the MDPs take what counts. (N,) numbers of the verdicts, or the rulebook's `nothing_played`."""
+    def _step_mdps(self, mdp_move: Int64Array, asked: Int64Array) -> Int64Array:
+        """Has the MDPs take a step where the decision says so. (N,) indices of step results, or `nothing_played`."""
         buffers = self._buffers
-        buffers.action[:] = np.where(counted == STOP, STOP_ACTION, asked)
-        buffers.result[:] = self._game.rulebook.nothing_played
-        acting, waiting = (counted >= PROPOSAL).nonzero()[0], (counted == WAIT).nonzero()[0]
+        buffers.action[:] = np.where(mdp_move == STOP, STOP_ACTION, asked)
+        buffers.result[:] = self._game.decision_table.nothing_played
+        acting, waiting = (mdp_move >= PROPOSAL).nonzero()[0], (mdp_move == WAIT).nonzero()[0]
         if len(acting):
-            self._core.step(None if len(acting) == len(counted) else acting)
+            self._core.step(None if len(acting) == len(mdp_move) else acting)
             self._has_masks = self._has_items = False
         if len(waiting):
             self._core.wait(waiting)
@@ -160,19 +160,19 @@ class GameArrays:
             self._has_items = True
         return self._buffers.items
 
-    def masks(self, role: Role, which: Int64Array) -> Int8Array:
+    def masks(self, role: Role, indices: Int64Array) -> Int8Array:
         """(k, actions) a new array: `Game.legal_mask` in the games (k,)."""
         game = self._game
         if not game.takes_turns:
             if role is VERIFIER:
-                return np.repeat(game.answering_mask[None], len(which), axis=0)
-            return game.proposer_masks(self._legal()[which])
-        masks = np.repeat(game.waiting_masks[role][None], len(which), axis=0)
-        moving = self.moves[role, which].nonzero()[0]
+                return np.repeat(game.answering_mask[None], len(indices), axis=0)
+            return game.proposer_masks(self._legal()[indices])
+        masks = np.repeat(game.waiting_masks[role][None], len(indices), axis=0)
+        moving = self.moves[role, indices].nonzero()[0]
         if role is VERIFIER:
             masks[moving] = game.answering_mask
         elif len(moving):
-            masks[moving] = game.proposer_masks(self._legal()[which[moving]])
+            masks[moving] = game.proposer_masks(self._legal()[indices[moving]])
         return masks
 
     def _legal(self) -> BoolArray:
@@ -196,12 +196,12 @@ class GameArrays:
             self._ends[key] = end_info(Transition(self.mdp(number), self._dynamics.step_results[verdict], invalid))
         return self._ends[key].copy()
 
-    def last_judged(self, number: int) -> Judged | None:
+    def last_judgement(self, number: int) -> Judgement | None:
         """What the verifier judged in the last turn of a game; the truth is right where infos reveal it."""
-        ruling = self._game.rulebook.rulings[self._rulings[number]]
-        if ruling.probability is None:
+        decision = self._game.decision_table.decisions[self._decisions[number]]
+        if decision.probability is None:
             return None
-        return Judged(ruling.probability, ruling.final, bool(self._holds[number]))
+        return Judgement(decision.probability, decision.final, bool(self._holds[number]))
 
     def last_illegal(self, number: int) -> tuple[bool, bool]:
         """By Role: whose choice in the last turn of a game was illegal."""
@@ -210,29 +210,29 @@ class GameArrays:
 
 
 class _Tables(NamedTuple):
-    """A rulebook as arrays."""
+    """A decision table as arrays."""
 
-    numbers: Int64Array  # (turns, proposals, answers, 2) of the rulings, as in the rulebook
-    counted: Int64Array  # (rulings,) a Counted
-    asks: BoolArray  # (rulings,)
-    rejects: BoolArray  # (rulings,)
-    wants_truth: BoolArray  # (rulings,) whether rewards or infos depend on the truth of what is judged
-    worths: Float64Array  # (2, rulings, verdicts + 1, 2, 2) by Role, then as in the rulebook
-    terminated: BoolArray  # (verdicts + 1,) the last for `nothing_played`
-    truncated: BoolArray  # (verdicts + 1,)
+    indices: Int64Array  # (turns, proposals, answers, 2) of the decisions, as in the table
+    mdp_move: Int64Array  # (decisions,) a MDPMove
+    asks: BoolArray  # (decisions,)
+    rejects: BoolArray  # (decisions,)
+    wants_truth: BoolArray  # (decisions,) whether rewards or infos depend on the truth of what is judged
+    rewards: Float64Array  # (2, decisions, results + 1, 2, 2) by Role, then as in the table
+    terminated: BoolArray  # (results + 1,) the last for `nothing_played`
+    truncated: BoolArray  # (results + 1,)
 
     @classmethod
     def of(cls, world: World) -> _Tables:
-        book, verdicts = world.game.rulebook, world.game.conditions.dynamics.step_results
-        rulings = book.rulings
-        wants_truth = [world.reveals_truth and ruling.probability is not None for ruling in rulings]
+        table, verdicts = world.game.decision_table, world.game.conditions.dynamics.step_results
+        decisions = table.decisions
+        wants_truth = [world.reveals_truth and decision.probability is not None for decision in decisions]
         return cls(
-            numbers=np.array(book.numbers),
-            counted=np.array([int(ruling.counted) for ruling in rulings]),
-            asks=np.array([ruling.asks for ruling in rulings]),
-            rejects=np.array([ruling.rejects for ruling in rulings]),
-            wants_truth=np.array(wants_truth) | np.array(book.truth_matters),
-            worths=np.moveaxis(np.array(book.worths), -1, 0),
+            indices=np.array(table.indices),
+            mdp_move=np.array([int(decision.mdp_move) for decision in decisions]),
+            asks=np.array([decision.asks for decision in decisions]),
+            rejects=np.array([decision.rejects for decision in decisions]),
+            wants_truth=np.array(wants_truth) | np.array(table.truth_matters),
+            rewards=np.moveaxis(np.array(table.rewards), -1, 0),
             terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
             truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
         )

@@ -11,17 +11,10 @@ import numpy as np
 from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, Seat, ask
 from lilgym_mp.envs.proposer_verifier.session import Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
-from lilgym_mp.envs.proposer_verifier.states import Role
+from lilgym_mp.envs.proposer_verifier.states import ACCEPTS_ABOVE, Judgement, Role
 from lilgym_mp.rules import Outcome
 
 CALIBRATION_BINS = 10
-
-
-class Verdict(NamedTuple):
-    """A judgement of the verifier beside the truth."""
-
-    probability: float  # that the claim holds, as the verifier said; 0 or 1 for a plain answer
-    holds: bool
 
 
 class GameRecord(NamedTuple):
@@ -31,11 +24,11 @@ class GameRecord(NamedTuple):
     outcome: Outcome
     rounds: int
     returns: tuple[float, float]  # by Role
-    verdicts: tuple[Verdict, ...]
+    judgements: tuple[Judgement, ...]
 
 
 class CalibrationBin(NamedTuple):
-    """The verdicts whose probability lies in one of ten equal ranges."""
+    """The judgements whose probability lies in one of ten equal ranges."""
 
     count: int
     mean_probability: float
@@ -87,7 +80,7 @@ def play_games(
 def _played(session: Session, proposer: Partner, verifier: Partner, task: str, rng: np.random.Generator) -> GameRecord:
     session.reset(None, {"task": task})
     returns = np.zeros(len(Role))
-    verdicts: list[Verdict] = []
+    judgements: list[Judgement] = []
     while session.state.movers:
         asked = {
             role: ask(partner, Seat(session, role, rng)) if role in session.state.movers else None
@@ -95,25 +88,25 @@ def _played(session: Session, proposer: Partner, verifier: Partner, task: str, r
         }
         step = session.play(asked[Role.PROPOSER], asked[Role.VERIFIER])
         returns += step.rewards
-        if step.judgement is not None:
-            verdicts.append(Verdict(step.judgement.probability, step.judgement.holds))
+        if (judgement := step.judgement) is not None:
+            judgements.append(judgement)
     last = session.last
     assert last is not None
     assert last.played is not None
     proposer_return, verifier_return = returns.tolist()
     return GameRecord(
-        task, last.played.outcome, session.state.mdp.steps, (proposer_return, verifier_return), tuple(verdicts)
+        task, last.played.outcome, session.state.mdp.steps, (proposer_return, verifier_return), tuple(judgements)
     )
 
 
 def summarise(records: Sequence[GameRecord]) -> Metrics:
     """Raises ValueError for no games."""
     if not records:
-        raise ValueError("there are no measures of no games")
-    verdicts = [verdict for record in records for verdict in record.verdicts]
-    probability = np.array([verdict.probability for verdict in verdicts])
-    holds = np.array([verdict.holds for verdict in verdicts], np.bool_)
-    accepted = probability > 0.5
+        raise ValueError("cannot summarise zero games")
+    judgements = [judgement for record in records for judgement in record.judgements]
+    probability = np.array([judgement.probability for judgement in judgements])
+    holds = np.array([judgement.holds for judgement in judgements], np.bool_)
+    accepted = probability > ACCEPTS_ABOVE
     completeness, soundness = _share(accepted[holds]), _share(~accepted[~holds])
     calibration = _calibration(probability, holds)
     gaps = [entry.count * abs(entry.mean_probability - entry.share_holding) for entry in calibration]
@@ -124,13 +117,13 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=float(returns[Role.PROPOSER]),
         mean_return_verifier=float(returns[Role.VERIFIER]),
-        claims=len(verdicts),
+        claims=len(judgements),
         completeness=completeness,
         soundness=soundness,
         false_accept_rate=None if soundness is None else 1 - soundness,
         false_reject_rate=None if completeness is None else 1 - completeness,
-        brier_score=float(np.mean((probability - holds) ** 2)) if verdicts else None,
-        calibration_error=sum(gaps) / len(verdicts) if verdicts else None,
+        brier_score=float(np.mean((probability - holds) ** 2)) if judgements else None,
+        calibration_error=sum(gaps) / len(judgements) if judgements else None,
         calibration=calibration,
     )
 
@@ -156,7 +149,7 @@ def _share(flags: np.ndarray) -> float | None:
 
 
 def _calibration(probability: np.ndarray, holds: np.ndarray) -> tuple[CalibrationBin, ...]:
-    """The ranges that hold any verdict."""
+    """The ranges that hold any judgement."""
     numbers = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
     return tuple(
         CalibrationBin(int(here.sum()), float(probability[here].mean()), float(holds[here].mean()))

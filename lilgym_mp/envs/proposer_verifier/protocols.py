@@ -1,8 +1,8 @@
 """The four protocols: who moves when, and what the choices of a turn do to the MDP underneath.
 
-Each is a pure function of the conditions and the case. An illegal choice counts as having chosen nothing: a proposer
+Each is a pure function of the conditions and the turn. An illegal choice counts as having chosen nothing: a proposer
 who proposes nothing spends the round; a verifier who answers nothing has accepted, stopped and believed nothing.
-`rulebook` works the decisions out for every case there is.
+`decision_table` works the decisions out for every case there is.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dataclasses import dataclass
 from lilgym_mp.envs.proposer_verifier.states import (
     BOTH_MOVE,
     PROPOSER_MOVES,
-    Case,
     Conditions,
-    Counted,
+    MDPMove,
     Proposal,
     Role,
-    Ruling,
+    TurnDecision,
+    TurnInput,
 )
 
 REJECT, ACCEPT, STOP = 0, 1, 2  # places among the verifier's answers; in "joint", 0 continues and 1 stops
 
-Decision = Callable[[Conditions, Case], Ruling]
+DecisionRule = Callable[[Conditions, TurnInput], TurnDecision]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class GameProtocol:
     endings: tuple[str, ...]  # names in ENDINGS that make sense here; the first is the default
     first: tuple[Role, ...]  # who moves first, and whenever no proposal awaits an answer
     answers: Callable[[Conditions], tuple[str, ...]]  # the verifier's choices, all legal when it is its turn
-    decide: Decision
+    decide: DecisionRule
     message_sizes: tuple[int, int] = (0, 0)  # default number of words, by Role
     takes_bins: bool = False  # whether the verifier may state a probability
 
@@ -43,71 +43,75 @@ class GameProtocol:
         return len(self.first) > 1
 
 
-def _veto(conditions: Conditions, case: Case) -> Ruling:
+def _veto(conditions: Conditions, turn: TurnInput) -> TurnDecision:
     """The verifier accepts or rejects each action; a rejection spends the round."""
-    if not case.is_answer:
-        return _proposed(conditions, case)
-    if case.answer in (ACCEPT, STOP):
-        return _accepted(case)
-    return Ruling(Counted.WAIT, probability=_of_claim(case, accepted=False))
+    if not turn.is_answer:
+        return _proposed(conditions, turn)
+    if turn.answer in (ACCEPT, STOP):
+        return _accepted(turn)
+    return TurnDecision(MDPMove.WAIT, probability=_of_claim(turn, accepted=False))
 
 
-def _critique(conditions: Conditions, case: Case) -> Ruling:
+def _critique(conditions: Conditions, turn: TurnInput) -> TurnDecision:
     """As veto, but a rejection is free; after `exchanges` of them in a round the next proposal counts unasked."""
-    if not case.is_answer:
-        return Ruling(_counted(case)) if case.exchanges_are_spent else _proposed(conditions, case)
-    if case.answer in (ACCEPT, STOP):
-        return _accepted(case)
-    return Ruling(Counted.NOTHING, rejects=True, probability=_of_claim(case, accepted=False))
+    if not turn.is_answer:
+        return TurnDecision(_move_of(turn)) if turn.exchanges_are_spent else _proposed(conditions, turn)
+    if turn.answer in (ACCEPT, STOP):
+        return _accepted(turn)
+    return TurnDecision(MDPMove.NOTHING, rejects=True, probability=_of_claim(turn, accepted=False))
 
 
-def _proposed(conditions: Conditions, case: Case) -> Ruling:
+def _proposed(conditions: Conditions, turn: TurnInput) -> TurnDecision:
     """The proposal is laid before the verifier, unless there is none or it ends the episode by itself."""
-    ends_alone = case.proposal is Proposal.STOP and conditions.ending.by_proposer
-    if ends_alone or case.proposal is Proposal.NONE:
-        return Ruling(_counted(case))
-    return Ruling(Counted.NOTHING, asks=True)
+    ends_alone = turn.proposal is Proposal.STOP and conditions.ending.by_proposer
+    if ends_alone or turn.proposal is Proposal.NONE:
+        return TurnDecision(_move_of(turn))
+    return TurnDecision(MDPMove.NOTHING, asks=True)
 
 
-def _accepted(case: Case) -> Ruling:
+def _accepted(turn: TurnInput) -> TurnDecision:
     """The proposal counts; with the answer STOP the verifier ends the episode in its place."""
-    if case.answer == STOP:
-        return Ruling(Counted.STOP, probability=1.0, final=True)
-    return Ruling(_counted(case), probability=_of_claim(case, accepted=True), final=case.proposal is Proposal.STOP)
+    if turn.answer == STOP:
+        return TurnDecision(MDPMove.STOP, probability=1.0, final=True)
+    return TurnDecision(
+        _move_of(turn),
+        probability=_of_claim(turn, accepted=True),
+        final=turn.proposal is Proposal.STOP,
+    )
 
 
-def _of_claim(case: Case, *, accepted: bool) -> float | None:
+def _of_claim(turn: TurnInput, *, accepted: bool) -> float | None:
     """The probability that the answer states. Only a proposed STOP claims something."""
-    return float(accepted) if case.proposal is Proposal.STOP else None
+    return float(accepted) if turn.proposal is Proposal.STOP else None
 
 
-_COUNTED = {Proposal.NONE: Counted.WAIT, Proposal.STOP: Counted.STOP, Proposal.EDIT: Counted.PROPOSAL}
+_MOVES = {Proposal.NONE: MDPMove.WAIT, Proposal.STOP: MDPMove.STOP, Proposal.EDIT: MDPMove.PROPOSAL}
 
 
-def _counted(case: Case) -> Counted:
+def _move_of(turn: TurnInput) -> MDPMove:
     """The proposal, or a step that leaves the scene where there is none."""
-    return _COUNTED[case.proposal]
+    return _MOVES[turn.proposal]
 
 
-def _joint(conditions: Conditions, case: Case) -> Ruling:
+def _joint(conditions: Conditions, turn: TurnInput) -> TurnDecision:
     """Both choose at once; a stop is judged on the scene before the edit. A STOP that does not end spends the round."""
     ending = conditions.ending
-    claims, stops = case.proposal is Proposal.STOP, case.answer == ACCEPT
+    claims, stops = turn.proposal is Proposal.STOP, turn.answer == ACCEPT
     ends = (claims and ending.by_proposer) or (stops and ending.by_verifier) or (claims and stops)
-    counted = Counted.STOP if ends else Counted.WAIT if claims else _counted(case)
+    mdp_move = MDPMove.STOP if ends else MDPMove.WAIT if claims else _move_of(turn)
     if ending.by_verifier or claims:
-        return Ruling(counted, probability=float(stops), final=ends)
-    return Ruling(counted)
+        return TurnDecision(mdp_move, probability=float(stops), final=ends)
+    return TurnDecision(mdp_move)
 
 
-def _audit(conditions: Conditions, case: Case) -> Ruling:
+def _audit(conditions: Conditions, turn: TurnInput) -> TurnDecision:
     """The proposer plays alone; its STOP is a claim, which the verifier's verdict ends the episode with."""
-    if case.is_answer:
-        probability = verdict_probability(conditions.verdict_bins, case.answer or 0)
-        return Ruling(Counted.STOP, probability=probability, final=True)
-    if case.proposal is Proposal.STOP:
-        return Ruling(Counted.NOTHING, asks=True)
-    return Ruling(_counted(case))
+    if turn.is_answer:
+        probability = verdict_probability(conditions.verdict_bins, turn.answer or 0)
+        return TurnDecision(MDPMove.STOP, probability=probability, final=True)
+    if turn.proposal is Proposal.STOP:
+        return TurnDecision(MDPMove.NOTHING, asks=True)
+    return TurnDecision(_move_of(turn))
 
 
 def verdict_probability(bins: int | None, verdict: int) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Role, accepts
+from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Judgement, Role
 
 AgentRewards = str | Mapping[str, float]  # a term, or terms with their weights
 Rewards = str | Mapping[str, AgentRewards]  # a name of PRESETS, or both agents' own
@@ -22,23 +22,11 @@ class Costs:
     false_reject: float
 
 
-class Judged(NamedTuple):
-    """The verifier's answer to a claim, beside the truth."""
-
-    probability: float  # that the claim holds, as the verifier says
-    final: bool  # whether the episode ends with it
-    holds: bool
-
-    @property
-    def accepted(self) -> bool:
-        return accepts(self.probability)
-
-
 class Event(NamedTuple):
     """What a turn's worth depends on."""
 
     reward: float  # the MDP's; 0 in turns that spend no round
-    judged: Judged | None
+    judgement: Judgement | None
     intent: Intent
     costs: Costs
 
@@ -56,38 +44,38 @@ def _correctness(event: Event) -> float:
 
     A right rejection after which play goes on is worth nothing: otherwise repeating a false claim would pay.
     """
-    judged = event.judged
-    if judged is None:
+    judgement = event.judgement
+    if judgement is None:
         return 0.0
-    if judged.accepted == judged.holds:
-        return float(judged.final)
-    return -event.costs.false_accept if judged.accepted else -event.costs.false_reject
+    if judgement.accepted == judgement.holds:
+        return float(judgement.final)
+    return -event.costs.false_accept if judgement.accepted else -event.costs.false_reject
 
 
 def _brier(event: Event) -> float:
     """Minus the squared difference between the stated probability and the truth, 0 or 1."""
-    judged = event.judged
-    return -((judged.probability - judged.holds) ** 2) if judged else 0.0
+    judgement = event.judgement
+    return -((judgement.probability - judgement.holds) ** 2) if judgement else 0.0
 
 
 def _log(event: Event) -> float:
     """The natural logarithm of the probability stated for what is true."""
-    judged = event.judged
-    if judged is None:
+    judgement = event.judgement
+    if judgement is None:
         return 0.0
-    return math.log(judged.probability if judged.holds else 1 - judged.probability)
+    return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
 
 
 def _helpful(event: Event) -> float:
     """+1 when the verifier accepts a true claim."""
-    judged = event.judged
-    return float(judged is not None and judged.accepted and judged.holds)
+    judgement = event.judgement
+    return float(judgement is not None and judgement.accepted and judgement.holds)
 
 
 def _sneaky(event: Event) -> float:
     """+1 when the verifier accepts a false claim."""
-    judged = event.judged
-    return float(judged is not None and judged.accepted and not judged.holds)
+    judgement = event.judgement
+    return float(judgement is not None and judgement.accepted and not judgement.holds)
 
 
 def _hidden(event: Event) -> float:
@@ -124,9 +112,9 @@ class RewardScheme:
     weights: tuple[Mapping[str, float], Mapping[str, float]]
     costs: Costs
 
-    def __call__(self, reward: float, judged: Judged | None, intent: Intent) -> tuple[float, float]:
+    def __call__(self, reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
         """Both agents' rewards, by Role, for a turn in which the MDP gave `reward`."""
-        event = Event(reward, judged, intent, self.costs)
+        event = Event(reward, judgement, intent, self.costs)
         proposer, verifier = (
             sum((weight * TERMS[term](event) for term, weight in terms.items()), 0.0) for terms in self.weights
         )

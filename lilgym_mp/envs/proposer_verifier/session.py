@@ -12,7 +12,6 @@ from gymnasium.utils import seeding
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.rewards import Judged
 from lilgym_mp.envs.proposer_verifier.states import (
     AGENTS,
     PROPOSER,
@@ -31,7 +30,7 @@ from lilgym_mp.render.frames import frame
 from lilgym_mp.rules import State
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
-NOBODY_ERRS = (False, False)
+NO_ILLEGAL_CHOICES = (False, False)
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 
 AgentObservation = dict[str, Any]  # {"observation": {part: array}, "action_mask": int8 (actions,)}
@@ -50,15 +49,15 @@ def chosen_intent(options: Mapping[str, Any]) -> Intent | None:
     return choose("intent", options["intent"], INTENTS) if "intent" in options else None
 
 
-def truth_info(world: World, mdp: State, intent: Intent, judged: Judgement | Judged | None = None) -> Info:
+def truth_info(world: World, mdp: State, intent: Intent, judgement: Judgement | None = None) -> Info:
     """What infos tell of the truth, after a turn in which the verifier judged a claim or did not."""
     info: Info = {
         "truth": mdp.task.truth(mdp.scene),
         "goal_reached": world.game.conditions.dynamics.goal_reached(mdp),
         "intent": intent.name.lower(),
     }
-    if judged is not None:
-        info["judgement"] = {"probability": judged.probability, "holds": judged.holds}
+    if judgement is not None:
+        info["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
     return info
 
 
@@ -89,7 +88,7 @@ class Session:
         self._seen_state: GameState | None = None  # the state of what is there
         self.last: GameStep | None = None
         self._state: GameState | None = None
-        self._heard: str = ""
+        self._last_actions: str = ""
         self._window: Window | None = None
 
     @property
@@ -111,7 +110,7 @@ class Session:
         intent = chosen_intent(options)
         state = self._state = self.game.start(task, world.drawn_intent(self.rng) if intent is None else intent)
         self.last = None
-        self._heard = ""
+        self._last_actions = ""
         if self.render_mode is not None:
             self._show()
         info = {"task": task.id}
@@ -153,7 +152,7 @@ class Session:
     def infos(self, step: GameStep) -> tuple[Info, Info]:
         """Both agents' infos after a turn: what the end was, whose choice was illegal, the truth when asked for."""
         state, played, reveals_truth = step.state, step.played, self.world.reveals_truth
-        if state.movers and not reveals_truth and step.illegal == NOBODY_ERRS:
+        if state.movers and not reveals_truth and step.illegal == NO_ILLEGAL_CHOICES:
             return {}, {}
         shared: Info = {}
         if reveals_truth:
@@ -204,7 +203,7 @@ class Session:
             for role, action in zip(Role, actions, strict=True)
             if action is not None
         ]
-        self._heard = ";  ".join(said)
+        self._last_actions = ";  ".join(said)
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
@@ -224,7 +223,10 @@ class Session:
     def _caption(self) -> list[str]:
         mdp, last = self.state.mdp, self.last
         horizon = self.game.conditions.dynamics.horizon
-        lines = [mdp.task.statement, f"Make it {mdp.task.target}.  Round {mdp.steps} of {horizon}.  {self._heard}"]
+        lines = [
+            mdp.task.statement,
+            f"Make it {mdp.task.target}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
+        ]
         if last is not None and last.played is not None:
             outcome, rewards = last.played.outcome, " and ".join(f"{reward:+.1f}" for reward in last.rewards)
             lines.append(f"{outcome}, rewards {rewards}")

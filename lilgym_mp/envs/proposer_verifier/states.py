@@ -12,6 +12,7 @@ from lilgym_mp.rules import Dynamics, State, Transition
 AGENTS = ("proposer_0", "verifier_0")  # by Role
 SILENCE = 0  # the word that says nothing
 NO_CHOICE = -1  # in what is remembered of a turn
+ACCEPTS_ABOVE = 0.5  # a verifier that states a higher probability of a claim accepts it
 STOP_ACTION = 0  # the MDP's STOP among its numbered actions (`appearances.Appearance`)
 
 
@@ -65,23 +66,14 @@ ENDINGS: Mapping[str, Ending] = {
 class Judgement(NamedTuple):
     """The verifier's answer to the claim that the statement has the target value in the scene."""
 
-    scene: State  # whose scene is judged
-    probability: float  # that the claim holds, as the verifier says; 0 or 1 where it just accepts or rejects
+    probability: float  # that the claim holds, as the verifier states it; 0 or 1 where it just accepts or rejects
     final: bool  # whether the episode ends with it
+    holds: bool  # whether the claim is true
 
     @property
     def accepted(self) -> bool:
-        return accepts(self.probability)
-
-    @property
-    def holds(self) -> bool:
-        """Whether the claim is true."""
-        return self.scene.task.solved_by(self.scene.scene)
-
-
-def accepts(probability: float) -> bool:
-    """Whether a verifier that states this probability of a claim accepts it."""
-    return probability > 0.5
+        """Whether a verifier that states this probability accepts the claim."""
+        return self.probability > ACCEPTS_ABOVE
 
 
 class PastTurn(NamedTuple):
@@ -93,7 +85,7 @@ class PastTurn(NamedTuple):
 
 
 class GameState(NamedTuple):
-    """A moment of a game. `mdp.steps` counts the rounds spent."""
+    """The state of a game. `mdp.steps` counts the rounds spent."""
 
     mdp: State
     movers: tuple[Role, ...]  # whose turn it is; empty after the end
@@ -122,7 +114,7 @@ class Proposal(IntEnum):
     NONE = 2
 
 
-class Counted(IntEnum):
+class MDPMove(IntEnum):
     """What a turn has the MDP do. All but NOTHING spend a round."""
 
     NOTHING = 0
@@ -131,7 +123,7 @@ class Counted(IntEnum):
     STOP = 3
 
 
-class Case(NamedTuple):
+class TurnInput(NamedTuple):
     """All that a protocol's decision depends on beside the conditions."""
 
     is_answer: bool  # whether it is the verifier's turn, where agents take turns
@@ -140,10 +132,10 @@ class Case(NamedTuple):
     exchanges_are_spent: bool  # whether a further rejection in this round would be one too many
 
 
-class Ruling(NamedTuple):
-    """What a protocol makes of a case."""
+class TurnDecision(NamedTuple):
+    """What a protocol decides in a turn."""
 
-    counted: Counted
+    mdp_move: MDPMove
     asks: bool = False  # whether the verifier is asked about the proposal: the next turn is its own
     rejects: bool = False  # whether the round has one rejection more
     probability: float | None = None  # the judgement's, where the verifier has judged a claim
@@ -159,10 +151,13 @@ class GameStep(NamedTuple):
     truncated: bool
     played: Transition | None
     illegal: tuple[bool, bool]  # whose choice was not legal, and so counted as none
-    ruling: Ruling
+    decision: TurnDecision
     before: State  # the MDP's, whose scene is judged where anything is
 
     @property
     def judgement(self) -> Judgement | None:
-        _, _, _, probability, final = self.ruling
-        return None if probability is None else Judgement(self.before, probability, final)
+        """The verifier's answer to a claim in this turn; None where it answered none."""
+        decision, state = self.decision, self.before
+        if decision.probability is None:
+            return None
+        return Judgement(decision.probability, decision.final, state.task.solved_by(state.scene))

@@ -135,8 +135,8 @@ class Part(Protocol):
         """The entry's value: a new array, or a number."""
         ...
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        """(k, ...) the values of the games `which`, (k,): a new array."""
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        """(k, ...) the values of the games `indices`, (k,): a new array."""
         ...
 
 
@@ -150,8 +150,8 @@ class ImagePart:
     def encode(self, state: GameState) -> Value:
         return self._canvas.show(state.mdp.scene).copy()
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return games.images.take(which, axis=0)
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return games.images.take(indices, axis=0)
 
 
 class ItemsPart:
@@ -164,8 +164,8 @@ class ItemsPart:
     def encode(self, state: GameState) -> Value:
         return item_array(state.mdp.scene, self._capacity)
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return games.items().take(which, axis=0)
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return games.items().take(indices, axis=0)
 
 
 LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
@@ -181,8 +181,8 @@ class SceneTextPart:
     def encode(self, state: GameState) -> Value:
         return as_bytes(scene_in_words(state.mdp.scene), self._length)
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return np.stack([as_bytes(scene_in_words(games.mdp(n).scene), self._length) for n in which.tolist()])
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return np.stack([as_bytes(scene_in_words(games.mdp(n).scene), self._length) for n in indices.tolist()])
 
 
 def scene_in_words(scene: Scene) -> str:
@@ -207,8 +207,8 @@ class TokensPart:
     def encode(self, state: GameState) -> Value:
         return self._tokens[state.mdp.task.statement].copy()
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return self._by_task.take(games.tasks[which], axis=0)
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._by_task.take(games.tasks[indices], axis=0)
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
@@ -239,8 +239,8 @@ class StatementTextPart:
     def encode(self, state: GameState) -> Value:
         return as_bytes(state.mdp.task.statement, self._length)
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return self._by_task.take(games.tasks[which], axis=0)
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._by_task.take(games.tasks[indices], axis=0)
 
     @cached_property
     def _by_task(self) -> UInt8Array:
@@ -275,8 +275,8 @@ class TargetPart:
     def encode(self, state: GameState) -> Value:
         return self._values[state.mdp.task.target]
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return self._by_task[games.tasks[which]]
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._by_task[games.tasks[indices]]
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
@@ -293,8 +293,8 @@ class ProposalPart:
     def encode(self, state: GameState) -> Value:
         return self._arrays[NO_CHOICE if state.proposal is None else state.proposal].copy()
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return self._arrays.many(games.proposals[which])
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._arrays.many(games.proposals[indices])
 
 
 class HistoryPart:
@@ -315,8 +315,8 @@ class HistoryPart:
             row[-3:] = turn.answer, *turn.words
         return array
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        past = games.history[which, -self._shape[0] :]
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        past = games.history[indices, -self._shape[0] :]
         return np.concatenate([self._arrays.many(past[..., 0]), past[..., 1:]], axis=-1)
 
 
@@ -357,8 +357,8 @@ class WordPart:
     def encode(self, state: GameState) -> Value:
         return np.int64(state.words[self._speaker])
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return games.words[self._speaker, which]
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return games.words[self._speaker, indices]
 
 
 class IntentPart:
@@ -370,8 +370,8 @@ class IntentPart:
     def encode(self, state: GameState) -> Value:
         return np.int64(state.intent)
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return games.intents[which]
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return games.intents[indices]
 
 
 class ConstantPart:
@@ -384,8 +384,8 @@ class ConstantPart:
     def encode(self, state: GameState) -> Value:
         return self._value.copy()
 
-    def rows(self, games: GameArrays, which: Int64Array) -> NDArray[Any]:
-        return np.repeat(np.asarray(self._value)[None], len(which), axis=0)
+    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return np.repeat(np.asarray(self._value)[None], len(indices), axis=0)
 
 
 # By view: key in observations, part. A key must not be a method of torch's ModuleDict, such as "items": SB3 names

@@ -35,7 +35,8 @@ from lilgym_mp.envs.proposer_verifier import (
     raw_env,
     summarise,
 )
-from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord, Verdict
+from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord
+from lilgym_mp.envs.proposer_verifier.states import Judgement
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
 
@@ -239,8 +240,9 @@ def test_play_games__plays_each_task_once_and_the_same_for_the_same_seed():
     assert [record.task for record in play_games(game, CLAIMING, ALWAYS_ACCEPT, tasks=few)] == few
 
 
-def record(*verdicts: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
-    return GameRecord("task", outcome, rounds, (1.0, -1.0), tuple(Verdict(*verdict) for verdict in verdicts))
+def record(*answers: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
+    judgements = tuple(Judgement(probability, True, holds) for probability, holds in answers)
+    return GameRecord("task", outcome, rounds, (1.0, -1.0), judgements)
 
 
 def test_measures__of_literal_games():
@@ -268,7 +270,7 @@ def test_measures__of_literal_games():
 def test_measures__of_no_claims_are_none():
     measured = summarise([record()])
     assert (measured.completeness, measured.soundness, measured.brier_score) == (None, None, None)
-    with pytest.raises(ValueError, match="no measures of no games"):
+    with pytest.raises(ValueError, match="cannot summarise zero games"):
         summarise([])
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lilgym_mp import load_agent
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
-from lilgym_mp.evaluation.comparison import Trial
+from lilgym_mp.evaluation.comparison import EvaluationPlan
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
@@ -431,7 +431,7 @@ def test_load_agent__an_unknown_one_is_refused_with_the_choices():
 def test_agent__plays_under_the_release_rules_and_on_another_grid(trained: Path):
     agent = open_agent(trained, "cpu")
     for settings in (Settings("ScatterScratch", rules="release"), Settings("ScatterScratch", grid=(38, 10))):
-        assert str(Trial(settings, "dev"))
+        assert str(EvaluationPlan(settings, "dev"))
         assert agent.policy(settings) is not None
 
 

@@ -14,7 +14,7 @@ NO_SUPERVISION = "none"
 
 
 @dataclass(frozen=True)
-class Contestant:
+class NamedPolicy:
     """A policy, or one for each configuration, with its name in tables and files."""
 
     name: str
@@ -33,15 +33,15 @@ def _same(policy: Policy) -> Callable[[Settings], Policy]:
 _DRAWS = {"actions": "sampled"}
 
 # By name on the command line; see `policies` for what each does.
-BUILT_IN: Mapping[str, Contestant] = {
-    "expert": Contestant("expert", ExpertPolicy.of, "knows the rules, the scene and the program", mask=False),
-    "random-legal": Contestant("random legal", _same(random_legal), details=_DRAWS),
-    "random-unmasked": Contestant("random unmasked", _same(random_unmasked), mask=False, details=_DRAWS),
-    "random-type": Contestant("random type", RandomType.of, details=_DRAWS),
+BUILT_IN: Mapping[str, NamedPolicy] = {
+    "expert": NamedPolicy("expert", ExpertPolicy.of, "knows the rules, the scene and the program", mask=False),
+    "random-legal": NamedPolicy("random legal", _same(random_legal), details=_DRAWS),
+    "random-unmasked": NamedPolicy("random unmasked", _same(random_unmasked), mask=False, details=_DRAWS),
+    "random-type": NamedPolicy("random type", RandomType.of, details=_DRAWS),
 }
 BASELINES = (BUILT_IN["random-legal"], BUILT_IN["random-unmasked"])
 
 
-def built_in(name: str) -> Contestant:
+def built_in(name: str) -> NamedPolicy:
     """Raises ValueError naming the choices."""
     return choose("policy", name, BUILT_IN)
