@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.evaluator import Evaluator
 from lilgym_mp.web.options import ServeOptions
+from lilgym_mp.web.recordings import Recordings
 from lilgym_mp.web.store import Database
 
 
@@ -21,6 +22,7 @@ class Services:
         self.database = database
         self.catalogue = Catalogue(options.corpus)
         self.evaluator = Evaluator(options.program_processes, options.program_seconds)
+        self.recordings = Recordings(options.runs)
 
     def close(self) -> None:
         self.evaluator.close()

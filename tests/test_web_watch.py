@@ -1,0 +1,248 @@
+"""/watch: recordings found by listing, filtered, played again step by step, damaged ones told."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import Trial, play, training_statements
+from lilgym_mp.evaluation.contestants import built_in
+from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.recording import Recorder
+from tests.web_app import Browser, server
+
+API = "/api/watch/recordings"
+
+
+def record(directory: Path, name: str, configuration: str = "TowerFlipIt", *, decisions: bool = True) -> Path:
+    trial = Trial(Settings(configuration), "dev", record_decisions=decisions)
+    seen = training_statements(trial.settings)
+    recorder = Recorder(trial.settings, trial.split, seen, judges_decisions=configuration.startswith("Tower"))
+    return recorder.write(directory, play(built_in(name), trial, seen))
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with recordings of two policies in one configuration, of another one, and one without decisions."""
+    place = tmp_path_factory.mktemp("runs")
+    record(place / "tower", "random-legal")
+    record(place / "tower", "expert")
+    record(place / "scatter", "random-unmasked", "ScatterFlipIt")
+    record(place / "old", "random-legal", "TowerScratch", decisions=False)
+    return place
+
+
+@pytest.fixture
+def browser(tmp_path: Path, runs: Path) -> Iterator[Browser]:
+    with server(tmp_path, runs=runs) as app:
+        yield Browser(app)
+
+
+def found(browser: Browser, name: str) -> dict[str, Any]:
+    """The recording whose name has the text."""
+    lines = browser.get(API).json()["recordings"]
+    (line,) = [line for line in lines if name in line["name"]]
+    return browser.get(f"{API}/{line['id']}").json()
+
+
+def test_recordings__are_listed_with_what_their_headers_say(browser: Browser):
+    body = browser.get(API).json()
+    assert [line["name"].split("/")[0] for line in body["recordings"]] == ["old", "scatter", "tower", "tower"]
+    assert {line["configuration"] for line in body["recordings"]} == {"TowerScratch", "ScatterFlipIt", "TowerFlipIt"}
+    assert not any(line["fault"] for line in body["recordings"])
+
+
+def test_recordings__without_a_directory_there_are_none(tmp_path: Path):
+    with server(tmp_path) as app:
+        assert Browser(app).get(API).json() == {"directory": None, "recordings": [], "runs": []}
+
+
+def test_recordings__a_run_without_recording_comes_with_the_command(tmp_path: Path):
+    runs = tmp_path / "runs"
+    (runs / "mine").mkdir(parents=True)
+    (runs / "mine" / "agent.safetensors").write_bytes(b"")
+    with server(tmp_path, runs=runs) as app:
+        (line,) = Browser(app).get(API).json()["runs"]
+    assert line["name"] == "mine"
+    assert line["command"] == f"lilgym-mp evaluate {runs / 'mine'} --record {runs / 'mine'} --record-decisions"
+
+
+def test_recording__tells_how_it_went_and_what_it_can_be_compared_with(browser: Browser, runs: Path):
+    body = found(browser, "tower/random-legal")
+    recorded = read_episodes(next((runs / "tower").glob("random-legal*.gz")))
+    assert body["successes"] == sum(episode.is_success for episode in recorded.episodes)
+    assert sum(line["episodes"] for line in body["outcomes"]) == body["episodes"] == len(recorded.episodes)
+    assert [line["agent"] for line in body["comparable"]] == ["expert"]
+    assert (body["has_decisions"], body["has_judgements"]) == (True, True)
+
+
+def test_recording__without_decisions_comes_with_the_command_that_records_them(browser: Browser, runs: Path):
+    body = found(browser, "old/")
+    assert not body["has_decisions"]
+    assert body["command"] == (
+        "lilgym-mp evaluate --policy random-legal --configuration TowerScratch --split dev"
+        f" --record {runs / 'old'} --record-decisions --force"
+    )
+    episode = browser.get(f"{API}/{body['id']}/episodes/0").json()
+    assert all(step["decision"] is None for step in episode["steps"])
+
+
+@pytest.mark.parametrize(
+    ("query", "passes"),
+    [
+        ("success=false", lambda episode: not episode.is_success),
+        ("outcome=wrong_stop", lambda episode: episode.outcome == "wrong_stop"),
+        ("invalid_reason=separator", lambda episode: episode.invalid_reason == "separator"),
+        ("seen=true", lambda episode: episode.statement_seen),
+        ("target=false&success=false", lambda episode: not episode.target and not episode.is_success),
+        ("phenomenon=spatial relation", lambda episode: "spatial relation" in episode.phenomena),
+        ("text=CIRCLE", lambda episode: "circle" in episode.statement.lower()),
+    ],
+)
+def test_episodes__filters_let_through_what_they_say(browser: Browser, runs: Path, query: str, passes: Any):
+    recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
+    wanted = [index for index, episode in enumerate(recorded.episodes) if passes(episode)]
+    body = browser.get(f"{API}/{found(browser, 'scatter/')['id']}/episodes?{query}").json()
+    assert 0 < body["total"] == len(wanted) < len(recorded.episodes)
+    assert [line["index"] for line in body["episodes"]] == wanted[:100]
+
+
+def test_episodes__the_rest_comes_by_offset(browser: Browser):
+    recording = found(browser, "scatter/")
+    pages = [browser.get(f"{API}/{recording['id']}/episodes?offset={at}").json()["episodes"] for at in (0, 100)]
+    assert [line["index"] for line in pages[0] + pages[1]] == list(range(200))
+
+
+def test_episode__the_expert_is_certain_optimal_and_right_about_what_is_left(browser: Browser):
+    recording = found(browser, "expert")
+    for index in range(5):
+        episode = browser.get(f"{API}/{recording['id']}/episodes/{index}").json()
+        *steps, end = episode["steps"]
+        assert (end["action"], end["decision"]) == (None, None)
+        assert [step["decision"]["steps_to_go"] for step in steps] == list(range(len(steps), 0, -1))
+        for step in steps:
+            decision = step["decision"]
+            assert decision["optimal"]
+            assert decision["likeliest"] == [{"action": step["action"], "probability": 1.0}]
+
+
+def test_episode__legal_places_are_those_of_the_exact_mask(browser: Browser, runs: Path):
+    recording = found(browser, "scatter/")
+    recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
+    episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
+    env = Settings("ScatterFlipIt").make("dev")
+    env.reset(options={"task": recorded.episodes[0].task})
+    legal = env.action_masks()
+    told = episode["steps"][0]["legal"]
+    assert 1 + sum(cell["add"] for cell in told) + sum(cell["remove"] for cell in told) == legal.sum()
+    decision = episode["steps"][0]["decision"]
+    assert decision["legal_add"] + decision["legal_remove"] + decision["legal_stop"] == legal.sum()
+    assert {(cell["column"], cell["row"]) for cell in decision["cells"]} <= {
+        (x, y) for x in range(19) for y in range(5)
+    }
+
+
+def test_episode__tower_has_its_boxes_as_cells(browser: Browser):
+    recording = found(browser, "tower/random-legal")
+    episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
+    assert episode["grid"] == [3, 1]
+    cells = episode["steps"][0]["decision"]["cells"]
+    assert {cell["row"] for cell in cells} == {0}
+    assert {cell["column"] for cell in cells} <= {0, 1, 2}
+
+
+def test_episode__the_same_task_is_found_in_another_recording(browser: Browser):
+    one, other = found(browser, "tower/random-legal"), found(browser, "tower/expert")
+    task = browser.get(f"{API}/{one['id']}/episodes/7").json()["task"]
+    body = browser.get(f"{API}/{other['id']}/episodes", params={"task": task}).json()
+    assert [line["task"] for line in body["episodes"]] == [task]
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        (f"{API}/0123456789abcdef", 404),
+        (f"{API}/0123456789abcdef/episodes", 404),
+        (f"{API}/..%2F..%2Fetc%2Fpasswd", 404),
+        (f"{API}/..", 404),
+        (f"{API}/ABC", 422),
+        (f"{API}/%2e%2e", 422),
+    ],
+)
+def test_recording__only_listed_ids_lead_anywhere(browser: Browser, path: str, status: int):
+    answer = browser.get(path)
+    assert answer.status_code == status, answer.text
+    assert "root:" not in answer.text
+
+
+def test_episode__beyond_the_last_is_told(browser: Browser):
+    answer = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
+    assert answer.status_code == 404
+    assert "this recording has episodes 0 to" in answer.json()["message"]
+
+
+def damaged(runs: Path, place: Path, how: str) -> None:
+    """A copy of a recording, damaged."""
+    source = next((runs / "old").glob("*.gz"))
+    target = place / "bad.episodes.jsonl.gz"
+    place.mkdir(parents=True, exist_ok=True)
+    if how == "text":
+        target.write_text("not a recording")
+    elif how == "cut":
+        target.write_bytes(source.read_bytes()[:-200])
+    elif how == "empty":
+        target.write_bytes(b"")
+    else:
+        shutil.copy(source, target)
+        recording = read_episodes(target)
+        kept = recording.header.settings
+        write_episodes(target, replace(recording.header, settings=replace(kept, horizon=-5)), recording.episodes)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [("text", "damaged"), ("cut", "cut short"), ("empty", "first line"), ("horizon", "horizon")],
+)
+def test_recording__a_damaged_file_is_told_and_the_rest_works(tmp_path: Path, runs: Path, how: str, said: str):
+    place = tmp_path / "runs"
+    damaged(runs, place, how)
+    shutil.copytree(runs / "tower", place / "tower")
+    with server(tmp_path, runs=place) as app:
+        browser = Browser(app)
+        lines = {line["name"]: line for line in browser.get(API).json()["recordings"]}
+        assert len(lines) == 3
+        line = lines.pop("bad")
+        opened = browser.get(f"{API}/{line['id']}")
+        told = line["fault"] or opened.json().get("message")
+        if opened.status_code == 200:
+            opened = browser.get(f"{API}/{line['id']}/episodes/0")
+            told = opened.json()["message"]
+        assert opened.status_code == 422
+        assert said in told
+        assert str(tmp_path) not in told
+        assert not any(line["fault"] for line in lines.values())
+
+
+def test_recording__a_file_written_anew_is_read_anew(tmp_path: Path, runs: Path):
+    place = tmp_path / "runs"
+    path = record(place, "expert", "TowerScratch")
+    with server(tmp_path, runs=place) as app:
+        browser = Browser(app)
+        before = found(browser, "expert")
+        recording: Recording = read_episodes(path)
+        fewer = recording.episodes[:3]
+        write_episodes(path, replace(recording.header, episodes=3), fewer)
+        assert (found(browser, "expert")["episodes"], before["episodes"]) == (3, len(recording.episodes))
+
+
+def test_watch_page__has_every_filter(browser: Browser):
+    page = browser.get("/watch")
+    assert page.status_code == 200
+    for name in ("success", "outcome", "invalid_reason", "seen", "phenomenon", "target", "text"):
+        assert f'name="{name}"' in page.text
