@@ -10,9 +10,11 @@ let offset = 0;
 let total = 0;
 let step = 0;
 let showsLegal = false;
+let opening = 0; // counts what was asked for, so that a late answer does not replace a newer one
 
 const percent = (share) => `${(100 * share).toFixed(share > 0 && share < 0.1 ? 1 : 0)} %`;
 const signed = (number) => `${number < 0 ? "−" : "+"}${Math.abs(number).toFixed(2)}`;
+const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");
 
 function titleOf(line) {
@@ -24,7 +26,7 @@ function titleOf(line) {
 function bar(label, share, done = false, mono = false) {
   const fill = element("span", { class: "fill" });
   fill.style.width = `${100 * share}%`;
-  return element("li", { class: done ? "done" : null }, fill, element("span", { class: mono ? "mono" : null }, label, done ? " ✓" : ""), element("span", {}, percent(share)));
+  return element("li", { class: done ? "done" : null }, fill, element("span", { class: mono ? "mono" : null }, label, done ? " ✓" : ""), element("span", { class: "share" }, percent(share)));
 }
 
 function facts(pairs) {
@@ -47,19 +49,20 @@ class Side {
     this.root = element("section", { class: "panel side" }, this.title, this.head, this.view.root, this.done, this.strip, this.beliefs);
   }
 
-  open(name, episode, command) {
+  open(of, episode) {
     this.episode = episode;
-    this.command = command;
-    this.title.textContent = name;
+    this.command = of.command;
+    this.title.textContent = of.agent;
     const end = episode.invalid_reason ? `${words(episode.outcome)}: ${words(episode.invalid_reason)}` : words(episode.outcome);
     this.head.replaceChildren(
+      element("p", { class: "soft small name" }, of.name),
       element("p", { class: "statement" }, episode.statement),
       element("p", {}, `Make it ${episode.target}. `, element("span", { class: episode.outcome === "success" ? "good" : "bad" }, end), `, reward ${episode.total.toFixed(1)}.`),
       element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), facts([
         ["Task", episode.task],
         ["Statement", episode.statement_seen ? "seen in training" : episode.form_seen ? "its form seen in training" : "not seen in training"],
         ["Phenomena", episode.phenomena.join(", ") || "none"],
-        ["Shortest", episode.optimal_actions === null ? null : `${episode.optimal_actions} actions`],
+        ["Shortest", episode.optimal_actions === null ? null : plural(episode.optimal_actions, "action")],
       ])),
     );
     this.strip.replaceChildren(
@@ -89,10 +92,9 @@ class Side {
     const made = [];
     if (shown.decision && kind !== "none") {
       const shareOf = (cell) => (kind === "both" ? cell.add + cell.remove : cell[kind]);
-      const most = Math.max(...shown.decision.cells.map(shareOf), 0.0001);
       for (const cell of shown.decision.cells) {
         const cover = this.cover(cell);
-        cover.style.opacity = String(0.75 * (shareOf(cell) / most));
+        cover.style.opacity = String(0.8 * Math.sqrt(Math.min(1, shareOf(cell))));
         made.push(cover);
       }
     }
@@ -131,7 +133,7 @@ class Side {
         ["Plan succeeds", told.success_probability === null ? null : `with probability ${percent(told.success_probability)}, as it says`],
         ["Legal actions", `${told.legal_stop} STOP, ${told.legal_add} ADD, ${told.legal_remove} REMOVE; they have ${percent(told.legal_probability)} of the probability`],
         ["Expert would do this", expert],
-        ["Shortest from here", told.steps_to_go === null ? null : `${told.steps_to_go} actions`],
+        ["Shortest from here", told.steps_to_go === null ? null : plural(told.steps_to_go, "action")],
       ]),
     ];
   }
@@ -193,12 +195,16 @@ async function findEpisodes() {
 }
 
 async function openEpisode(index, at, focuses) {
-  const found = await ask("GET", `/api/watch/recordings/${recording.id}/episodes/${index}`);
+  const mine = (opening += 1);
+  const of = recording;
+  const beside = byId("beside").value;
+  const found = await ask("GET", `/api/watch/recordings/${of.id}/episodes/${index}`);
+  const other = beside ? await besideOf(beside, found.task) : null;
+  if (mine !== opening) return;
   sides.length = 0;
   sides.push(new Side());
-  sides[0].open(titleOf(recording), found, recording.command);
-  const beside = byId("beside").value;
-  if (beside) await openBeside(beside, found.task);
+  sides[0].open(of, found);
+  if (other) sides.push(other);
   byId("sides").replaceChildren(...sides.map((side) => side.root));
   byId("sides").classList.toggle("two", sides.length > 1);
   byId("viewer").hidden = false;
@@ -208,16 +214,16 @@ async function openEpisode(index, at, focuses) {
   if (focuses) byId("viewer").focus();
 }
 
-async function openBeside(id, task) {
+async function besideOf(id, task) {
   const other = await ask("GET", `/api/watch/recordings/${id}`);
   const same = await ask("GET", `/api/watch/recordings/${id}/episodes?${new URLSearchParams({ task })}`);
   if (!same.episodes.length) {
     say("The other recording has no episode of this task.");
-    return;
+    return null;
   }
   const side = new Side();
-  side.open(titleOf(other), await ask("GET", `/api/watch/recordings/${id}/episodes/${same.episodes[0].index}`), other.command);
-  sides.push(side);
+  side.open(other, await ask("GET", `/api/watch/recordings/${id}/episodes/${same.episodes[0].index}`));
+  return side;
 }
 
 async function nextEpisode(by) {
@@ -265,6 +271,7 @@ async function start() {
 byId("recording").addEventListener("change", () =>
   attempt(async () => {
     byId("viewer").hidden = true;
+    opening += 1;
     remember({ episode: "", beside: "", step: "" });
     offset = 0;
     await openRecording(byId("recording").value);
