@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -17,12 +17,13 @@ from lilgym_mp.terminal import shows_colours
 
 if TYPE_CHECKING:
     from lilgym_mp.cli.session import Session
+    from lilgym_mp.envs.single import LilGymEnv
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "play",
-        help="play in the terminal",
+        help="play in the terminal, or by mouse in a window",
         description="Change the picture until the statement has the wanted truth value, then stop. Type help.",
     )
     add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}", nargs="?", default="TowerScratch")
@@ -30,6 +31,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--task", metavar="ID", help="begin with this task (default: one drawn at random)")
     parser.add_argument("--seed", type=int, metavar="N", help="of the tasks drawn (default: another each time)")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write what was played as an animation")
+    parser.add_argument("--window", action="store_true", help="play by mouse in a window (the extra human)")
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -40,16 +42,31 @@ def run(args: argparse.Namespace) -> int:
     if args.gif is not None:
         writable_file(args.gif)
     env = Settings(**said_settings(args)).make(args.split)
-    session = Session(env, print, coloured=shows_colours())
+    session, converse = _windowed(env) if args.window else (Session(env, print, coloured=shows_colours()), _converse)
     try:
         session.begin(seed=args.seed, task_id=args.task)
-        _converse(session)
+        converse(session)
     except KeyboardInterrupt:
         print()
     if args.gif is not None and session.save_film(args.gif):
         print(f"film: {args.gif}")
     print(session.score())
     return 0
+
+
+def _windowed(env: LilGymEnv) -> tuple[Session, Callable[[Session], None]]:
+    """A session that speaks in a window, and what plays it there."""
+    from lilgym_mp.cli.play_window import Desk, opened, play
+    from lilgym_mp.cli.session import Session
+
+    opened()
+    desk = Desk(env.dynamics.appearance)
+
+    def say(text: str) -> None:
+        if "\n" not in text:  # a hint or a fault; the picture is shown already
+            desk.message = text
+
+    return Session(env, say, coloured=False), lambda session: play(session, desk)
 
 
 def _converse(session: Session) -> None:

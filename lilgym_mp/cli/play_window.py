@@ -1,0 +1,140 @@
+"""`lilgym-mp play --window`: a person plays by mouse. Clicks become what the terminal's player would type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image, ImageDraw
+
+from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.cli.commands import BOXES, COLOURS, SHAPES, SIZES
+from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.session import Session
+from lilgym_mp.envs.window import Window
+from lilgym_mp.render.frames import FRAME_SHAPE, INK_RGB, MARGIN, PAPER_RGB, SCALE, caption_font
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH
+
+FPS = 30
+BUTTON_WIDTH, BUTTON_HEIGHT, GAP = 76, 30, 8  # pixels
+MESSAGE_HEIGHT = 28
+LIT_RGB, UNLIT_RGB, EDGE_RGB = (200, 219, 245), (240, 240, 240), (150, 150, 150)
+LEFT_BUTTON, RIGHT_BUTTON = 1, 3  # pygame's
+COMMANDS = ("stop", "hint", "next", "back", "quit")
+HELP = "Left button adds, right button removes. Keys: s stop, h hint, n next, b back, q quit."
+
+
+class Button(NamedTuple):
+    """A word below the picture."""
+
+    word: str
+    left: int
+    top: int
+
+    def holds(self, x: int, y: int) -> bool:
+        return self.left <= x < self.left + BUTTON_WIDTH and self.top <= y < self.top + BUTTON_HEIGHT
+
+
+@dataclass
+class Desk:
+    """What can be clicked, what look is chosen for the next item, and the last message."""
+
+    appearance: Appearance
+    message: str = HELP
+    chosen: dict[int, str] = field(default_factory=dict)  # by row of words, the word
+
+    def __post_init__(self) -> None:
+        looks: list[Sequence[str]] = [[*COLOURS]]
+        if isinstance(self.appearance, Scatter):
+            looks += [[*SHAPES], [*SIZES]]
+        self.looks = looks
+        self.chosen = {row: words[0] for row, words in enumerate(looks)}
+        top = FRAME_SHAPE[0] + GAP
+        self.buttons = [
+            Button(word, MARGIN + (BUTTON_WIDTH + GAP) * place, top + (BUTTON_HEIGHT + GAP) * row)
+            for row, words in enumerate([*looks, COMMANDS])
+            for place, word in enumerate(words)
+        ]
+
+    @property
+    def height(self) -> int:
+        return self.buttons[-1].top + BUTTON_HEIGHT + MESSAGE_HEIGHT
+
+    def click(self, x: int, y: int, button: int) -> str | None:
+        """The command that a click gives, if any; one on a look chooses it."""
+        word = next((one.word for one in self.buttons if one.holds(x, y)), None)
+        if word in COMMANDS:
+            return word
+        if word is not None:
+            row = next(row for row, words in enumerate(self.looks) if word in words)
+            self.chosen[row] = word
+            return None
+        place = self._place((x - MARGIN) // SCALE, (y - MARGIN) // SCALE)
+        if place is None or button not in (LEFT_BUTTON, RIGHT_BUTTON):
+            return None
+        return f"remove {place}" if button == RIGHT_BUTTON else f"add {place} {' '.join(self.chosen.values())}"
+
+    def _place(self, x: int, y: int) -> str | None:
+        """How commands call the place at a native pixel: a cell or a box; None outside of the boxes."""
+        if not (0 <= x < IMAGE_WIDTH and 0 <= y < IMAGE_HEIGHT and x % BOX_PITCH < BOX_SIDE):
+            return None
+        if isinstance(self.appearance, Scatter):
+            columns, rows = self.appearance.grid
+            return f"{x * columns // IMAGE_WIDTH} {y * rows // IMAGE_HEIGHT}"
+        return [*BOXES][x // BOX_PITCH]
+
+    def picture(self, frame: UInt8Array) -> UInt8Array:
+        """(height, 784, 3) the frame above the buttons and the message."""
+        image = Image.new("RGB", (FRAME_SHAPE[1], self.height), PAPER_RGB)
+        image.paste(Image.fromarray(frame))
+        pen, font = ImageDraw.Draw(image), caption_font()
+        for word, left, top in self.buttons:
+            corners = left, top, left + BUTTON_WIDTH - 1, top + BUTTON_HEIGHT - 1
+            lit = word in self.chosen.values()
+            pen.rounded_rectangle(corners, 5, LIT_RGB if lit else UNLIT_RGB, EDGE_RGB)
+            middle = left + BUTTON_WIDTH // 2, top + BUTTON_HEIGHT // 2
+            pen.text(middle, word, fill=INK_RGB, font=font, anchor="mm")
+        pen.text((MARGIN, self.height - MESSAGE_HEIGHT + 4), self.message, fill=INK_RGB, font=font)
+        return np.asarray(image)
+
+
+def play(session: Session, desk: Desk) -> None:
+    """Shows the session's picture and does what is clicked or pressed, until the person leaves.
+
+    Raises CommandError without pygame or without a display.
+    """
+    window = opened()
+    pygame: Any = import_module("pygame")
+    keys = {getattr(pygame, f"K_{word[0]}"): word for word in COMMANDS}
+    try:
+        while not session.is_over:
+            window.show(desk.picture(session.picture))
+            event = pygame.event.wait()
+            command = None
+            if event.type == pygame.QUIT:
+                return
+            if event.type == pygame.KEYDOWN:
+                command = keys.get(event.key)
+            elif event.type == pygame.MOUSEBUTTONDOWN:
+                x, y = event.pos
+                command = desk.click(x, y, event.button)
+            if command is not None:
+                desk.message = ""
+                session.answer(command)
+    except pygame.error as fault:
+        raise CommandError(f"no window can be opened: {fault}; play without --window") from None
+    finally:
+        window.close()
+
+
+def opened() -> Window:
+    """A window, which appears with its first picture. Raises CommandError without pygame."""
+    try:
+        return Window(FPS)
+    except gym.error.DependencyNotInstalled as fault:
+        raise CommandError(str(fault).replace('render_mode="human"', "--window")) from None
