@@ -83,14 +83,14 @@ def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
 
 def draw_films() -> None:
     """A film and a first frame of each configuration, and one film of all four."""
-    frames = []
+    films = []
     for configuration in CONFIGURATIONS:
         episode = shown_episode(configuration)
         frames = frames_of(configuration, episode)
         save_gif(PICTURES / f"{configuration}.gif", frames)
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
-        frames.append(list(replay(Settings(configuration).make(SPLIT), episode)))
-    film_frames(PICTURES / "agent.gif", frames, columns=2)
+        films.append(list(replay(Settings(configuration).make(SPLIT), episode)))
+    film_frames(PICTURES / "agent.gif", films, columns=2)
 
 
 def draw_games() -> None:
