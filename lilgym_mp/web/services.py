@@ -8,6 +8,7 @@ from fastapi import Depends, Request
 
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.evaluator import Evaluator
+from lilgym_mp.web.exploring import Outcomes
 from lilgym_mp.web.options import ServeOptions
 from lilgym_mp.web.recordings import Recordings
 from lilgym_mp.web.store import Database
@@ -21,6 +22,8 @@ class Services:
         self.options = options
         self.database = database
         self.catalogue = Catalogue(options.corpus)
+        self.recordings = Recordings(options.runs)
+        self.outcomes = Outcomes(self.recordings)
         self.evaluator = Evaluator(options.program_processes, options.program_seconds)
         self.recordings = Recordings(options.runs)
 

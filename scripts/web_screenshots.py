@@ -1,0 +1,245 @@
+"""Takes the pictures of docs/web.md: starts the server, fills it with work of invented people, opens every page.
+
+    python scripts/web_screenshots.py [--out docs/pictures/web] [--all]
+
+Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light, dark and 360 pixels wide.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import uvicorn
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from lilgym_mp.corpus import load_tasks, write_corpus
+from lilgym_mp.corpus.exporting import flipit_entries
+from lilgym_mp.web import ServeOptions, create_app
+from lilgym_mp.web.visitors import give_token
+
+PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
+SCATTER_TASK = "scatter-dev-025-a"
+COLOURS = 96  # of a kept picture: what is on the pages needs no more
+
+
+class Look(NamedTuple):
+    """A window."""
+
+    suffix: str
+    width: int
+    height: int
+    dark: bool
+
+
+LOOKS = (Look("", 1200, 900, False), Look("-dark", 1200, 900, True), Look("-narrow", 360, 740, False))
+
+
+class Shot(NamedTuple):
+    """A page, what is done there first, and what is cut out of it (None: the window)."""
+
+    name: str
+    path: str
+    prepare: Callable[[Page], None] | None = None
+
+
+def _begin(page: Page, configuration: str, task_id: str) -> None:
+    page.select_option("[name=configuration]", configuration)
+    page.evaluate("id => begin(id)", task_id)
+    page.wait_for_selector("#statement:not(:empty)")
+
+
+def _show_legal(configuration: str, task_id: str) -> Callable[[Page], None]:
+    def prepare(page: Page) -> None:
+        _begin(page, configuration, task_id)
+        page.click("#legal")
+        page.wait_for_selector(".cells button.legal")
+
+    return prepare
+
+
+def _play_to_the_end(page: Page) -> None:
+    _begin(page, "ScatterFlipIt", SCATTER_TASK)
+    page.click("#stop")
+    page.wait_for_selector("#parts li")
+    page.click("#solution")
+    page.wait_for_selector("#expert-step:not(:empty)")
+    page.click("#forth")
+    page.locator("#end").scroll_into_view_if_needed()
+    page.locator("#parts button").last.hover()
+
+
+def _write_a_program(page: Page) -> None:
+    page.wait_for_selector("#work:not([aria-busy])")
+    page.fill("#program", "exist(filter_obj(all_items, lambda x: is_bl(x)))")
+    page.wait_for_selector("#program-marks mark")
+    page.press("#program", "Control+End")
+    for _ in range(5):
+        page.press("#program", "ArrowLeft")
+    page.keyboard.type("e")
+    page.keyboard.press("Backspace")
+    page.wait_for_selector("#completions li")
+    page.wait_for_selector("#program-marks mark")
+
+
+def _run_a_program(page: Page) -> None:
+    page.wait_for_selector("#work:not([aria-busy])")
+    page.fill("#program", "exist(filter_obj(all_items, lambda x: is_blue(x)))")
+    page.wait_for_selector("#program-fault:empty")
+    page.click("#run")
+    page.wait_for_selector("#result li")
+    page.locator("#result button").last.hover()
+
+
+def _wait_for(selector: str) -> Callable[[Page], None]:
+    def prepare(page: Page) -> None:
+        page.wait_for_selector(selector)
+
+    return prepare
+
+
+SHOTS = (
+    Shot("home", "/"),
+    Shot("play", "/play", _show_legal("ScatterFlipIt", SCATTER_TASK)),
+    Shot("play-end", "/play", _play_to_the_end),
+    Shot("annotate", "/annotate", _wait_for("#work li")),
+    Shot("annotate-editor", "/annotate/{assignment}", _write_a_program),
+    Shot("annotate-run", "/annotate/{assignment}", _run_a_program),
+    Shot("tutorial", "/annotate/tutorial", _wait_for("#tasks li")),
+    Shot("guidelines", "/annotate/guidelines"),
+    Shot("organise", "/annotate/organise", _wait_for("#people tr")),
+    Shot("explore", "/explore", _wait_for("#results li")),
+    Shot("explore-statement", "/explore", None),
+    Shot("error", "/nowhere"),
+)
+
+
+@contextmanager
+def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
+    """The URL of a server with a new database, and its application."""
+    options = ServeOptions(database=f"sqlite:///{directory / 'web.sqlite3'}", runs=runs, requests_per_second=None)
+    app = create_app(options)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.05)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    try:
+        yield f"http://127.0.0.1:{port}", app
+    finally:
+        server.should_exit = True
+        thread.join(10)
+
+
+def fill(page: Page, url: str, app: Any, directory: Path) -> int:
+    """Statements, two annotators and some of their work; gives an assignment of the one who is logged in at the end."""
+    with app.state.services.database.writing() as session:
+        tokens = {
+            name: give_token(session, name, role)
+            for name, role in (("Olga", "organiser"), ("Ada", "annotator"), ("Bob", "annotator"))
+        }
+    entries = list(flipit_entries(load_tasks("builtin", "tower", "flipit", "dev")))[:8]
+    write_corpus(directory / "some.jsonl", "some statements", "CC0-1.0", entries)
+    page.goto(f"{url}/login?token={tokens['Olga']}")
+    page.goto(f"{url}/annotate/organise")
+    page.set_input_files("[name=file]", str(directory / "some.jsonl"))
+    page.click("text=Import >> nth=-1")
+    page.wait_for_selector("text=8 statements read")
+    for name in ("Ada", "Bob"):
+        page.check(f"[aria-label='Choose {name}']")
+    page.fill("#batch [name=name]", "first batch")
+    page.fill("#batch [name=statements]", "6")
+    page.fill("#batch [name=annotators_each]", "2")
+    page.click("#batch [name=new]")
+    page.wait_for_selector("text=Made: 12 assignments")
+    programs = {str(entry["statement"]): str(entry["program"]) for entry in entries}
+    script = """async ([path, program]) => {
+      const told = await ask("GET", path);
+      await ask("POST", `${path}/submissions`, {key: "one", program, confidence: 4, comment: "Read as it stands."});
+    }"""
+    open_assignment = 0
+    for name in ("Bob", "Ada"):
+        page.goto(f"{url}/login?token={tokens[name]}")
+        page.wait_for_selector("#work li")
+        lines = page.evaluate("ask('GET', '/api/annotate/assignments')")
+        for line in lines[:3]:
+            page.evaluate(script, [f"/api/annotate/assignments/{line['id']}", programs[line["statement"]]])
+        page.evaluate(
+            "path => ask('POST', path, {key: 's', reason: 'ambiguous', question: 'Is a tower of one block a tower?'})",
+            f"/api/annotate/assignments/{lines[3]['id']}/skip",
+        )
+        open_assignment = lines[4]["id"]
+    return open_assignment
+
+
+def take(page: Page, url: str, shot: Shot, path: Path, assignment: int) -> None:
+    page.goto(url + shot.path.format(assignment=assignment), wait_until="networkidle")
+    if shot.name == "explore-statement":
+        page.wait_for_selector("#results a")
+        page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
+    if shot.prepare is not None:
+        shot.prepare(page)
+    page.wait_for_timeout(300)
+    page.screenshot(path=path, animations="disabled")
+    with Image.open(path) as image:
+        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def overflow(page: Page) -> int:
+    """Pixels by which the page is wider than its window."""
+    return int(page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Takes the pictures of docs/web.md.")
+    parser.add_argument("--out", type=Path, default=PICTURES)
+    parser.add_argument("--all", action="store_true", help="in light, dark and 360 pixels wide")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="of " + ", ".join(shot.name for shot in SHOTS))
+    parser.add_argument("--runs", type=Path, help="a directory with recorded episodes")
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        print("no Chromium on the PATH", file=sys.stderr)
+        return 1
+    wide = 0
+    with tempfile.TemporaryDirectory() as name, serving(Path(name), args.runs) as (url, app), sync_playwright() as web:
+        browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
+        first = browser.new_context()
+        assignment = fill(first.new_page(), url, app, Path(name))
+        cookies = first.cookies()
+        for look in LOOKS if args.all else LOOKS[:1]:
+            context = browser.new_context(
+                viewport={"width": look.width, "height": look.height}, color_scheme="dark" if look.dark else "light"
+            )
+            context.add_cookies(cookies)  # pyright: ignore[reportArgumentType]
+            page = context.new_page()
+            page.set_default_timeout(60_000)
+            page.on("console", lambda told: print(f"{told.type}: {told.text}") if told.type == "error" else None)
+            page.on("pageerror", lambda fault: print(f"page error: {fault}"))
+            for shot in SHOTS:
+                if args.only and shot.name not in args.only:
+                    continue
+                file = args.out / f"{shot.name}{look.suffix}.png"
+                take(page, url, shot, file, assignment)
+                wider = overflow(page)
+                wide += wider > 0
+                print(f"{file.name}: {file.stat().st_size:,} bytes" + (f", {wider} pixels too wide" if wider else ""))
+            context.close()
+        browser.close()
+    return 1 if wide else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

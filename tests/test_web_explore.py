@@ -1,0 +1,119 @@
+"""/explore: the corpus searched, and what is known of each statement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp import corpus
+from lilgym_mp.actions import STOP
+from lilgym_mp.analysis.phenomena import phenomena
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
+from lilgym_mp.solver import Solver
+from tests.web_app import Browser, server
+
+API = "/api/explore"
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    with server(tmp_path) as app:
+        yield Browser(app)
+
+
+def found(browser: Browser, **filters: Any) -> dict[str, Any]:
+    answer = browser.get(f"{API}/statements", params={"appearance": "tower", "split": "dev", **filters})
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_search__finds_every_statement_of_a_split(browser: Browser):
+    told = found(browser)
+    assert told["total"] == len({task.statement for task in load_tasks("builtin", "tower", "scratch", "dev")})
+    assert len(told["statements"]) == told["page"]
+    assert found(browser, first=told["total"])["statements"] == []
+
+
+def test_filters__keep_what_they_say(browser: Browser):
+    programs = {task.statement: task.program for task in load_tasks("builtin", "tower", "scratch", "dev")}
+    told = found(browser, phenomenon="negation")
+    assert 0 < told["total"] < found(browser)["total"]
+    assert all("negation" in phenomena(programs[line["statement"]]) for line in told["statements"])
+    told = found(browser, word="exist", text="blue")
+    assert told["total"]
+    assert all("exist(" in programs[line["statement"]] for line in told["statements"])
+    told = found(browser, least=6, most=6)
+    assert told["total"]
+    assert all(len(corpus.words(line["statement"])) == 6 for line in told["statements"])
+
+
+def test_choices__count_statements(browser: Browser):
+    told = browser.get(f"{API}/choices").json()
+    for name, count in told["phenomena"].items():
+        assert found(browser, phenomenon=name)["total"] == count
+    word, count = next(iter(told["words"].items()))
+    assert found(browser, word=word)["total"] == count
+
+
+def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
+    line = found(browser, text="blue")["statements"][0]
+    told = browser.get(f"{API}/statement", params={"statement_id": line["id"]}).json()
+    assert told["statement"] == line["statement"]
+    for scene in told["scenes"]:
+        settings = Settings(scene["configuration"])
+        task = load_tasks("builtin", "tower", settings.start, "dev").by_id(scene["task_id"])
+        solver = Solver(settings.dynamics())
+        best = solver.optimal_actions(solver.dynamics.start(task))
+        assert (scene["steps"], scene["optimal_first"]) == (best.steps, len(best.actions))
+        assert scene["truth"] == task.truth(task.start)
+        assert scene["parts"][0]["value"] == str(scene["truth"])
+    assert browser.get(f"/explore/tower/dev/{line['id']}").status_code == 200
+    assert browser.get(f"/explore/tower/dev/{told['scenes'][-1]['task_id']}").status_code == 200
+
+
+def test_statement__tells_what_recorded_runs_did(tmp_path: Path):
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    tasks = load_tasks("builtin", "tower", "scratch", "dev")
+    task = tasks[0]
+    counts = {"seed": 0, "training_seed": None, "passes": 1, "episodes": 1, "start_scenes": 1, "contexts": 1}
+    names = {"package": "0", "split": "dev", "agent": "stops at once", "supervision": "none", "actions": "greedy"}
+    flags = {"mask": False, "stop_forcing": False, "expert": False, "corpus": "builtin", "tasks_sha256": ""}
+    header = Header(settings=Settings("TowerScratch"), **counts, **names, **flags)
+    told_of = {"statement_seen": False, "form_seen": False, "phenomena": (), "tags": ()}
+    came = {"outcome": "wrong_stop", "invalid_reason": None, "actions": (STOP,), "rewards": (-1.0,)}
+    of_task = {"statement": task.statement, "program": task.program, "target": task.target, "start": task.start}
+    episode = RecordedEpisode(task=task.id, **of_task, **told_of, **came)
+    write_episodes(runs / "some.episodes.jsonl.gz", header, [episode])
+    (runs / "broken.episodes.jsonl.gz").write_bytes(b"no recording")
+    with server(tmp_path, runs=runs) as app:
+        told = Browser(app).get(f"{API}/statement", params={"statement_id": task.id}).json()
+    assert [run["task_id"] for run in told["runs"]] == [task.id]
+    assert (told["runs"][0]["agent"], told["runs"][0]["outcome"]) == ("stops at once", "wrong_stop")
+    assert "broken" in told["unreadable"][0]
+    assert str(tmp_path) not in str(told)
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        (f"{API}/statement?statement_id=nowhere", 404),
+        ("/explore/tower/dev/nowhere", 404),
+        ("/explore/towers/dev/x", 422),
+        (f"{API}/statements?phenomenon=magic", 422),
+        (f"{API}/statements?least=-1", 422),
+    ],
+)
+def test_bad_requests__are_told(browser: Browser, path: str, status: int):
+    answer = browser.get(path)
+    assert answer.status_code == status
+    assert "Traceback" not in answer.text
+
+
+def test_page__is_there(browser: Browser):
+    assert browser.get("/explore").status_code == 200
