@@ -25,7 +25,6 @@ class Services:
         self.recordings = Recordings(options.runs)
         self.outcomes = Outcomes(self.recordings)
         self.evaluator = Evaluator(options.program_processes, options.program_seconds)
-        self.recordings = Recordings(options.runs)
 
     def close(self) -> None:
         self.evaluator.close()

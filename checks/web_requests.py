@@ -1,0 +1,231 @@
+"""Malformed requests against every route of the browser suite: none may be answered with a 5xx.
+
+    python -m checks.web_requests [--requests 10000] [--seed 0]
+
+Requests are made from the server's own /openapi.json: right ones, from which a value is then taken away, doubled,
+replaced by one of another type or by one that is known to hurt, and ones that are nonsense from the start. They go to
+an application in this process, as a stranger, an annotator and an organiser.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from lilgym_mp.web import ServeOptions, create_app
+from lilgym_mp.web.visitors import ANNOTATOR, ORGANISER, give_token
+
+METHODS = ("get", "post", "put", "delete", "patch")
+HURTFUL: tuple[Any, ...] = (
+    *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
+    *(
+        "",
+        " ",
+        "\0",
+        "a\0b",
+        "\ud800",
+        "\u202e",
+        "é" * 300,
+        "x" * 9_000,
+        "'; DROP TABLE people; --",
+        "../../etc/passwd",
+    ),
+    *("<script>alert(1)</script>", "{{7*7}}", "%00", "%2e%2e/", "NaN", "1e999", "exist(" * 70, "lambda x: " * 90),
+    *("all_items + all_items", "unique(all_items)", "ADD(-1, 0, CIRCLE, BLUE, SMALL)", "STOP", "ADD(LEFT, BLUE)"),
+)
+BODIES = (
+    *(b"", b"{", b"null", b"[]", b'"x"', b"\xff\xfe", b"{" * 5_000, b"[" * 100_000, b'{"a":' * 2_000),
+    *(b"NaN", b'{"steps": NaN}', b'{"program": "\\ud800"}', b"x" * 300_000, b"\x1f\x8b\x08", b"1" * 6_000),
+)
+HEADERS = (
+    *({"Content-Type": "text/plain"}, {"Content-Type": "application/json; charset=utf-99"}, {"Content-Type": "\x01"}),
+    *({"Cookie": "lilgym_visitor=a.b"}, {"Cookie": "=;=;" * 40}, {"Origin": "http://["}, {"Host": "["}, {"Host": ""}),
+    *({"Content-Length": "-1"}, {"Accept": "\xe9"}, {"Range": "bytes=5-1"}, {"X-CSRF-Token": "é"}),
+)
+
+
+class Requests:
+    """Draws requests from a schema."""
+
+    def __init__(self, schema: Mapping[str, Any], random: Random, known: Mapping[str, list[Any]]) -> None:
+        self.random = random
+        self.known = known  # values that are there, by the parameter's name
+        self._components: Mapping[str, Any] = schema.get("components", {}).get("schemas", {})
+        self.operations = [
+            (method, path, described)
+            for path, methods in schema["paths"].items()
+            for method, described in methods.items()
+        ]
+
+    def __iter__(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
+        """Method, path, and what else httpx's client takes."""
+        while True:
+            method, path, described = self.random.choice(self.operations)
+            query: list[tuple[str, Any]] = []
+            for parameter in described.get("parameters", ()):
+                name, schema = parameter["name"], parameter.get("schema", {})
+                if parameter["in"] == "path":
+                    path = path.replace("{" + name + "}", _segment(self._value(schema, name)))
+                elif parameter["in"] == "query" and self.random.random() < 0.7:
+                    query += [(name, _text(self._value(schema, name)))] * self.random.choice((1, 1, 1, 2))
+            options: dict[str, Any] = {"params": query} if query else {}
+            content = described.get("requestBody", {}).get("content", {})
+            if content:
+                options.update(self._body(content))
+            if self.random.random() < 0.1:
+                options["headers"] = self.random.choice(HEADERS)
+            if self.random.random() < 0.03:
+                method = self.random.choice(METHODS)
+            yield method, path, options
+
+    def _body(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        if self.random.random() < 0.15 or "application/json" not in content:
+            return {"content": self.random.choice(BODIES)}
+        body = self._value(content["application/json"]["schema"], "", hurtful=0.05)
+        data = json.dumps(body, ensure_ascii=True)
+        if self.random.random() < 0.05:
+            data = data[: self.random.randrange(1 + len(data))]
+        return {"content": data.encode(), "headers": {"Content-Type": "application/json"}}
+
+    def _value(self, schema: Mapping[str, Any], name: str, hurtful: float = 0.25) -> Any:
+        """A value of the schema, or one that hurts."""
+        random = self.random
+        if random.random() < hurtful:
+            return random.choice(HURTFUL)
+        if name in self.known and random.random() < 0.7:
+            return random.choice(self.known[name])
+        if "$ref" in schema:
+            return self._value(self._components[schema["$ref"].rpartition("/")[2]], name, hurtful)
+        if "anyOf" in schema:
+            return self._value(random.choice(schema["anyOf"]), name, hurtful)
+        if "enum" in schema:
+            return random.choice(schema["enum"])
+        match schema.get("type"):
+            case "object":
+                required = schema.get("required", ())
+                fields = schema.get("properties", {}).items()
+                return {
+                    key: self._value(of, key, hurtful=0.12)
+                    for key, of in fields
+                    if random.random() < (0.95 if key in required else 0.6)
+                }
+            case "array":
+                return [self._value(schema.get("items", {}), name) for _ in range(random.randrange(4))]
+            case "integer":
+                return random.randint(-1, 30)
+            case "number":
+                return random.uniform(-1, 30)
+            case "boolean":
+                return random.random() < 0.5
+            case "null":
+                return None
+            case _:
+                return random.choice(("x", "a-b_c", "blue", "STOP", "exist(all_items)", "scatter-dev-025-a"))
+
+
+def _text(value: Any) -> str:
+    return (value if isinstance(value, str) else json.dumps(value)).encode(errors="replace").decode()
+
+
+def _segment(value: Any) -> str:
+    from urllib.parse import quote
+
+    return quote(_text(value), safe="")[:2_000]
+
+
+def _browser(app: Any, name: str | None, role: str) -> Any:
+    """A client that is logged in, and its CSRF token."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from starlette.testclient import TestClient
+
+    client = TestClient(app, raise_server_exceptions=False)
+    if name is not None:
+        with app.state.services.database.writing() as session:
+            token = give_token(session, name, role)
+        client.get("/login", params={"token": token}, follow_redirects=False)
+    client.headers["X-CSRF-Token"] = client.get("/api/session").json()["csrf_token"]
+    return client
+
+
+def _known(clients: list[Any]) -> dict[str, list[Any]]:
+    """Work to hit: statements, an assignment, an episode."""
+    organiser, annotator = clients[0], clients[1]
+    block = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}
+    lines = [
+        json.dumps(
+            {
+                "sentence": f"Sentence {number}.",
+                "identifier": f"{number}-{part}",
+                "label": "true" if part else "false",
+                "structured_rep": [[block] * part, [], []],
+            }
+        )
+        for number in range(20)
+        for part in (0, 1)
+    ]
+    organiser.post("/api/annotate/imports", content="\n".join(lines).encode())
+    people = [line["id"] for line in organiser.get("/api/annotate/people").json()]
+    body = {"name": "batch", "people": people, "statements": 10, "annotators_each": 2}
+    organiser.post("/api/annotate/batches", json=body)
+    episodes = [
+        client.post("/api/play/episodes", json={"configuration": configuration}).json()["id"]
+        for client in clients
+        for configuration in ("TowerScratch", "ScatterFlipIt")
+    ]
+    ids = [line["id"] for line in annotator.get("/api/annotate/assignments").json()]
+    return {"episode_id": episodes, "assignment_id": ids, "submission_id": [1, 2, 3], "name": ["exist", "count", "b2"]}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Malformed requests against every route.")
+    parser.add_argument("--requests", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    logging.getLogger("lilgym_mp.web").addHandler(logging.StreamHandler())
+    random = Random(args.seed)
+    statuses: Counter[int] = Counter()
+    by_route: Counter[str] = Counter()
+    failed: list[str] = []
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as name:
+        options = ServeOptions(database=f"sqlite:///{Path(name) / 'web.sqlite3'}", requests_per_second=None)
+        app = create_app(options)
+        clients = [_browser(app, "Olga", ORGANISER), _browser(app, "Ada", ANNOTATOR), _browser(app, None, "")]
+        requests = Requests(app.openapi(), random, _known(clients))
+        for number, (method, path, more) in enumerate(requests):
+            if number >= args.requests:
+                break
+            client = random.choice(clients)
+            try:
+                answer = client.request(method, path, follow_redirects=False, **more)
+            except (ValueError, UnicodeError, TypeError):
+                statuses[0] += 1  # httpx itself refuses to send it
+                continue
+            statuses[answer.status_code] += 1
+            by_route[f"{method} {path.split('/')[1]}/{path.split('/')[2] if path.count('/') > 1 else ''}"] += 1
+            if answer.status_code >= 500:
+                failed.append(f"{answer.status_code} {method} {path} {str(more)[:300]}")
+            if path.endswith(("/logout", "/token")) or number % 500 == 0:  # somebody may be out: all log in again
+                clients = [_browser(app, "Olga", ORGANISER), _browser(app, "Ada", ANNOTATOR), _browser(app, None, "")]
+        app.state.services.close()
+    for line in failed[:20]:
+        print(line)
+    print(f"{sum(statuses.values())} requests, {len(requests.operations)} operations, {time.monotonic() - began:.0f} s")
+    print("by status:", dict(sorted(statuses.items())))
+    print(f"5xx: {len(failed)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
