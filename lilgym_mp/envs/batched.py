@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
@@ -19,12 +20,12 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
-from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, ResultTable, Settings
+from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings
 from lilgym_mp.envs.window import RENDER_FPS
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.render import text
 from lilgym_mp.render.frames import frame
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.rules import Dynamics, Outcome, State
 
 RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
 RESET_OPTIONS = ("reset_mask", "task")
@@ -33,6 +34,29 @@ _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASO
 TaskOperation = Callable[[TaskSet], TaskSet]
 Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
 Infos = dict[str, Any]
+
+
+class ResultTable(NamedTuple):
+    """What step results are, by index; the last row is NO_ACTION's."""
+
+    rewards: Float64Array  # (9,)
+    terminated: BoolArray  # (9,)
+    truncated: BoolArray  # (9,)
+    endings: NDArray[np.object_]  # (9,) names of outcomes that end the episode, None for the others
+    successes: BoolArray  # (9,)
+
+    @classmethod
+    def of(cls, dynamics: Dynamics) -> ResultTable:
+        results = dynamics.step_results
+        return cls(
+            rewards=np.array([*(one.reward for one in results), 0.0]),
+            terminated=np.array([*(one.terminated for one in results), False]),
+            truncated=np.array([*(one.truncated for one in results), False]),
+            endings=np.array(
+                [*(str(one.outcome) if one.terminated or one.truncated else None for one in results), None], object
+            ),
+            successes=np.array([*(one.outcome is Outcome.SUCCESS for one in results), False]),
+        )
 
 
 class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):

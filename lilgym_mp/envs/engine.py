@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appearance
-from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
@@ -25,7 +24,7 @@ from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.observation import FORMS, TEXT, item_capacity
-from lilgym_mp.rules import ActionStatus, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # number in `Buffers.result` where an episode was started instead of an action taken
@@ -109,29 +108,6 @@ class Reset(NamedTuple):
     everywhere: bool  # in the whole batch: evaluation begins anew
 
 
-class ResultTable(NamedTuple):
-    """What step results are, by index; the last row is NO_ACTION's."""
-
-    rewards: Float64Array  # (9,)
-    terminated: BoolArray  # (9,)
-    truncated: BoolArray  # (9,)
-    endings: NDArray[np.object_]  # (9,) names of outcomes that end the episode, None for the others
-    successes: BoolArray  # (9,)
-
-    @classmethod
-    def of(cls, dynamics: Dynamics) -> ResultTable:
-        results = dynamics.step_results
-        return cls(
-            rewards=np.array([*(one.reward for one in results), 0.0]),
-            terminated=np.array([*(one.terminated for one in results), False]),
-            truncated=np.array([*(one.truncated for one in results), False]),
-            endings=np.array(
-                [*(str(one.outcome) if one.terminated or one.truncated else None for one in results), None], object
-            ),
-            successes=np.array([*(one.outcome is Outcome.SUCCESS for one in results), False]),
-        )
-
-
 class Engine:
     """Environments `first` .. `first + N - 1` of a batch, over their part of its buffers."""
 
@@ -145,8 +121,7 @@ class Engine:
         self._stride = settings.num_envs
         self._evaluation = settings.evaluation
         count = len(buffers.action)
-        results = ResultTable.of(self.dynamics)
-        self._ends = results.terminated | results.truncated
+        self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
         self._generators: list[np.random.Generator | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # tasks to come, the next one last
         self._episodes = np.zeros(count, np.int64)  # begun in evaluation

@@ -36,10 +36,15 @@ UNCHANGED_REWARD = "unshaped_reward"  # the key in infos for a reward that a wra
 class LilGymEnv(gym.Env[Observation, int]):
     """Add and remove items until the statement has the target value, then STOP.
 
-    Observation: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
-    Action: a number; `encode_action` and `decode_action` translate the released array form.
+    Observation space: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
+    Action space: Discrete(13) for Tower, Discrete(2661) for Scatter on the released grid; `encode_action` and
+    `decode_action` translate the released array form.
+    Reward: -0.1 for a valid edit; +1 for a STOP that finds the statement as the target says, -1 for any other STOP; -1
+    for an invalid edit, and for an edit that uses up the horizon (12 actions; the rule set "release" has 11, and -0.1).
+    Episode end: STOP, an invalid edit, or the horizon, all of them terminated; "release" flags the last two truncated.
     Info, after reset: "task", the task's id. At the end of an episode: "outcome" (success, wrong_stop,
     invalid_action, horizon), "is_success", and "invalid_reason" with invalid_action.
+    Source: Wu et al. 2023, section 4.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
