@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks, words
+from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
+from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, GameState, Intent, Role
 from lilgym_mp.observation import image_space, item_array, item_capacity
@@ -31,7 +32,6 @@ Value = NDArray[Any] | np.integer[Any]
 
 BOX_TITLES = ("left", "middle", "right")
 VOCABULARY_SPLIT = "train"
-LENGTH_STEP = 8  # words: the statement's array is a multiple as long, so that most splits agree
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +103,8 @@ class World:
 
     @cached_property
     def statement_length(self) -> int:
-        """Words in an array that holds every statement of the train split and of this one."""
-        longest = max(len(words(task.statement)) for tasks in (self.tasks, self._training_tasks) for task in tasks)
-        return -(-longest // LENGTH_STEP) * LENGTH_STEP
+        """Words in the array of a statement, as `TokenizedStatement` has them; the split's longest fits."""
+        return default_length(task.statement for tasks in (self.tasks, self._training_tasks) for task in tasks)
 
     @cached_property
     def _training_tasks(self) -> TaskSet:
