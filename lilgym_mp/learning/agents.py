@@ -6,7 +6,6 @@ from the file which learner it is of.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.resources import as_file, files
@@ -16,17 +15,26 @@ from typing import Protocol
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.learning.places import AGENT_FILE, shipped_agents
 
-AGENT_FILE = "agent.safetensors"
+__all__ = [
+    "AGENT_FILE",
+    "KINDS",
+    "Agent",
+    "AgentError",
+    "agent_file",
+    "check_configuration",
+    "load_agent",
+    "open_agent",
+    "shipped_agents",
+]
+
 # By kind, where its loader is: a function of a path and a device's name that gives an Agent.
 KINDS: Mapping[str, str] = {
     "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
     "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
     "ppo": "lilgym_mp.learning.ppo.agent:load_agent",
 }
-
-
-SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data with agents that come with the package
 
 
 class Agent(Protocol):
@@ -67,12 +75,6 @@ def open_agent(place: Path, device: str = "auto") -> Agent:
     module, name = choose("kind", description.kind, KINDS).split(":")
     load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
     return load(path, device)
-
-
-def shipped_agents() -> tuple[str, ...]:
-    """The names of the agents that come with the package, all trained on the builtin corpus alone."""
-    names = (SHIPPED.fullmatch(file.name) for file in files("lilgym_mp.data").iterdir())
-    return tuple(sorted(found[1] for found in names if found is not None))
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
+from lilgym_mp.learning.places import AGENT_FILE
 
-AGENT_FILE = "agent.safetensors"  # as `learning.agents` has it, which needs torch
 MOST_FILES = 2_000  # recordings and runs that are listed
 MOST_DEPTH = 6  # directories below the one that is given
 MOST_BYTES = 64 << 20  # of a file, compressed

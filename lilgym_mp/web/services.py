@@ -9,9 +9,11 @@ from fastapi import Depends, Request
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.evaluator import Evaluator
 from lilgym_mp.web.exploring import Outcomes
+from lilgym_mp.web.gaming import Games
 from lilgym_mp.web.options import ServeOptions
 from lilgym_mp.web.recordings import Recordings
 from lilgym_mp.web.store import Database
+from lilgym_mp.web.trained_partners import TrainedPartners
 
 
 class Services:
@@ -25,6 +27,8 @@ class Services:
         self.recordings = Recordings(options.runs)
         self.outcomes = Outcomes(self.recordings)
         self.evaluator = Evaluator(options.program_processes, options.program_seconds)
+        self.trained_partners = TrainedPartners(self.recordings)
+        self.games = Games()
 
     def close(self) -> None:
         self.evaluator.close()

@@ -1,0 +1,15 @@
+"""Where trained agents lie: their file in a run directory, and those that come with the package. No torch here."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+
+AGENT_FILE = "agent.safetensors"  # in a run directory
+SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
+
+
+def shipped_agents() -> tuple[str, ...]:
+    """The names of the agents that come with the package, all trained on the builtin corpus alone."""
+    names = (SHIPPED.fullmatch(file.name) for file in files("lilgym_mp.data").iterdir())
+    return tuple(sorted(found[1] for found in names if found is not None))

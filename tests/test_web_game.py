@@ -1,0 +1,317 @@
+"""/game: seats for people beside partners, each told what its view says and nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import Role
+from lilgym_mp.web import gaming
+from tests.web_app import Browser, server
+
+GAMES, SEATS = "/api/game/games", "/api/game/seats"
+FORBIDDEN = (
+    "truth",
+    "goal_reached",
+    "program",
+    "judgement",
+    "holds",
+    "outcome",
+    "is_success",
+    "invalid",
+    "label",
+    "task",
+)
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[Any]:
+    with server(tmp_path) as made:
+        yield made
+
+
+@pytest.fixture
+def browser(app: Any) -> Browser:
+    return Browser(app)
+
+
+def begin(browser: Browser, **chosen: str) -> dict[str, Any]:
+    answer = browser.post(GAMES, chosen)
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+def seen(browser: Browser, key: str) -> dict[str, Any]:
+    answer = browser.get(f"{SEATS}/{key}")
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def act(browser: Browser, key: str, action: str, own_actions: int | None = None) -> Any:
+    if own_actions is None:
+        own_actions = len(seen(browser, key)["own_actions"])
+    return browser.post(f"{SEATS}/{key}/actions", {"action": action, "own_actions": own_actions})
+
+
+def legal(browser: Browser, key: str) -> list[str]:
+    return browser.get(f"{SEATS}/{key}/legal").json()["actions"]
+
+
+def room(app: Any, key: str) -> gaming.GameRoom:
+    return app.state.services.games.find(key)[0]
+
+
+def play_out(browser: Browser, keys: dict[str, str], seed: int = 0) -> list[str]:
+    """A whole game of random legal actions in the people's seats; every answer of the server, as it came."""
+    rng = np.random.default_rng(seed)
+    traffic: list[str] = []
+    for _ in range(400):
+        for key in keys.values():
+            answer = browser.get(f"{SEATS}/{key}")
+            traffic.append(answer.text)
+            body = answer.json()
+            if body["over"]:
+                return traffic
+            if body["your_turn"]:
+                names = browser.get(f"{SEATS}/{key}/legal")
+                traffic.append(names.text)
+                name = str(rng.choice(names.json()["actions"]))
+                traffic.append(act(browser, key, name).text)
+    raise AssertionError("the game did not end")
+
+
+def people(made: dict[str, Any]) -> dict[str, str]:
+    return {role: key for role, key in made.items() if key is not None}
+
+
+PROTOCOLS = ["veto", "joint", "audit", "critique"]
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person"), ("person", "person")])
+def test_game__every_protocol_is_played_to_its_end(browser: Browser, protocol: str, seats: tuple[str, str]):
+    made = begin(browser, protocol=protocol, proposer=seats[0], verifier=seats[1], configuration="TowerFlipIt")
+    keys = people(made)
+    assert set(keys) == {role for role, who in zip(("proposer", "verifier"), seats, strict=True) if who == "person"}
+    play_out(browser, keys)
+    for key in keys.values():
+        body = seen(browser, key)
+        assert body["over"]
+        assert not body["your_turn"]
+        assert body["reward"] == pytest.approx(room(browser.app, key).rewards[Role[body["role"].upper()]])
+        assert act(browser, key, "STOP").status_code == 409
+
+
+def keys_of(value: Any) -> set[str]:
+    """Every key in a JSON value."""
+    if isinstance(value, dict):
+        return {str(key) for key in value} | {name for inner in value.values() for name in keys_of(inner)}
+    if isinstance(value, list):
+        return {name for inner in value for name in keys_of(inner)}
+    return set()
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
+def test_traffic__has_no_truth_no_program_and_nothing_of_infos(browser: Browser, protocol: str, configuration: str):
+    made = begin(
+        browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
+    )
+    traffic = play_out(browser, people(made))
+    task = room(browser.app, made["proposer"]).session.state.mdp.task
+    for text in traffic:
+        assert task.program not in text
+        assert task.id not in text
+        found = keys_of(json.loads(text))
+        assert not {key for key in found if any(word in key for word in FORBIDDEN)}
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_traffic__the_intent_reaches_the_proposer_alone(browser: Browser, protocol: str):
+    intents: set[str] = set()
+    for _ in range(4):
+        made = begin(browser, protocol=protocol, proposer="person", verifier="person", rewards="hidden")
+        intents.add(seen(browser, made["proposer"])["intent"])
+        play_out(browser, people(made))
+        verifiers = browser.get(f"{SEATS}/{made['verifier']}")
+        assert verifiers.json()["intent"] is None
+        assert "helpful" not in verifiers.text
+        assert "sneaky" not in verifiers.text
+    assert intents <= {"helpful", "sneaky"}
+
+
+def test_traffic__rewards_are_told_at_the_end_and_each_seat_its_own(browser: Browser):
+    made = begin(browser, proposer="person", verifier="person", rewards="correctness", protocol="audit")
+    traffic = play_out(browser, people(made))
+    bodies = [json.loads(text) for text in traffic]
+    assert all(body["reward"] is None for body in bodies if "over" in body and not body["over"])
+    ends = [seen(browser, key) for key in people(made).values()]
+    game = room(browser.app, made["proposer"])
+    assert [end["reward"] for end in ends] == [pytest.approx(reward) for reward in game.rewards]
+
+
+@pytest.mark.parametrize(
+    ("view", "part"), [("no picture", "scene"), ("no statement", "statement"), ("no target", "target")]
+)
+def test_view__what_it_lacks_never_reaches_the_seat(browser: Browser, view: str, part: str):
+    made = begin(browser, proposer="random", verifier="person", verifier_view=view, configuration="ScatterFlipIt")
+    game = room(browser.app, made["verifier"])
+    for text in play_out(browser, people(made)):
+        body = json.loads(text)
+        if part not in body:
+            continue
+        assert body[part] is None
+        if part == "statement":
+            assert game.session.state.mdp.task.statement not in text
+        if part == "scene":
+            assert "data:image" not in text
+    others = {"scene", "statement", "target"} - {part}
+    assert all(seen(browser, made["verifier"])[other] is not None for other in others)
+
+
+def test_view__one_seats_choice_is_not_told_to_the_other_before_both_have_chosen(browser: Browser):
+    made = begin(browser, protocol="joint", proposer="person", verifier="person")
+    before = browser.get(f"{SEATS}/{made['verifier']}").text
+    answer = act(browser, made["proposer"], "ADD(LEFT, BLUE)").json()
+    assert (answer["waiting_for_other"], answer["your_turn"]) == (True, False)
+    assert browser.get(f"{SEATS}/{made['verifier']}").text == before
+    after = act(browser, made["verifier"], "continue").json()
+    assert after["history"][-1] == {
+        "proposal": "ADD(LEFT, BLUE)",
+        "answer": "continue",
+        "proposer_word": 0,
+        "verifier_word": 0,
+    }
+
+
+def test_seat__two_browsers_sit_in_one_game(app: Any):
+    one, other = Browser(app), Browser(app)
+    made = begin(one, proposer="person", verifier="person")
+    assert not seen(other, made["verifier"])["your_turn"]
+    act(one, made["proposer"], "ADD(MIDDLE, BLACK)")
+    asked = seen(other, made["verifier"])
+    assert (asked["proposal"], asked["answers"]) == ("ADD(MIDDLE, BLACK)", ["reject", "accept"])
+    act(other, made["verifier"], "accept")
+    scene = seen(one, made["proposer"])["scene"]
+    assert [(item["box"], item["description"]) for item in scene["items"]] == [(1, "medium black square at (40, 80)")]
+
+
+def test_seat__a_rejection_leaves_the_scene_and_the_proposer_sees_it(browser: Browser):
+    made = begin(browser, proposer="person", verifier="always_reject")
+    body = act(browser, made["proposer"], "ADD(LEFT, BLUE)").json()
+    assert body["scene"]["items"] == []
+    assert [turn["answer"] for turn in body["history"]][-1] == "reject"
+    assert body["your_turn"]
+
+
+def test_critique__a_word_reaches_the_proposer(browser: Browser):
+    made = begin(browser, protocol="critique", proposer="person", verifier="person")
+    act(browser, made["proposer"], "ADD(LEFT, BLUE)")
+    answers = seen(browser, made["verifier"])["answers"]
+    assert "reject, word 3" in answers
+    act(browser, made["verifier"], "reject, word 3")
+    assert seen(browser, made["proposer"])["message"] == 3
+
+
+def test_legal__is_the_agents_mask(browser: Browser):
+    made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
+    game = room(browser.app, made["proposer"])
+    mask = game.session.observe(Role.PROPOSER)["action_mask"]
+    names = set(legal(browser, made["proposer"]))
+    assert names == {game.session.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
+    query = "shape=CIRCLE&colour=BLUE&size=SMALL"
+    of_look = browser.get(f"{SEATS}/{made['proposer']}/legal?{query}").json()["actions"]
+    assert set(of_look) == {name for name in names if "CIRCLE, BLUE, SMALL" in name or "ADD" not in name}
+
+
+@pytest.mark.parametrize(
+    ("action", "own_actions", "status", "said"),
+    [
+        ("ADD(LEFT, PINK)", 0, 422, "names no action"),
+        ("ADD(3, 4, CIRCLE, BLACK, LARGE)", 0, 422, "no action of tower"),
+        ("REMOVE(LEFT)", 0, 409, "not legal now; nothing was done"),
+        ("ADD(LEFT, BLUE)", 5, 409, "you have acted since"),
+    ],
+)
+def test_action__that_cannot_be_is_refused_and_changes_nothing(
+    browser: Browser, action: str, own_actions: int, status: int, said: str
+):
+    made = begin(browser, proposer="person", verifier="oracle")
+    before = seen(browser, made["proposer"])
+    answer = act(browser, made["proposer"], action, own_actions)
+    assert answer.status_code == status
+    assert said in answer.json()["message"]
+    assert seen(browser, made["proposer"]) == before
+
+
+def test_action__out_of_turn_is_refused(browser: Browser):
+    made = begin(browser, proposer="person", verifier="person")
+    assert act(browser, made["verifier"], "accept").status_code == 409
+    assert act(browser, made["proposer"], "ADD(LEFT, BLUE)").status_code == 200
+    answer = act(browser, made["verifier"], "perhaps")
+    assert (answer.status_code, "choose from reject, accept" in answer.json()["message"]) == (422, True)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "status", "said"),
+    [
+        ({"proposer": "helpful", "verifier": "oracle"}, 422, "at least one of the seats"),
+        ({"verifier": "helpful"}, 422, "cannot be verifier; choose from person, oracle"),
+        ({"verifier": "run:0123456789abcdef"}, 404, "no such partner"),
+        ({"verifier": "agent:../../etc/passwd"}, 422, "verifier"),
+        ({"verifier": "agent:parse-and-plan", "verifier_view": "no target"}, 422, "must see everything"),
+        ({"verifier": "agent:imitation-tower", "configuration": "ScatterFlipIt"}, 422, "does not play"),
+        ({"protocol": "auction"}, 422, "protocol"),
+    ],
+)
+def test_begin__says_what_is_wrong(browser: Browser, chosen: dict[str, str], status: int, said: str):
+    if "agent:" in chosen.get("verifier", "") or "run:" in chosen.get("verifier", ""):
+        pytest.importorskip("torch")
+    answer = browser.post(GAMES, chosen)
+    assert answer.status_code == status, answer.text
+    assert said in answer.json()["message"]
+
+
+@pytest.mark.parametrize("seats", [("agent:parse-and-plan", "person"), ("person", "agent:parse-and-plan")])
+def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, str]):
+    pytest.importorskip("torch")
+    made = begin(browser, proposer=seats[0], verifier=seats[1], configuration="TowerFlipIt")
+    (key,) = people(made).values()
+    if seats[1] == "person":
+        for _ in range(12):
+            body = seen(browser, key)
+            if body["over"]:
+                break
+            assert act(browser, key, "accept").status_code == 200
+        assert body["over"]
+    else:
+        body = act(browser, key, legal(browser, key)[1]).json()
+        assert body["history"][-1]["answer"] == "accept"
+        assert body["your_turn"]
+
+
+def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pytest.MonkeyPatch):
+    keys = [begin(browser)["proposer"] for _ in range(gaming.MOST_OF_ONE + 2)]
+    found = [browser.get(f"{SEATS}/{key}").status_code for key in keys]
+    assert found == [404, 404] + [200] * gaming.MOST_OF_ONE
+    monkeypatch.setattr(gaming, "MOST_GAMES", 5)
+    begin(Browser(browser.app))
+    assert len(browser.app.state.services.games) == 5
+    monkeypatch.setattr(gaming, "IDLE_SECONDS", -1.0)
+    assert browser.get(f"{SEATS}/{keys[-1]}").status_code == 404
+
+
+def test_seat__an_unknown_key_is_told(browser: Browser):
+    answer = browser.get(f"{SEATS}/nobody")
+    assert (answer.status_code, "no such seat" in answer.json()["message"]) == (404, True)
+
+
+def test_game_page__offers_every_protocol_and_partner(browser: Browser):
+    page = browser.get("/game").text
+    for word in ("veto", "joint", "audit", "critique", "oracle", "helpful", "no target"):
+        assert f'value="{word}"' in page
