@@ -14,7 +14,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ import uvicorn
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
 from lilgym_mp.web import ServeOptions, create_app
@@ -108,8 +110,40 @@ def _wait_for(selector: str) -> Callable[[Page], None]:
     return prepare
 
 
+def _watch(page: Page) -> None:
+    page.wait_for_selector("#episodes button")
+    page.select_option("#beside", index=1)
+    page.select_option("[name=success]", "true")
+    page.wait_for_timeout(1_000)
+    page.locator("#episodes button").nth(6).click()
+    page.wait_for_selector("#viewer .strip img")
+    page.press("#viewer", "ArrowRight")
+    page.locator("#viewer").scroll_into_view_if_needed()
+    page.evaluate("document.getElementById('viewer').scrollIntoView()")
+
+
+def _sit(chosen: dict[str, str]) -> Callable[[Page], None]:
+    def prepare(page: Page) -> None:
+        for name, value in chosen.items():
+            page.select_option(f"#setup [name={name}]", value)
+        page.click("#setup [type=submit]")
+        page.wait_for_selector("#seat h2:not(:empty)")
+        page.evaluate("document.getElementById('seat').scrollIntoView()")
+
+    return prepare
+
+
+def _propose(page: Page) -> None:
+    _sit({"configuration": "ScatterFlipIt", "rewards": "hidden", "verifier": "person"})(page)
+    page.click("#legal")
+    page.wait_for_selector(".cells button.legal")
+
+
 SHOTS = (
     Shot("home", "/"),
+    Shot("watch", "/watch", _watch),
+    Shot("game-proposer", "/game", _propose),
+    Shot("game-verifier", "/game", _sit({"configuration": "TowerFlipIt", "proposer": "helpful", "verifier": "person"})),
     Shot("play", "/play", _show_legal("ScatterFlipIt", SCATTER_TASK)),
     Shot("play-end", "/play", _play_to_the_end),
     Shot("annotate", "/annotate", _wait_for("#work li")),
@@ -122,6 +156,15 @@ SHOTS = (
     Shot("explore-statement", "/explore", None),
     Shot("error", "/nowhere"),
 )
+
+
+def recorded(directory: Path) -> Path:
+    """The directory, with recordings of the agents that come with the package."""
+    for name in ("parse-and-plan", "imitation-tower"):
+        with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as file:
+            words = ["evaluate", str(file), "--name", name, "--alone", "--configuration", "TowerFlipIt"]
+            command([*words, "--record", str(directory / name), "--record-decisions", "--judge-decisions"])
+    return directory
 
 
 @contextmanager
@@ -214,7 +257,9 @@ def main() -> int:
         print("no Chromium on the PATH", file=sys.stderr)
         return 1
     wide = 0
-    with tempfile.TemporaryDirectory() as name, serving(Path(name), args.runs) as (url, app), sync_playwright() as web:
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as web, ExitStack() as stack:
+        runs = args.runs or recorded(Path(name) / "runs")
+        url, app = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
         first = browser.new_context()
         assignment = fill(first.new_page(), url, app, Path(name))
