@@ -53,6 +53,7 @@ class Shot(NamedTuple):
     name: str
     path: str
     prepare: Callable[[Page], None] | None = None
+    person: str = "Ada"
 
 
 def _begin(page: Page, configuration: str, task_id: str) -> None:
@@ -151,7 +152,7 @@ SHOTS = (
     Shot("annotate-run", "/annotate/{assignment}", _run_a_program),
     Shot("tutorial", "/annotate/tutorial", _wait_for("#tasks li")),
     Shot("guidelines", "/annotate/guidelines"),
-    Shot("organise", "/annotate/organise", _wait_for("#people tr")),
+    Shot("organise", "/annotate/organise", _wait_for("#people tr"), "Olga"),
     Shot("explore", "/explore", _wait_for("#results li")),
     Shot("explore-statement", "/explore", None),
     Shot("error", "/nowhere"),
@@ -185,8 +186,15 @@ def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
         thread.join(10)
 
 
-def fill(page: Page, url: str, app: Any, directory: Path) -> int:
-    """Statements, two annotators and some of their work; gives an assignment of the one who is logged in at the end."""
+class Work(NamedTuple):
+    """What the pages show: whose tokens there are, and an assignment of Ada's."""
+
+    tokens: dict[str, str]
+    assignment: int
+
+
+def fill(page: Page, url: str, app: Any, directory: Path) -> Work:
+    """Statements, two annotators and some of their work."""
     with app.state.services.database.writing() as session:
         tokens = {
             name: give_token(session, name, role)
@@ -223,11 +231,12 @@ def fill(page: Page, url: str, app: Any, directory: Path) -> int:
             f"/api/annotate/assignments/{lines[3]['id']}/skip",
         )
         open_assignment = lines[4]["id"]
-    return open_assignment
+    return Work(tokens, open_assignment)
 
 
-def take(page: Page, url: str, shot: Shot, path: Path, assignment: int) -> None:
-    page.goto(url + shot.path.format(assignment=assignment), wait_until="networkidle")
+def take(page: Page, url: str, shot: Shot, path: Path, work: Work) -> None:
+    page.goto(f"{url}/login?token={work.tokens[shot.person]}")
+    page.goto(url + shot.path.format(assignment=work.assignment), wait_until="networkidle")
     if shot.name == "explore-statement":
         page.wait_for_selector("#results a")
         page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
@@ -244,11 +253,21 @@ def overflow(page: Page) -> int:
     return int(page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
 
 
+def violations(page: Page, axe: Path) -> list[str]:
+    """What axe-core finds wrong on the page."""
+    page.evaluate(axe.read_text(encoding="utf-8"))
+    found = page.evaluate(
+        "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']})"
+    )
+    return [f"{each['id']}: {each['nodes'][0]['html'][:150]}" for each in found["violations"]]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description="Takes the pictures of docs/web.md.")
     parser.add_argument("--out", type=Path, default=PICTURES)
     parser.add_argument("--all", action="store_true", help="in light, dark and 360 pixels wide")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="of " + ", ".join(shot.name for shot in SHOTS))
+    parser.add_argument("--axe", type=Path, metavar="axe.min.js", help="also tell what axe-core finds wrong")
     parser.add_argument("--runs", type=Path, help="a directory with recorded episodes")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -261,14 +280,13 @@ def main() -> int:
         runs = args.runs or recorded(Path(name) / "runs")
         url, app = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
-        first = browser.new_context()
-        assignment = fill(first.new_page(), url, app, Path(name))
-        cookies = first.cookies()
+        work = fill(browser.new_context().new_page(), url, app, Path(name))
         for look in LOOKS if args.all else LOOKS[:1]:
             context = browser.new_context(
-                viewport={"width": look.width, "height": look.height}, color_scheme="dark" if look.dark else "light"
+                viewport={"width": look.width, "height": look.height},
+                color_scheme="dark" if look.dark else "light",
+                bypass_csp=args.axe is not None,
             )
-            context.add_cookies(cookies)  # pyright: ignore[reportArgumentType]
             page = context.new_page()
             page.set_default_timeout(60_000)
             page.on("console", lambda told: print(f"{told.type}: {told.text}") if told.type == "error" else None)
@@ -277,9 +295,11 @@ def main() -> int:
                 if args.only and shot.name not in args.only:
                     continue
                 file = args.out / f"{shot.name}{look.suffix}.png"
-                take(page, url, shot, file, assignment)
+                take(page, url, shot, file, work)
                 wider = overflow(page)
                 wide += wider > 0
+                for found in violations(page, args.axe) if args.axe else ():
+                    print(f"  {found}")
                 print(f"{file.name}: {file.stat().st_size:,} bytes" + (f", {wider} pixels too wide" if wider else ""))
             context.close()
         browser.close()
