@@ -36,6 +36,7 @@ _LEAD_IN = re.compile(r"^(?=\*\*[A-Z])", re.MULTILINE)
 _EXTRA = re.compile(r"extra `(\w+)`")
 _CODE = re.compile(r"^```python\n(.*?)^```$|^ {4}\$ \S*?lilgym-mp ([^\n]*?)(?:  +#[^\n]*)?$", re.DOTALL | re.MULTILINE)
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_RAISED = re.compile(r"\s*```text\n[A-Z]\w+(?:Error|Environment): ")
 _ROW = re.compile(r"^\| \[[^]]+\]\((\w+\.md)\).*\| *(.*?) *\|$", re.MULTILINE)
 PLAYER = """
 import contextlib, io, json, shlex, sys, traceback
@@ -43,7 +44,11 @@ names = {"__name__": "__main__"}
 for kind, code in json.load(sys.stdin):
     sys.stdin = io.StringIO("stop\\nquit\\n")
     try:
-        if kind == "python":
+        if kind == "raises":
+            with contextlib.suppress(Exception):
+                exec(compile(code, "quickstart", "exec"), names)
+                sys.exit(f"raised nothing: {code}")
+        elif kind == "python":
             exec(compile(code, "quickstart", "exec"), names)
         else:
             from lilgym_mp.cli import main
@@ -59,7 +64,7 @@ print("all of it ran, from", lilgym_mp.__file__)
 class Line(NamedTuple):
     """What a document shows to be run."""
 
-    kind: str  # "python" or "command"
+    kind: str  # "python", "command", or "raises": Python whose error the document shows
     code: str
 
 
@@ -95,7 +100,7 @@ def _readme_lines(part: str) -> Iterator[Line]:
 def _page_lines(path: Path) -> Iterator[Line]:
     for found in re.finditer(rf"{_CODE.pattern}|{_CONSOLE.pattern}", path.read_text(), re.DOTALL | re.MULTILINE):
         if found[1]:
-            yield Line("python", found[1])
+            yield Line("raises" if _RAISED.match(path.read_text(), found.end()) else "python", found[1])
         for command in re.findall(r"^\$ lilgym-mp (.*?)(?:  +#.*)?$", found[3] or "", re.MULTILINE):
             yield Line("command", command)
 

@@ -12,6 +12,7 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTSIDE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}  # page: file at the root
+SHIM_URL, SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"  # for the search in opened files
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -57,3 +58,13 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         return f"{label[1:-1]} (`{path}`)"
 
     return _LINK.sub(relinked, markdown)
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """A page that takes the search's worker from the site instead of from the network."""
+    return output.replace(SHIM_URL, posixpath.relpath(SHIM, posixpath.dirname(page.file.dest_uri) or "."))
+
+
+def on_post_template(output: str, template_name: str, config: Any) -> str:
+    """The page of what is not found, likewise."""
+    return output.replace(SHIM_URL, f"/{SHIM}")

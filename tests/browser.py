@@ -61,6 +61,7 @@ def watched_page(browser: Any, width: int = 1280, height: int = 900, *, dark: bo
     scheme = "dark" if dark else "light"
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
     try:
+        context.set_default_timeout(START_MS)
         yield Watched(context.new_page())
     finally:
         context.close()

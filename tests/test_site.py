@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from PIL import Image
 
 import lilgym_mp  # noqa: F401
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from tests.browser import chromium, watched_page
 
 ROOT = Path(__file__).parent.parent
+LOOKED_AT = ("index.html", "gallery.html", "results.html", "api/environments.html", "environments/tower_flipit.html")
 FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?(?:https?:)?//[^"'>\s]+""")
 
 
@@ -99,3 +105,38 @@ def test_environment_pages__formula_of_scatters_numbers_is_right(pages: ModuleTy
         cell, look = 5 * column + row, 9 * shape + 3 * colour + size
         assert appearance.to_array(appearance.decode(1 + 27 * cell + look)) == [1, column, row, shape, colour, size]
         assert appearance.to_array(appearance.decode(2566 + cell))[:3] == [2, column, row]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser: Any, site: Path, *, dark: bool):
+    shown = [site / page for page in LOOKED_AT]
+    with watched_page(browser, dark=dark) as watched:
+        for page in shown:
+            watched.page.goto(page.as_uri())
+            assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), page.name
+            brightness = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+            assert (max(watched.page.evaluate(brightness)) < 100) == dark
+        assert watched.requests == []
+        assert watched.faults == []
+
+
+def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
+    with watched_page(browser, 1400) as watched:
+        watched.page.goto((site / "index.html").as_uri())
+        watched.page.locator(".md-search__input").click()
+        watched.page.keyboard.type("stop forcing")
+        watched.page.locator(".md-search-result__item").first.wait_for()
+        assert watched.requests == []
+        assert watched.faults == []
+
+
+def test_pictures__of_charts_are_no_wider_than_a_page():
+    pictures = [path.read_bytes() for path in (ROOT / "docs" / "pictures").glob("results-*.png")]
+    assert pictures
+    assert max(Image.open(io.BytesIO(picture)).width for picture in pictures) <= 1000
