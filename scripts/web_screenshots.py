@@ -8,14 +8,15 @@ Needs the extras `web` and `browser`, and a Chromium. With --all each page is ta
 from __future__ import annotations
 
 import argparse
+import io
 import shutil
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from importlib.resources import as_file, files
+from contextlib import ExitStack, chdir, contextmanager, redirect_stdout
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -161,10 +162,15 @@ SHOTS = (
 
 def recorded(directory: Path) -> Path:
     """The directory, with recordings of the agents that come with the package."""
-    for name in ("parse-and-plan", "imitation-tower"):
-        with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as file:
-            words = ["evaluate", str(file), "--name", name, "--alone", "--configuration", "TowerFlipIt"]
-            command([*words, "--record", str(directory / name), "--record-decisions", "--judge-decisions"])
+    directory.mkdir()
+    with chdir(directory), redirect_stdout(io.StringIO()):  # so that names on the page are short, and of no machine
+        for name in ("parse-and-plan", "imitation-tower"):
+            Path(name).mkdir()
+            Path(name, "agent.safetensors").write_bytes(
+                (files("lilgym_mp.data") / f"agent-{name}.safetensors").read_bytes()
+            )
+            words = ["evaluate", name, "--name", name, "--alone", "--configuration", "TowerFlipIt"]
+            command([*words, "--record", name, "--record-decisions", "--judge-decisions"])
     return directory
 
 

@@ -94,7 +94,7 @@ class Side {
       const shareOf = (cell) => (kind === "both" ? cell.add + cell.remove : cell[kind]);
       for (const cell of shown.decision.cells) {
         const cover = this.cover(cell);
-        cover.style.opacity = String(0.8 * Math.sqrt(Math.min(1, shareOf(cell))));
+        cover.style.opacity = String(0.55 * Math.sqrt(Math.min(1, shareOf(cell))));
         made.push(cover);
       }
     }
