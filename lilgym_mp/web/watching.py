@@ -276,12 +276,18 @@ def recording_body(recordings: Recordings, recording_id: str) -> RecordingBody:
 
 
 def _command(header: Header, directory: Path) -> str:
-    """What records this with decisions."""
-    who = header.run if header.run is not None else f"--policy {header.agent.replace(' ', '-')}"
+    """What records the same with decisions, as far as the header tells."""
     settings = header.settings
-    corpus = "" if settings.corpus == "builtin" else f" --corpus {settings.corpus}"
-    what = f"--configuration {settings.configuration}{corpus} --split {header.split}"
-    return f"lilgym-mp evaluate {who} {what} --record {directory} --record-decisions --force"
+    words = [f"--policy {header.agent.replace(' ', '-')}" if header.run is None else header.run]
+    if header.run is not None:
+        words.append(f"--actions {header.actions}")
+    words.append(f"--configuration {settings.configuration}")
+    usual = {"corpus": "builtin", "rules": "paper"}
+    words += [f"--{name} {getattr(settings, name)}" for name in usual if getattr(settings, name) != usual[name]]
+    words.append(f"--split {header.split}")
+    words += [f"--seed {header.seed}"] if header.seed else []
+    words += [f"--passes {header.passes}"] if header.passes > 1 else []
+    return f"lilgym-mp evaluate {' '.join(words)} --record {directory} --record-decisions --force"
 
 
 def _same_tasks(one: Header | None, other: Header) -> bool:
