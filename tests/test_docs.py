@@ -83,3 +83,20 @@ def test_tests_named_in_the_fidelity_table__exist() -> None:
     sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert named
     assert [name for name in named if f"def {name}(" not in sources] == []
+
+
+MEASURING = re.compile(r"`python (?:-m checks\.|checks/|benchmarks/)")
+DATE = re.compile(r"20\d\d-\d\d-\d\d")
+
+
+def _tells_figures_of_a_measurement(text: str) -> bool:
+    """Whether some paragraph names a benchmark or check and has a number outside of code."""
+    named = [paragraph for paragraph in text.split("\n\n") if MEASURING.search(paragraph)]
+    return any(re.search(r"\d", re.sub(r"`[^`]*`", "", paragraph)) for paragraph in named)
+
+
+def test_documents__date_what_benchmarks_and_checks_gave() -> None:
+    pages = {path.name: path.read_text() for path in (ROOT / "docs").rglob("*.md")}
+    measured = {name: text for name, text in pages.items() if _tells_figures_of_a_measurement(text)}
+    assert len(measured) > 4
+    assert [name for name, text in measured.items() if not DATE.search(text)] == [], "say when it was measured"
