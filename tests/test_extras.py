@@ -17,7 +17,9 @@ OURS = re.compile(r"""install "lilgym-mp\[""")
 
 
 @pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])
-def test_install__names_the_packages_of_the_extra(extra: str):
+def test_install__names_the_packages_of_the_extra(extra: str, monkeypatch: pytest.MonkeyPatch):
+    built = [f'{package}; extra == "{name}"' for name, packages in EXTRAS.items() for package in packages]
+    monkeypatch.setattr(extras, "requires", lambda name: ["numpy>=2.0", *built])
     wanted = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
     assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == wanted
     assert extras.install(extra).endswith(f"(the extra {extra})")
@@ -43,3 +45,22 @@ def test_no_message_or_page__installs_this_package_from_an_index():
     places = [*packages, ROOT / "wrappers", ROOT / "examples"]
     sources = [path for place in places for path in place.rglob("*.py")]
     assert [str(path.relative_to(ROOT)) for path in (*pages, *sources) if OURS.search(path.read_text())] == []
+
+
+MODULES = {"pillow": "PIL"}  # by distribution, where the module is called otherwise
+DEVELOPERS = {"docs", "test", "lint", "dev"}  # extras that tools use
+
+
+def test_extras__install_nothing_that_nothing_uses():
+    places = ("lilgym_mp", "wrappers", "examples", "scripts", "tests")
+    sources = "".join(path.read_text() for place in places for path in (ROOT / place).rglob("*.py"))
+    unused = []
+    for extra in EXTRAS.keys() - DEVELOPERS:
+        for package in EXTRAS[extra]:
+            name = re.split(r"[\[<>=]", package)[0]
+            module = MODULES.get(name, name.replace("-", "_"))
+            if not re.search(
+                rf"""\b(?:import|from) +{module}\b|(?:import_module|importorskip)\(["']{module}\b""", sources
+            ):
+                unused.append(f"{extra}: {package}")
+    assert unused == []

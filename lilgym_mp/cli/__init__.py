@@ -30,7 +30,7 @@ COMMANDS = (
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code of what the machine refused
 USAGE_ERROR = 2  # exit code of a mistake in what was asked for
-TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors", "tensorboard", "tqdm")
+TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors")
 
 
 class _Parser(argparse.ArgumentParser):
