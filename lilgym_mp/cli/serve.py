@@ -138,6 +138,8 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
         timeout_graceful_shutdown=3,
         timeout_keep_alive=30,
     )
+    # The first page that lists tasks would wait for all of them to be read.
+    threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
     with suppress(KeyboardInterrupt):  # which uvicorn raises again once all connections are closed
         Server(config).run(sockets=[listening])
     print("stopped", file=sys.stderr)

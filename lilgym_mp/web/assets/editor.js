@@ -116,7 +116,6 @@ class Editor {
     );
     const open = this.offered.length > 0;
     this.list.hidden = !open;
-    this.text.setAttribute("aria-expanded", String(open));
     if (open) {
       this.text.setAttribute("aria-activedescendant", `completion-${this.chosen}`);
       this.list.children[this.chosen].scrollIntoView({ block: "nearest" });
