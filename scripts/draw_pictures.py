@@ -26,8 +26,8 @@ from lilgym_mp.envs.proposer_verifier import (
     SNEAKY_PROPOSER,
     OracleVerifier,
     Partner,
+    PartnerTurn,
     Role,
-    Seat,
     parallel_env,
 )
 from lilgym_mp.envs.single import LilGymEnv
@@ -108,16 +108,16 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     players: dict[str, Partner] = dict(zip(AGENTS, (PROPOSERS[protocol], OracleVerifier()), strict=True))
     frames = [np.asarray(game.render(), np.uint8)]
     while game.agents:
-        seats = {agent: Seat(game.session, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
-        game.step({agent: _choice(players[agent], seat) for agent, seat in seats.items()})
+        seats = {agent: PartnerTurn(game.session, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
+        game.step({agent: _choice(players[agent], turn) for agent, turn in seats.items()})
         frames.append(np.asarray(game.render(), np.uint8))
     return frames
 
 
-def _choice(partner: Partner, seat: Seat) -> int:
+def _choice(partner: Partner, turn: PartnerTurn) -> int:
     """The only legal action where there is one, such as waiting, else the partner's."""
-    legal = np.flatnonzero(seat.action_mask)
-    return int(legal[0]) if len(legal) == 1 else int(partner(seat))
+    legal = np.flatnonzero(turn.action_mask)
+    return int(legal[0]) if len(legal) == 1 else int(partner(turn))
 
 
 def draw_episode() -> None:

@@ -42,12 +42,12 @@ def is_game(env: object) -> bool:
 
 def lifted(env: Any, name: str, transformation_class: Does, settings: Mapping[str, Any]) -> GameTurns | GameTogether:
     """The game `env` behind the wrapper called `name`, in the same form."""
-    sides = {agent: Side(env, agent, name, transformation_class, settings) for agent in AGENTS}
-    transformation = sides[AGENTS[Role.PROPOSER]].transformation
+    adapters = {agent: AgentAdapter(env, agent, name, transformation_class, settings) for agent in AGENTS}
+    transformation = adapters[AGENTS[Role.PROPOSER]].transformation
     if isinstance(transformation, TaskChange):
         refuse_above_others(name, env)
         env.unwrapped.change_tasks(transformation.change)
-    return GameTurns(env, name, sides) if isinstance(env, AECEnv) else GameTogether(env, name, sides)
+    return GameTurns(env, name, adapters) if isinstance(env, AECEnv) else GameTogether(env, name, adapters)
 
 
 class RewardChange:
@@ -77,7 +77,7 @@ class RewardChange:
         return self._transformation.rewards(np.array(rewards, np.float64), before * both, self._value * both).tolist()
 
 
-class Side:
+class AgentAdapter:
     """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
 
     def __init__(
@@ -163,29 +163,29 @@ class GameEnvState(StatesOf):
 class GameTurns(BaseWrapper[str, Any, Any]):
     """The turn-by-turn form behind a wrapper."""
 
-    def __init__(self, env: AECEnv[str, Any, Any], name: str, sides: Mapping[str, Side]) -> None:
+    def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, AgentAdapter]) -> None:
         super().__init__(env)
         self.name = name
-        self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
-        self.sides = sides  # by agent; SingleAgentView plays through them
+        self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
+        self.adapters = adapters  # by agent; SingleAgentView plays through them
         self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
         self._added: dict[str, float] = {}  # to each agent's reward of this turn
         self._all_added: dict[str, float] = {}  # and to its rewards since it last acted
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        return self.sides[agent].observation_space
+        return self.adapters[agent].observation_space
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
         self._told = None
         self._added = dict.fromkeys(map(str, AGENTS), 0.0)
         self._all_added = dict.fromkeys(map(str, AGENTS), 0.0)
-        for side in self.sides.values():
-            side.start()
+        for adapter in self.adapters.values():
+            adapter.start()
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection if self.agents else None
-        super().step(self.sides[agent].action(action) if agent else action)
+        super().step(self.adapters[agent].action(action) if agent else action)
         self._told = None
         if agent and self.transformation.changes_rewards:
             self._change_rewards(agent)
@@ -194,7 +194,7 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         rewards = [self.env.rewards.get(agent, 0.0) for agent in AGENTS]
         self._all_added[actor] = 0.0
         for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
-            change = self.sides[agent].rewards
+            change = self.adapters[agent].rewards
             assert change is not None
             self._added[agent] = change.changed(rewards)[role] - reward
             self._all_added[agent] += self._added[agent]
@@ -210,13 +210,13 @@ class GameTurns(BaseWrapper[str, Any, Any]):
 
     def observe(self, agent: str) -> Any:
         observation = super().observe(agent)
-        return None if observation is None else self.sides[agent].observation(observation)
+        return None if observation is None else self.adapters[agent].observation(observation)
 
     @property
     def infos(self) -> dict[str, Info]:
         if self._told is None:
             look = {agent: partial(self.observe, agent) for agent in self.env.infos}
-            self._told = {agent: self.sides[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
+            self._told = {agent: self.adapters[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
             if self.transformation.changes_rewards:
                 for agent, info in self._told.items():
                     info[UNCHANGED_REWARD] = self.env.rewards[agent]
@@ -229,26 +229,26 @@ class GameTurns(BaseWrapper[str, Any, Any]):
 class GameTogether(BaseParallelWrapper[str, Any, Any]):
     """The form in which both agents act in every step, behind a wrapper."""
 
-    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, sides: Mapping[str, Side]) -> None:
+    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, adapters: Mapping[str, AgentAdapter]) -> None:
         super().__init__(env)
         self.name = name
-        self.transformation = sides[AGENTS[Role.PROPOSER]].transformation
-        self.sides = sides  # by agent; SingleAgentView plays through them
+        self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
+        self.adapters = adapters  # by agent; SingleAgentView plays through them
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        return self.sides[agent].observation_space
+        return self.adapters[agent].observation_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
         observations, infos = super().reset(seed, options)
-        for side in self.sides.values():
-            side.start()
+        for adapter in self.adapters.values():
+            adapter.start()
         return self._shown(observations, infos)
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
-        if self.agents and actions.keys() == self.sides.keys():  # else the game itself says what is wrong
-            actions = {agent: self.sides[agent].action(action) for agent, action in actions.items()}
+        if self.agents and actions.keys() == self.adapters.keys():  # else the game itself says what is wrong
+            actions = {agent: self.adapters[agent].action(action) for agent, action in actions.items()}
         observations, rewards, terminated, truncated, infos = super().step(dict(actions))
         shown, told = self._shown(observations, infos)
         if self.transformation.changes_rewards:
@@ -259,14 +259,16 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
 
     def _changed(self, rewards: Mapping[str, float]) -> dict[str, float]:
         both = [rewards[agent] for agent in AGENTS]
-        changes = {agent: self.sides[agent].rewards for agent in AGENTS}
+        changes = {agent: self.adapters[agent].rewards for agent in AGENTS}
         return {agent: change.changed(both)[Role(AGENTS.index(agent))] for agent, change in changes.items() if change}
 
     def _shown(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        shown = {agent: self.sides[agent].observation(observation) for agent, observation in observations.items()}
-        return shown, {agent: self.sides[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()}
+        shown = {agent: self.adapters[agent].observation(observation) for agent, observation in observations.items()}
+        return shown, {
+            agent: self.adapters[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()
+        }
 
     def __str__(self) -> str:
         return f"{self.name}<{self.env}>"

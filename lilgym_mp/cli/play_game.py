@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
     """One game to its end."""
-    from lilgym_mp.envs.proposer_verifier import AGENTS, Role, Seat
+    from lilgym_mp.envs.proposer_verifier import AGENTS, PartnerTurn, Role
 
     lines = typed_lines()
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
@@ -87,12 +87,12 @@ def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.r
         print(text(game.scene, [], coloured=shows_colours()))
         actions: dict[str, int] = {}
         for agent, role in zip(AGENTS, Role, strict=True):
-            seat = Seat(game.session, role, rng)
-            legal = np.flatnonzero(seat.action_mask).tolist()
+            turn = PartnerTurn(game.session, role, rng)
+            legal = np.flatnonzero(turn.action_mask).tolist()
             if len(legal) == 1:  # it is the other's turn
                 actions[agent] = legal[0]
                 continue
-            actions[agent] = _asked(game, agent, legal, lines) if agent in SIDES[side] else int(partner(seat))
+            actions[agent] = _asked(game, agent, legal, lines) if agent in SIDES[side] else int(partner(turn))
             if agent not in SIDES[side]:
                 print(f"{agent}: {game.describe_action(agent, actions[agent])}")
         _, gained, _, _, infos = game.step(actions)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier import Role, Seat, read_text
+from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role, read_text
 from lilgym_mp.envs.proposer_verifier.partners import answer
 from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation import Observations, Policy
@@ -28,30 +28,30 @@ class AgentPartner:
         self._policy = policy
         self._asked = 0
 
-    def __call__(self, seat: Seat) -> int:
+    def __call__(self, turn: PartnerTurn) -> int:
         """Raises PartnerViewError where the seat does not see enough."""
-        chosen = self._would_do(seat)
-        if seat.role is Role.PROPOSER:
-            action = seat.game.action(Role.PROPOSER, chosen)
-            return action if seat.action_mask[action] else seat.random_action()
-        if seat.observation.get("proposal", (STOP_ACTION,))[0] not in (NO_CHOICE, STOP_ACTION):
-            return answer(seat.game, accepts=True)
-        return answer(seat.game, accepts=chosen == STOP_ACTION)
+        chosen = self._would_do(turn)
+        if turn.role is Role.PROPOSER:
+            action = turn.game.action(Role.PROPOSER, chosen)
+            return action if turn.action_mask[action] else turn.random_action()
+        if turn.observation.get("proposal", (STOP_ACTION,))[0] not in (NO_CHOICE, STOP_ACTION):
+            return answer(turn.game, accepts=True)
+        return answer(turn.game, accepts=chosen == STOP_ACTION)
 
-    def _would_do(self, seat: Seat) -> int:
-        seen = seat.observation
+    def _would_do(self, turn: PartnerTurn) -> int:
+        seen = turn.observation
         missing = [name for name in NEEDED if name not in seen]
         if missing:
             raise PartnerViewError(f"this agent needs to see {', '.join(missing)}; give its seat the whole view")
         observations = Observations(
-            draw(seat.state.mdp.scene, "half")[None],
+            draw(turn.state.mdp.scene, "half")[None],
             (read_text(seen["statement"]),),
             np.array([int(seen["target"])]),
             np.array([self._asked]),
             np.zeros(1, np.int64),
         )
         self._asked += 1
-        mdp_mask = seat.game.conditions.dynamics.legal_mask(seat.state.mdp)[None]
+        mdp_mask = turn.game.conditions.dynamics.legal_mask(turn.state.mdp)[None]
         needs_masks = getattr(self._policy, "needs_masks", True)
         legal = mdp_mask if needs_masks else np.zeros((1, 0), np.bool_)
-        return int(self._policy(observations, legal, seat.rng)[0])
+        return int(self._policy(observations, legal, turn.rng)[0])

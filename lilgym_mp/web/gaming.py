@@ -22,11 +22,20 @@ from pydantic import BaseModel
 from lilgym_mp.actions import ActionError, AddItem, describe, named
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.envs.proposer_verifier import SCRIPTED, Partner, PartnerError, Role, Seat, Settings, View, read_text
+from lilgym_mp.envs.proposer_verifier import (
+    SCRIPTED,
+    Partner,
+    PartnerError,
+    PartnerTurn,
+    Role,
+    Settings,
+    View,
+    read_text,
+)
 from lilgym_mp.envs.proposer_verifier.partners import ask
 from lilgym_mp.envs.proposer_verifier.session import Session
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, NO_CHOICE, STOP_ACTION, Intent
-from lilgym_mp.envs.proposer_verifier.views import World
+from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings as Configuration
 from lilgym_mp.web.errors import refusal
 from lilgym_mp.web.scenes import SceneBody, scene_body
@@ -143,7 +152,7 @@ class GameRoom:
         """What the role does in this turn; None where a person has not chosen yet."""
         partner = self.partners[role]
         if self.chosen[role] is None and partner is not None:
-            self.chosen[role] = ask(partner, Seat(self.session, role, self.rng))
+            self.chosen[role] = ask(partner, PartnerTurn(self.session, role, self.rng))
         return self.chosen[role]
 
 
@@ -191,7 +200,9 @@ class Games:
 
 
 @lru_cache(maxsize=64)
-def world(corpus: str, configuration: str, split: str, protocol: str, rewards: str, views: tuple[str, str]) -> World:
+def setup(
+    corpus: str, configuration: str, split: str, protocol: str, rewards: str, views: tuple[str, str]
+) -> GameSetup:
     """Raises ValueError, CorpusError for what does not exist."""
     chosen = Configuration(configuration, corpus)
     return Settings(
@@ -203,7 +214,7 @@ def world(corpus: str, configuration: str, split: str, protocol: str, rewards: s
         split=split,
         views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
         image_size="native",
-    ).world()
+    ).setup()
 
 
 def new_room(
@@ -215,7 +226,7 @@ def new_room(
     """
     views = chosen["proposer_view"], chosen["verifier_view"]
     try:
-        made = world(corpus, chosen["configuration"], chosen["split"], chosen["protocol"], chosen["rewards"], views)
+        made = setup(corpus, chosen["configuration"], chosen["split"], chosen["protocol"], chosen["rewards"], views)
     except (ValueError, CorpusError) as fault:
         raise refusal(404, str(fault)) from None
     session = Session(made)

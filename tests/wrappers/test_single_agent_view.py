@@ -11,7 +11,14 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes 
 
 from pettingzoo.utils import BaseWrapper
 
-from lilgym_mp.envs.proposer_verifier import ALWAYS_ACCEPT, RandomPartner, Seat, SingleAgentView, env, parallel_env
+from lilgym_mp.envs.proposer_verifier import (
+    ALWAYS_ACCEPT,
+    PartnerTurn,
+    RandomPartner,
+    SingleAgentView,
+    env,
+    parallel_env,
+)
 from lilgym_mp.wrappers import action_mask_v0, flat_observation_v0, grid_planes_v0, stop_forcing_v0
 
 PROPOSER, VERIFIER = "proposer_0", "verifier_0"
@@ -75,10 +82,10 @@ def test_partner__acts_through_the_wrappers_too():
     game = stop_forcing_v0(env(protocol="audit", reveal_truth=True))
     met: list[bool] = []
 
-    def proposer(seat: Seat) -> int:
-        if game.unwrapped.dynamics.goal_reached(seat.state.mdp):
-            met.append(np.flatnonzero(seat.action_mask).tolist() == [0] == np.flatnonzero(seat["action_mask"]).tolist())
-        return RandomPartner()(seat)
+    def proposer(turn: PartnerTurn) -> int:
+        if game.unwrapped.dynamics.goal_reached(turn.state.mdp):
+            met.append(np.flatnonzero(turn.action_mask).tolist() == [0] == np.flatnonzero(turn["action_mask"]).tolist())
+        return RandomPartner()(turn)
 
     view = SingleAgentView(game, VERIFIER, proposer)
     for seed in range(30):

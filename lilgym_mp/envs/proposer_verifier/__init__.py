@@ -30,8 +30,8 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     OracleVerifier,
     Partner,
     PartnerError,
+    PartnerTurn,
     RandomPartner,
-    Seat,
 )
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS
@@ -72,11 +72,11 @@ __all__ = [
     "OracleVerifier",
     "Partner",
     "PartnerError",
+    "PartnerTurn",
     "ProposerVerifierParallel",
     "ProposerVerifierTurns",
     "RandomPartner",
     "Role",
-    "Seat",
     "Settings",
     "SingleAgentView",
     "TurnError",

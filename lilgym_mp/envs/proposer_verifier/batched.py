@@ -54,16 +54,16 @@ class BatchedGames:
         """
         if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
             raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
-        world = self._world = Settings.of(**settings).world()
+        setup = self._setup = Settings.of(**settings).setup()
         self.num_games = num_games
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}
         self.single_action_spaces: dict[str, spaces.Discrete] = {}
-        self._parts = make_parts(world)
-        for agent, parts, count in zip(AGENTS, self._parts, world.game.action_counts, strict=True):
+        self._parts = make_parts(setup)
+        for agent, parts, count in zip(AGENTS, self._parts, setup.game.action_counts, strict=True):
             self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
         self._copies = checked_flag("copy", copy)
-        self._games = GameArrays(world, num_games)
+        self._games = GameArrays(setup, num_games)
         self._every = np.arange(num_games)
         self._is_started = False
         self._generators: list[np.random.Generator] = []  # none before the first reset
@@ -87,25 +87,25 @@ class BatchedGames:
 
     def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
         """Starts some games, each with a task and an intent of its own generator's, in this order."""
-        world = self._world
-        task = world.tasks.number(options["task"]) if "task" in options else None
+        setup = self._setup
+        task = setup.tasks.number(options["task"]) if "task" in options else None
         intent = chosen_intent(options)
         if intent is None:
-            intent = world.usual_intent
+            intent = setup.usual_intent
         tasks = np.empty(len(indices), np.int64)
         intents = np.full(len(indices), 0 if intent is None else int(intent))
         for place, number in enumerate(indices.tolist()):
             tasks[place] = self._drawn_task(number) if task is None else task
             if intent is None:
-                intents[place] = int(world.drawn_intent(self._generators[number]))
+                intents[place] = int(setup.drawn_intent(self._generators[number]))
         self._games.start(indices, tasks, intents)
 
     def _drawn_task(self, number: int) -> int:
-        generator, world = self._generators[number], self._world
-        if world.usual_intent is None:  # tasks and intents come by turns
-            return world.drawn_task(generator)
+        generator, setup = self._generators[number], self._setup
+        if setup.usual_intent is None:  # tasks and intents come by turns
+            return setup.drawn_task(generator)
         if not self._draws[number]:
-            self._draws[number] = next_draws(generator, len(world.tasks))
+            self._draws[number] = next_draws(generator, len(setup.tasks))
         return self._draws[number].pop()
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
@@ -134,7 +134,7 @@ class BatchedGames:
             raise ActionError(
                 f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {row.dtype} {row.shape}"
             )
-        game = self._world.game
+        game = self._setup.game
         if row.astype(np.uint64, copy=False).max() >= game.action_counts[role]:  # which negative numbers are as well
             for action in row.tolist():  # one of them is refused
                 game.checked(role, action)
@@ -170,11 +170,11 @@ class BatchedGames:
 
     def _last_infos(self, number: int) -> dict[str, Info]:
         """Both agents' infos of a game that has just ended."""
-        world, games = self._world, self._games
+        setup, games = self._setup, self._games
         shared: Info = {}
-        if world.reveals_truth:
+        if setup.reveals_truth:
             intent = Intent(int(games.intents[number]))
-            shared = truth_info(world, games.mdp(number), intent, games.last_judgement(number))
+            shared = truth_info(setup, games.mdp(number), intent, games.last_judgement(number))
         infos = both_infos(shared | games.last_end(number), games.last_illegal(number))
         return dict(zip(AGENTS, infos, strict=True))
 

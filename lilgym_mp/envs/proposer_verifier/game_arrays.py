@@ -25,7 +25,7 @@ from lilgym_mp.envs.proposer_verifier.states import (
     PastTurn,
     Role,
 )
-from lilgym_mp.envs.proposer_verifier.views import World
+from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.rules import State, Transition
 
@@ -45,14 +45,14 @@ class GameArrays:
     terminated: BoolArray  # (N,) by the last turn
     truncated: BoolArray  # (N,) by the last turn
 
-    def __init__(self, world: World, num_games: int) -> None:
-        self._game = game = world.game
+    def __init__(self, setup: GameSetup, num_games: int) -> None:
+        self._game = game = setup.game
         self._dynamics = dynamics = game.conditions.dynamics
-        actions, capacity = dynamics.appearance.action_count, world.item_capacity
-        forms = buffer_specs(num_games, world.image_size, actions, capacity, AutoresetMode.DISABLED)
+        actions, capacity = dynamics.appearance.action_count, setup.item_capacity
+        forms = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(forms)
-        self._core = make_core(dynamics, world.tasks, self._buffers, world.image_size)
-        self._tables = _Tables.of(world)
+        self._core = make_core(dynamics, setup.tasks, self._buffers, setup.image_size)
+        self._tables = _Tables.of(setup)
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
         self._illegal = np.zeros((len(Role), num_games), np.bool_)  # whose choice was in the last turn, by Role
@@ -222,10 +222,10 @@ class _Tables(NamedTuple):
     truncated: BoolArray  # (results + 1,)
 
     @classmethod
-    def of(cls, world: World) -> _Tables:
-        table, verdicts = world.game.decision_table, world.game.conditions.dynamics.step_results
+    def of(cls, setup: GameSetup) -> _Tables:
+        table, verdicts = setup.game.decision_table, setup.game.conditions.dynamics.step_results
         decisions = table.decisions
-        wants_truth = [world.reveals_truth and decision.probability is not None for decision in decisions]
+        wants_truth = [setup.reveals_truth and decision.probability is not None for decision in decisions]
         return cls(
             indices=np.array(table.indices),
             mdp_move=np.array([int(decision.mdp_move) for decision in decisions]),

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, Seat, ask
+from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, PartnerTurn, ask
 from lilgym_mp.envs.proposer_verifier.session import Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess
 from lilgym_mp.envs.proposer_verifier.states import ACCEPTS_ABOVE, Judgement, Role
@@ -83,7 +83,7 @@ def _played(session: Session, proposer: Partner, verifier: Partner, task: str, r
     judgements: list[Judgement] = []
     while session.state.movers:
         asked = {
-            role: ask(partner, Seat(session, role, rng)) if role in session.state.movers else None
+            role: ask(partner, PartnerTurn(session, role, rng)) if role in session.state.movers else None
             for role, partner in zip(Role, (proposer, verifier), strict=True)
         }
         step = session.play(asked[Role.PROPOSER], asked[Role.VERIFIER])

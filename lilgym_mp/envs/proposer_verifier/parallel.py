@@ -28,7 +28,7 @@ class ProposerVerifierParallel(GameAccess, ParallelEnv[str, AgentObservation, Su
     """
 
     def __init__(self, settings: Settings, render_mode: str | None = None) -> None:
-        GameAccess.__init__(self, Session(settings.world(), render_mode))
+        GameAccess.__init__(self, Session(settings.setup(), render_mode))
         self.agents: list[str] = []
 
     def reset(

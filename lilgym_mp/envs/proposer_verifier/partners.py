@@ -1,6 +1,6 @@
 """Who can play the other side: scripted partners, frozen policies, and any callable.
 
-A partner is a function of its `Seat`, which it may also read as its observation: seat["action_mask"].
+A partner is a function of a `PartnerTurn`, which it may also read as its observation: turn["action_mask"].
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class RewardChange(Protocol):
         ...
 
 
-class Side(Protocol):
+class AgentAdapter(Protocol):
     """What a wrapper of the game changes for one agent."""
 
     @property
@@ -66,13 +66,13 @@ class PartnerError(ValueError):
 
 
 @dataclass
-class Seat:
-    """What a partner may go by in its turn. Observation and mask are made when first asked for."""
+class PartnerTurn:
+    """What a partner is given in its turn. Observation and mask are made when first asked for."""
 
     session: Session
     role: Role
     rng: np.random.Generator
-    sides: tuple[Side, ...] = ()  # of the wrappers that the agent acts through, the innermost first
+    adapters: tuple[AgentAdapter, ...] = ()  # of the wrappers that the agent acts through, the innermost first
 
     @property
     def game(self) -> Game:
@@ -86,7 +86,7 @@ class Seat:
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        return seen_through(self.sides, self.session.observe(self.role))
+        return adapted_observation(self.adapters, self.session.observe(self.role))
 
     @property
     def observation(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class Seat:
 
     @cached_property
     def action_mask(self) -> Int8Array:
-        if self.sides:
+        if self.adapters:
             return self.full_observation["action_mask"]
         return self.game.legal_mask(self.state, self.role)
 
@@ -108,44 +108,44 @@ class Seat:
         return int(legal[self.rng.integers(len(legal))])
 
 
-def seen_through(sides: Iterable[Side], observation: AgentObservation) -> AgentObservation:
-    """What an agent sees through its sides of wrappers, the innermost first."""
-    for side in sides:
-        observation = side.observation(observation)
+def adapted_observation(adapters: Iterable[AgentAdapter], observation: AgentObservation) -> AgentObservation:
+    """The observation after the wrappers that the agent acts through, the innermost first."""
+    for adapter in adapters:
+        observation = adapter.observation(observation)
     return observation
 
 
-def done_through(sides: Sequence[Side], action: Any) -> Any:
-    """The game's action that an agent's action comes to through its sides of wrappers, the innermost first."""
-    for side in reversed(sides):
-        action = side.action(action)
+def base_action(adapters: Sequence[AgentAdapter], action: Any) -> Any:
+    """The game's action for an agent's action, through its wrappers, of which the innermost comes first."""
+    for adapter in reversed(adapters):
+        action = adapter.action(action)
     return action
 
 
-Partner = Callable[[Seat], SupportsIndex]
+Partner = Callable[[PartnerTurn], SupportsIndex]
 
 
-def ask(partner: Partner, seat: Seat) -> int:
+def ask(partner: Partner, turn: PartnerTurn) -> int:
     """The partner's action, as the game takes it. Raises PartnerError naming the partner when it is not legal."""
-    action = partner(seat)
+    action = partner(turn)
     try:
-        index = seat.game.checked(seat.role, action)
+        index = turn.game.checked(turn.role, action)
     except ActionError as fault:
         raise PartnerError(f"partner {partner!r}: {fault}") from None
-    if not seat.action_mask[index]:
-        name = seat.game.describe(seat.role, index)
+    if not turn.action_mask[index]:
+        name = turn.game.describe(turn.role, index)
         raise PartnerError(
-            f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[seat.role]} now"
+            f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[turn.role]} now"
         )
-    return done_through(seat.sides, index)
+    return base_action(turn.adapters, index)
 
 
 @dataclass(frozen=True)
 class RandomPartner:
     """Any legal action, all equally likely; for either side."""
 
-    def __call__(self, seat: Seat) -> int:
-        return seat.random_action()
+    def __call__(self, turn: PartnerTurn) -> int:
+        return turn.random_action()
 
 
 @dataclass(frozen=True)
@@ -161,12 +161,12 @@ class OracleVerifier:
         if not 0 <= self.error_rate <= 1:
             raise ValueError(f"error_rate must be between 0 and 1, not {self.error_rate!r}")
 
-    def __call__(self, seat: Seat) -> int:
-        game, state = seat.game, seat.state
+    def __call__(self, turn: PartnerTurn) -> int:
+        game, state = turn.game, turn.state
         if state.proposal not in (None, STOP_ACTION):
             return answer(game, accepts=True)
         holds = game.conditions.dynamics.goal_reached(state.mdp)
-        errs = self.error_rate > 0 and seat.rng.random() < self.error_rate
+        errs = self.error_rate > 0 and turn.rng.random() < self.error_rate
         return answer(game, accepts=holds != errs)
 
 
@@ -176,8 +176,8 @@ class ConstantVerifier:
 
     accepts: bool
 
-    def __call__(self, seat: Seat) -> int:
-        return answer(seat.game, accepts=self.accepts)
+    def __call__(self, turn: PartnerTurn) -> int:
+        return answer(turn.game, accepts=self.accepts)
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
@@ -202,18 +202,18 @@ class ClaimingProposer:
     least_edits: int = 1
     most_edits: int = 8
 
-    def __call__(self, seat: Seat) -> int:
-        state, game = seat.state, seat.game
+    def __call__(self, turn: PartnerTurn) -> int:
+        state, game = turn.state, turn.game
         wants_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
         edits = state.mdp.steps
         claim = game.action(Role.PROPOSER, STOP_ACTION)
-        if seat.action_mask[claim] and edits >= self.least_edits:
+        if turn.action_mask[claim] and edits >= self.least_edits:
             is_as_wanted = game.conditions.dynamics.goal_reached(state.mdp) == wants_truth
             if is_as_wanted or edits >= self.most_edits:
                 return claim
-        edit_mask = seat.action_mask.copy()
+        edit_mask = turn.action_mask.copy()
         edit_mask[: game.action(Role.PROPOSER, STOP_ACTION + 1)] = 0
-        return seat.random_action(edit_mask)
+        return turn.random_action(edit_mask)
 
 
 HELPFUL_PROPOSER = ClaimingProposer(Intent.HELPFUL)
@@ -232,11 +232,11 @@ class FrozenPolicy:
     masked: bool = True
     deterministic: bool = False
 
-    def __call__(self, seat: Seat) -> int:
-        masks = {"action_masks": seat.action_mask.astype(bool)} if self.masked else {}
-        action, _ = self.model.predict(seat.observation, deterministic=self.deterministic, **masks)
+    def __call__(self, turn: PartnerTurn) -> int:
+        masks = {"action_masks": turn.action_mask.astype(bool)} if self.masked else {}
+        action, _ = self.model.predict(turn.observation, deterministic=self.deterministic, **masks)
         index = int(action)
-        return index if seat.action_mask[index] else seat.random_action()
+        return index if turn.action_mask[index] else turn.random_action()
 
 
 SCRIPTED: dict[str, Partner] = {

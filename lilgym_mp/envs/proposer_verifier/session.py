@@ -22,7 +22,7 @@ from lilgym_mp.envs.proposer_verifier.states import (
     Judgement,
     Role,
 )
-from lilgym_mp.envs.proposer_verifier.views import Part, Value, World, make_parts
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
 from lilgym_mp.render import text
@@ -49,11 +49,11 @@ def chosen_intent(options: Mapping[str, Any]) -> Intent | None:
     return choose("intent", options["intent"], INTENTS) if "intent" in options else None
 
 
-def truth_info(world: World, mdp: State, intent: Intent, judgement: Judgement | None = None) -> Info:
+def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgement | None = None) -> Info:
     """What infos tell of the truth, after a turn in which the verifier judged a claim or did not."""
     info: Info = {
         "truth": mdp.task.truth(mdp.scene),
-        "goal_reached": world.game.conditions.dynamics.goal_reached(mdp),
+        "goal_reached": setup.game.conditions.dynamics.goal_reached(mdp),
         "intent": intent.name.lower(),
     }
     if judgement is not None:
@@ -74,12 +74,12 @@ def both_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
 class Session:
     """A world's current game, its random generator, and the encoders of observations."""
 
-    def __init__(self, world: World, render_mode: str | None = None) -> None:
-        self.world = world
-        self.game = world.game
+    def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
+        self.setup = setup
+        self.game = setup.game
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.rng, _ = seeding.np_random()
-        self.parts = make_parts(world)
+        self.parts = make_parts(setup)
         alike = {key for key, part in self.parts[PROPOSER].items() if self.parts[VERIFIER].get(key) is part}
         encoders = [[(key, part.encode, key in alike) for key, part in parts.items()] for parts in self.parts]
         self._alike = [(key, encode) for key, encode, both in encoders[PROPOSER] if both]
@@ -105,17 +105,17 @@ class Session:
         """
         if seed is not None:
             self.rng, _ = seeding.np_random(seed)
-        world, options = self.world, options or {}
-        task = world.tasks.by_id(options["task"]) if "task" in options else world.tasks[world.drawn_task(self.rng)]
+        setup, options = self.setup, options or {}
+        task = setup.tasks.by_id(options["task"]) if "task" in options else setup.tasks[setup.drawn_task(self.rng)]
         intent = chosen_intent(options)
-        state = self._state = self.game.start(task, world.drawn_intent(self.rng) if intent is None else intent)
+        state = self._state = self.game.start(task, setup.drawn_intent(self.rng) if intent is None else intent)
         self.last = None
         self._last_actions = ""
         if self.render_mode is not None:
             self._show()
         info = {"task": task.id}
-        if world.reveals_truth:
-            info |= truth_info(world, state.mdp, state.intent)
+        if setup.reveals_truth:
+            info |= truth_info(setup, state.mdp, state.intent)
         return info, info.copy()
 
     def play(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
@@ -151,12 +151,12 @@ class Session:
 
     def infos(self, step: GameStep) -> tuple[Info, Info]:
         """Both agents' infos after a turn: what the end was, whose choice was illegal, the truth when asked for."""
-        state, played, reveals_truth = step.state, step.played, self.world.reveals_truth
+        state, played, reveals_truth = step.state, step.played, self.setup.reveals_truth
         if state.movers and not reveals_truth and step.illegal == NO_ILLEGAL_CHOICES:
             return {}, {}
         shared: Info = {}
         if reveals_truth:
-            shared = truth_info(self.world, state.mdp, state.intent, step.judgement)
+            shared = truth_info(self.setup, state.mdp, state.intent, step.judgement)
         if played is not None and not state.movers:
             shared |= end_info(played)
         return both_infos(shared, step.illegal)

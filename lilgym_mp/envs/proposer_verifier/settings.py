@@ -15,7 +15,7 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS, GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, make_scheme
 from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Conditions
-from lilgym_mp.envs.proposer_verifier.views import AnyView, World, make_view
+from lilgym_mp.envs.proposer_verifier.views import AnyView, GameSetup, make_view
 from lilgym_mp.render import shrink_of
 from lilgym_mp.rules import make_dynamics
 
@@ -56,7 +56,7 @@ class Settings:
             choose("setting", name, names)
         return cls(**given)
 
-    def world(self) -> World:
+    def setup(self) -> GameSetup:
         """The game and what its observations depend on. Raises ValueError naming the value and the choices."""
         views = _by_role(self.views, make_view)
         protocol = choose("protocol", self.protocol, PROTOCOLS)
@@ -72,7 +72,7 @@ class Settings:
             _flag("homogeneous", self.homogeneous),
         )
         tasks = load_tasks(self.corpus, self.appearance, self.start, self.split)
-        return World(
+        return GameSetup(
             game,
             tasks,
             self.image_size,

@@ -47,7 +47,7 @@ class GameAccess:
         self.observation_spaces = {agent: observation for agent, (observation, _) in both.items()}
         self.action_spaces = {agent: action for agent, (_, action) in both.items()}
         self._numbers_by_name: dict[Role, dict[str, int]] = {}  # of those roles whose actions have been read
-        self.state_space = image_space(session.world.image_size)
+        self.state_space = image_space(session.setup.image_size)
 
     def observation_space(self, agent: str) -> spaces.Dict:
         """{"observation": the parts that the agent sees, "action_mask": int8 (actions,)}."""
@@ -58,7 +58,7 @@ class GameAccess:
 
     def state(self) -> UInt8Array:
         """The picture, new: (50, 190, 3), or (100, 380, 3) at native size."""
-        return draw(self.scene, self.session.world.image_size)
+        return draw(self.scene, self.session.setup.image_size)
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
@@ -69,11 +69,11 @@ class GameAccess:
 
     @property
     def tasks(self) -> TaskSet:
-        return self.session.world.tasks
+        return self.session.setup.tasks
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Plays `change(tasks)`, made of the present tasks, from the next reset on; their statements are the same."""
-        self.session.world = replace(self.session.world, tasks=change(self.tasks))
+        self.session.setup = replace(self.session.setup, tasks=change(self.tasks))
 
     @property
     def dynamics(self) -> Dynamics:

@@ -15,12 +15,12 @@ from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.partners import (
     SCRIPTED,
+    AgentAdapter,
     Partner,
-    Seat,
-    Side,
+    PartnerTurn,
+    adapted_observation,
     ask,
-    done_through,
-    seen_through,
+    base_action,
 )
 from lilgym_mp.envs.proposer_verifier.session import RENDER_MODES, Session
 from lilgym_mp.envs.proposer_verifier.shared import GameAccess, role_of
@@ -31,17 +31,17 @@ from lilgym_mp.envs.window import RENDER_FPS
 MOST_DRAWS = 1_000  # games in a row that may end before the agent has had a turn
 
 
-def _sides_of(env: Any, agent: str) -> tuple[Side, ...]:
-    """The agent's sides of the wrappers around the game, the innermost first. Raises TypeError for others' wrappers."""
-    found: list[Side] = []
+def _adapters_of(env: Any, agent: str) -> tuple[AgentAdapter, ...]:
+    """The adapters of the wrappers around the game, the innermost first. Raises TypeError for other wrappers."""
+    found: list[AgentAdapter] = []
     while env is not env.unwrapped:
-        sides = inspect.getattr_static(env, "sides", None)
-        if sides is None:
+        adapters = inspect.getattr_static(env, "adapters", None)
+        if adapters is None:
             raise TypeError(
                 f"SingleAgentView would drop what {type(env).__name__} does; give it the game itself, or the game in"
                 " wrappers of lilgym_mp.wrappers, and put others around the view"
             )
-        found += [sides[agent]] if sides else []
+        found += [adapters[agent]] if adapters else []
         env = env.env
     return tuple(reversed(found))
 
@@ -59,7 +59,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
         """`env`: any form of the game (`env`, `raw_env`, `parallel_env`), also in wrappers of this package, through
         which both sides see and act; the view plays it, so let nobody else.
-        `partner`: one of SCRIPTED by name, or any function of a Seat.
+        `partner`: one of SCRIPTED by name, or any function of a PartnerTurn.
 
         Raises TypeError for another environment, one in others' wrappers, or a partner that cannot be called,
         ValueError for unknown names.
@@ -70,15 +70,15 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         if isinstance(partner, str):
             partner = choose("partner", partner, SCRIPTED)
         if not callable(partner):
-            raise TypeError(f"a partner must be a function of its seat, not {partner!r}")
+            raise TypeError(f"a partner must be a function of a PartnerTurn, not {partner!r}")
         self.session: Session = game_env.session
         self.partner = partner
         self.agent = agent
         self.render_mode = self.session.render_mode
         self._role = role_of(agent)
-        self._sides = tuple(_sides_of(env, name) for name in AGENTS)
-        own = self._sides[self._role]
-        self._reward_changes = [side.rewards for side in own if side.rewards is not None]
+        self._adapters = tuple(_adapters_of(env, name) for name in AGENTS)
+        own = self._adapters[self._role]
+        self._reward_changes = [adapter.rewards for adapter in own if adapter.rewards is not None]
         seen = own[-1].observation_space["observation"] if own else None
         self.observation_space = seen or spaces.Dict(
             {key: part.space for key, part in self.session.parts[self._role].items()}
@@ -92,8 +92,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         super().reset(seed=seed)
         for skipped in range(MOST_DRAWS):
             infos = self.session.reset(seed if skipped == 0 else None, options)
-            for side in (*self._sides[0], *self._sides[1]):
-                side.start()
+            for adapter in (*self._adapters[0], *self._adapters[1]):
+                adapter.start()
             deque(self._partner_plays(), maxlen=0)
             if self.session.state.movers:
                 for change in self._reward_changes:
@@ -126,9 +126,9 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     def _play(self, action: SupportsIndex) -> GameStep:
         """The agent's turn, and the partner's too where both move at once."""
         session, role = self.session, self._role
-        if self._sides[role]:
+        if self._adapters[role]:
             session.game.checked(role, action)
-            action = done_through(self._sides[role], action)
+            action = base_action(self._adapters[role], action)
         other = self._ask() if role.other in session.state.movers else None
         return session.play(action, other) if role is Role.PROPOSER else session.play(other, action)
 
@@ -141,25 +141,27 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
 
     def _ask(self) -> int:
         other = self._role.other
-        return ask(self.partner, Seat(self.session, other, self.session.rng, self._sides[other]))
+        return ask(self.partner, PartnerTurn(self.session, other, self.session.rng, self._adapters[other]))
 
     def _observation(self) -> Any:
-        sides = self._sides[self._role]
-        if not sides:
+        adapters = self._adapters[self._role]
+        if not adapters:
             return self.session.see(self._role)
-        return seen_through(sides, self.session.observe(self._role))["observation"]
+        return adapted_observation(adapters, self.session.observe(self._role))["observation"]
 
     def _info(self, info: dict[str, Any]) -> dict[str, Any]:
-        sides = self._sides[self._role]
-        for count, side in enumerate(sides, 1):
-            info = side.info(info, lambda upto=sides[:count]: seen_through(upto, self.session.observe(self._role)))
+        adapters = self._adapters[self._role]
+        for count, adapter in enumerate(adapters, 1):
+            info = adapter.info(
+                info, lambda upto=adapters[:count]: adapted_observation(upto, self.session.observe(self._role))
+            )
         return info
 
     def action_masks(self) -> np.ndarray:
         """(actions,) bool, a new array: the legal actions of the agent."""
         session, role = self.session, self._role
-        if self._sides[role]:
-            return seen_through(self._sides[role], session.observe(role))["action_mask"].astype(bool)
+        if self._adapters[role]:
+            return adapted_observation(self._adapters[role], session.observe(role))["action_mask"].astype(bool)
         return session.game.legal_mask(session.state, role).astype(bool)
 
     def render(self) -> UInt8Array | str | None:

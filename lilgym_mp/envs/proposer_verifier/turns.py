@@ -23,7 +23,7 @@ class ProposerVerifierTurns(GameAccess, AECEnv[str, AgentObservation, SupportsIn
     """
 
     def __init__(self, settings: Settings, render_mode: str | None = None) -> None:
-        GameAccess.__init__(self, Session(settings.world(), render_mode))
+        GameAccess.__init__(self, Session(settings.setup(), render_mode))
         self.agents: list[str] = []
         self._pending: int | None = None  # the proposer's action while the verifier makes up its mind
 
@@ -82,7 +82,7 @@ def raw_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerif
 class StrictOrder(OrderEnforcingWrapper[str, AgentObservation, SupportsIndex | None]):
     """PettingZoo's checks of the order of calls; a step after the end is an error here, not a line in a log."""
 
-    sides: ClassVar[Mapping[str, Any]] = {}  # it changes nothing that an agent sees or does
+    adapters: ClassVar[Mapping[str, Any]] = {}  # it changes nothing that an agent sees or does
 
     def step(self, action: SupportsIndex | None) -> None:
         if self._has_reset and not self.agents:

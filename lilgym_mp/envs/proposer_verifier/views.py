@@ -68,8 +68,8 @@ def make_view(view: AnyView) -> View:
 
 
 @dataclass(frozen=True)
-class World:
-    """What observations of one game depend on beside its state; shared by all copies of the game."""
+class GameSetup:
+    """Everything about a game that stays the same from episode to episode: rules, tasks, image size, views."""
 
     game: Game
     tasks: TaskSet
@@ -142,9 +142,9 @@ class Part(Protocol):
 class ImagePart:
     """uint8 (50, 190, 3), or (100, 380, 3) at native size."""
 
-    def __init__(self, world: World) -> None:
-        self.space = image_space(world.image_size)
-        self._canvas = Canvas(world.image_size)
+    def __init__(self, setup: GameSetup) -> None:
+        self.space = image_space(setup.image_size)
+        self._canvas = Canvas(setup.image_size)
 
     def encode(self, state: GameState) -> Value:
         return self._canvas.show(state.mdp.scene).copy()
@@ -156,8 +156,8 @@ class ImagePart:
 class ItemsPart:
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
 
-    def __init__(self, world: World) -> None:
-        self._capacity = world.item_capacity
+    def __init__(self, setup: GameSetup) -> None:
+        self._capacity = setup.item_capacity
         self.space = spaces.Box(-BOX_SIDE, BOX_SIDE, (BOX_COUNT, self._capacity, len(Item._fields)), np.int16)
 
     def encode(self, state: GameState) -> Value:
@@ -173,8 +173,8 @@ LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 class SceneTextPart:
     """The scene in words, as `as_bytes` writes them."""
 
-    def __init__(self, world: World) -> None:
-        self._length = BOX_COUNT * (world.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
+    def __init__(self, setup: GameSetup) -> None:
+        self._length = BOX_COUNT * (setup.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
@@ -196,12 +196,12 @@ def item_in_words(item: Item) -> str:
 
 
 class TokensPart:
-    """int64 (length,): the statement's words as `World.vocabulary` numbers them, padded with 0."""
+    """int64 (length,): the statement's words as `GameSetup.vocabulary` numbers them, padded with 0."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self.space = spaces.Box(0, len(world.vocabulary) - 1, (world.statement_length,), np.int64)
-        self._tokens = StatementTokens(world)
+    def __init__(self, setup: GameSetup) -> None:
+        self._setup = setup
+        self.space = spaces.Box(0, len(setup.vocabulary) - 1, (setup.statement_length,), np.int64)
+        self._tokens = StatementTokens(setup)
 
     def encode(self, state: GameState) -> Value:
         return self._tokens[state.mdp.task.statement].copy()
@@ -211,16 +211,16 @@ class TokensPart:
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
-        return np.stack([self._tokens[task.statement] for task in self._world.tasks])
+        return np.stack([self._tokens[task.statement] for task in self._setup.tasks])
 
 
 class StatementTokens(dict[str, NDArray[np.int64]]):
     """(length,) the numbers of each statement's words, made when first asked for; not to be written."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, setup: GameSetup) -> None:
         super().__init__()
-        self._encode = world.vocabulary.encode
-        self._length = world.statement_length
+        self._encode = setup.vocabulary.encode
+        self._length = setup.statement_length
 
     def __missing__(self, statement: str) -> NDArray[np.int64]:
         tokens = self[statement] = self._encode(statement, self._length)
@@ -230,9 +230,9 @@ class StatementTokens(dict[str, NDArray[np.int64]]):
 class StatementTextPart:
     """The statement, as `as_bytes` writes it."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._length = world.longest_text
+    def __init__(self, setup: GameSetup) -> None:
+        self._setup = setup
+        self._length = setup.longest_text
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
@@ -243,7 +243,7 @@ class StatementTextPart:
 
     @cached_property
     def _by_task(self) -> UInt8Array:
-        return np.stack([as_bytes(task.statement, self._length) for task in self._world.tasks])
+        return np.stack([as_bytes(task.statement, self._length) for task in self._setup.tasks])
 
 
 def byte_space(length: int) -> spaces.Box:
@@ -266,9 +266,9 @@ def read_text(array: UInt8Array) -> str:
 class TargetPart:
     """0 or 1."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, setup: GameSetup) -> None:
         self.space = spaces.Discrete(2)
-        self._world = world
+        self._setup = setup
         self._values = (np.int64(0), np.int64(1))
 
     def encode(self, state: GameState) -> Value:
@@ -279,14 +279,14 @@ class TargetPart:
 
     @cached_property
     def _by_task(self) -> NDArray[np.int64]:
-        return np.array([task.target for task in self._world.tasks], np.int64)
+        return np.array([task.target for task in self._setup.tasks], np.int64)
 
 
 class ProposalPart:
     """int64 (slots,): the proposal that awaits an answer, in the released array form; all -1 where there is none."""
 
-    def __init__(self, world: World) -> None:
-        self._arrays = ActionArrays(world.game)
+    def __init__(self, setup: GameSetup) -> None:
+        self._arrays = ActionArrays(setup.game)
         self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
 
     def encode(self, state: GameState) -> Value:
@@ -299,10 +299,10 @@ class ProposalPart:
 class HistoryPart:
     """int64 (turns, slots + 3): proposal in the released array form, answer, both words; newest last, -1 before."""
 
-    def __init__(self, world: World, turns: int) -> None:
-        self._arrays = ActionArrays(world.game)
+    def __init__(self, setup: GameSetup, turns: int) -> None:
+        self._arrays = ActionArrays(setup.game)
         self._shape = (turns, self._arrays.slots + 3)
-        answers, sizes = world.game.choices[Role.VERIFIER], world.game.message_sizes
+        answers, sizes = setup.game.choices[Role.VERIFIER], setup.game.message_sizes
         largest = max(IMAGE_WIDTH - 1, answers.stop - 1, *sizes)
         self.space = spaces.Box(NO_CHOICE, largest, self._shape, np.int64)
 
@@ -349,7 +349,7 @@ class ActionArrays(dict[int, NDArray[np.int64]]):
 class WordPart:
     """The other agent's last word; 0 is silence."""
 
-    def __init__(self, world: World, speaker: Role, size: int) -> None:
+    def __init__(self, setup: GameSetup, speaker: Role, size: int) -> None:
         self.space = spaces.Discrete(size + 1)
         self._speaker = speaker
 
@@ -363,7 +363,7 @@ class WordPart:
 class IntentPart:
     """0 helpful, 1 sneaky: seen by the proposer alone."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, setup: GameSetup) -> None:
         self.space = spaces.Discrete(len(Intent))
 
     def encode(self, state: GameState) -> Value:
@@ -389,13 +389,13 @@ class ConstantPart:
 
 # By view: key in observations, part. A key must not be a method of torch's ModuleDict, such as "items": SB3 names
 # modules by the keys.
-SCENE_PARTS: Mapping[str, tuple[str, Callable[[World], Part]] | None] = {
+SCENE_PARTS: Mapping[str, tuple[str, Callable[[GameSetup], Part]] | None] = {
     "image": ("image", ImagePart),
     "structured": ("item_array", ItemsPart),
     "text": ("text", SceneTextPart),
     "none": None,
 }
-STATEMENT_PARTS: Mapping[str, Callable[[World], Part] | None] = {
+STATEMENT_PARTS: Mapping[str, Callable[[GameSetup], Part] | None] = {
     "tokens": TokensPart,
     "text": StatementTextPart,
     "none": None,
@@ -410,24 +410,24 @@ VIEWS: Mapping[str, View] = {
 class Recipe(NamedTuple):
     """How to make a part."""
 
-    build: Callable[..., Part]  # of a World and the arguments
+    build: Callable[..., Part]  # of a GameSetup and the arguments
     arguments: tuple[Any, ...] = ()
 
 
-def make_parts(world: World) -> tuple[dict[str, Part], dict[str, Part]]:
+def make_parts(setup: GameSetup) -> tuple[dict[str, Part], dict[str, Part]]:
     """Each agent's parts by key. What both see alike is one and the same part."""
-    recipes = [_recipes(world, role) for role in Role]
+    recipes = [_recipes(setup, role) for role in Role]
     distinct = {recipe for own in recipes for recipe in own.values()}
-    made = {recipe: recipe.build(world, *recipe.arguments) for recipe in distinct}
+    made = {recipe: recipe.build(setup, *recipe.arguments) for recipe in distinct}
     proposer, verifier = ({key: made[recipe] for key, recipe in own.items()} for own in recipes)
-    if world.game.homogeneous:
+    if setup.game.homogeneous:
         return _filled(proposer, verifier, Role.PROPOSER), _filled(verifier, proposer, Role.VERIFIER)
     return proposer, verifier
 
 
-def _recipes(world: World, role: Role) -> dict[str, Recipe]:
+def _recipes(setup: GameSetup, role: Role) -> dict[str, Recipe]:
     """Of what an agent sees, by key."""
-    view, game = world.views[role], world.game
+    view, game = setup.views[role], setup.game
     recipes: dict[str, Recipe] = {}
     scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
     if scene is not None:

@@ -10,7 +10,7 @@ from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, Intent, Settings
 from lilgym_mp.envs.proposer_verifier.states import GameState, GameStep, Role
-from lilgym_mp.envs.proposer_verifier.views import World
+from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.task import Task
 
@@ -33,12 +33,12 @@ CONTINUE, STOP_NOW = 0, 1
 WAIT = TOWER.action_count  # the proposer's, in games of turns without words
 
 
-def world(**settings: Any) -> World:
-    return replace(Settings.of(**settings).world(), tasks=TASKS)
+def setup(**settings: Any) -> GameSetup:
+    return replace(Settings.of(**settings).setup(), tasks=TASKS)
 
 
 def game(**settings: Any) -> Game:
-    return world(**settings).game
+    return setup(**settings).game
 
 
 def played(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:

@@ -24,8 +24,8 @@ from lilgym_mp.envs.proposer_verifier import (
     Metrics,
     OracleVerifier,
     PartnerError,
+    PartnerTurn,
     RandomPartner,
-    Seat,
     SingleAgentView,
     env,
     exploitability,
@@ -136,7 +136,7 @@ def test_single_agent_view__draws_games_anew_that_end_without_it():
 
 
 def test_single_agent_view__gives_up_when_it_never_has_a_turn():
-    view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda seat: ADD_BLUE if seat.action_mask[ADD_BLUE] else 10)
+    view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda turn: ADD_BLUE if turn.action_mask[ADD_BLUE] else 10)
     with pytest.raises(RuntimeError, match="verifier_0 had no turn in 1000 games"):
         view.reset(seed=0)
 
@@ -164,7 +164,7 @@ def test_single_agent_view__refuses_what_it_cannot_play():
         SingleAgentView(env(), "judge", "random")
     with pytest.raises(ValueError, match="unknown partner 'friend'; choose from always_accept, always_reject"):
         SingleAgentView(env(), VERIFIER, "friend")
-    with pytest.raises(TypeError, match="a partner must be a function of its seat, not 3"):
+    with pytest.raises(TypeError, match="a partner must be a function of a PartnerTurn, not 3"):
         SingleAgentView(env(), VERIFIER, 3)  # pyright: ignore[reportArgumentType]
 
 
@@ -178,7 +178,7 @@ def test_single_agent_view__refuses_what_it_cannot_play():
     ],
 )
 def test_partner__that_acts_illegally_is_named(action: Any, message: str):
-    def bad_partner(seat: Seat) -> Any:
+    def bad_partner(turn: PartnerTurn) -> Any:
         return action
 
     with pytest.raises(PartnerError, match=message) as caught:
@@ -196,12 +196,12 @@ def test_single_agent_view__after_the_end_needs_a_reset():
         view.step(STOPS)
 
 
-def test_seat__can_be_read_as_the_observation():
+def test_partner_turn__can_be_read_as_the_observation():
     seen: list[Any] = []
 
-    def partner(seat: Seat) -> int:
-        seen.append((seat["action_mask"], seat["observation"]["target"], seat.observation["target"]))
-        return int(np.flatnonzero(seat["action_mask"])[0])
+    def partner(turn: PartnerTurn) -> int:
+        seen.append((turn["action_mask"], turn["observation"]["target"], turn.observation["target"]))
+        return int(np.flatnonzero(turn["action_mask"])[0])
 
     SingleAgentView(env(ending="verifier"), VERIFIER, partner).reset(seed=0)
     mask, target, same = seen[0]

@@ -13,14 +13,14 @@ from gymnasium.utils.env_checker import data_equivalence
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
 from lilgym_mp.envs.proposer_verifier.session import Session
 from lilgym_mp.render import draw
-from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, world
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, setup
 
 PROPOSER, VERIFIER = AGENTS
 
 
 def session(**settings: Any) -> Session:
     """A game of the one task, just begun."""
-    started = Session(world(**settings))
+    started = Session(setup(**settings))
     started.reset(0, None)
     return started
 
@@ -58,7 +58,7 @@ def test_text__can_be_read_back():
 def test_tokens__are_the_words_of_the_statement():
     game = session()
     tokens = game.see(Role.PROPOSER)["statement"]
-    assert game.world.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
+    assert game.setup.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
