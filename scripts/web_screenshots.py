@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import uvicorn
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportMissingImports]
 
 from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
