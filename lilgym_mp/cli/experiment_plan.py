@@ -10,7 +10,7 @@ from typing import Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import option
-from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.evaluation.named_policies import BUILT_IN
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
@@ -159,11 +159,11 @@ def _learner_runs(
     options = {key: value for key, value in learner.items() if key not in LEARNER_KEYS}
     learnt = ["--corpus", _training_corpus(file, f"{where}corpus", learner, configurations, environment[1])]
     for configuration in (None,) if kind == PARSE_AND_PLAN else configurations:
-        budget = _checked_options(file, where, kind, configuration, options)
+        budget, recipe = _checked_options(file, where, kind, configuration, options)
         for seed in seeds:
             words = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed)]
             words += learnt if kind == PARSE_AND_PLAN else [*learnt, *environment[2:]]
-            played = _played(kind, configuration, every)
+            played = _played(configuration, recipe, every)
             test = ("evaluate", "--name", name, "--actions", *manners, "--configuration", *played, *evaluated)
             yield PlannedRun(
                 "-".join([name, *([configuration] if configuration else []), str(seed)]),
@@ -189,19 +189,20 @@ def _training_corpus(
     return corpus
 
 
-def _played(kind: str, configuration: str | None, every: Sequence[str]) -> Sequence[str]:
-    """Those of the experiment's configurations that the agent plays: an imitating one both starts of its appearance."""
+def _played(configuration: str | None, recipe: Any, every: Sequence[str]) -> Sequence[str]:
+    """The experiment's configurations that the agent plays: both starts if a FlipIt run begins some episodes empty."""
     if configuration is None:
         return every
-    if kind == IMITATION:
-        return [name for name in every if CONFIGURATIONS[name][0] == CONFIGURATIONS[configuration][0]]
-    return [configuration]
+    appearance, start = CONFIGURATIONS[configuration]
+    starts = (SCRATCH, FLIPIT) if start == FLIPIT and recipe.empty_starts else (start,)
+    played = [name for name in every if CONFIGURATIONS[name] in [(appearance, one) for one in starts]]
+    return played or [configuration]
 
 
 def _checked_options(
     file: _File, where: str, kind: str, configuration: str | None, options: Mapping[str, Any]
-) -> tuple[str, float]:
-    """The learner's budget, once its options make a recipe."""
+) -> tuple[tuple[str, float], Any]:
+    """The learner's budget, and the recipe that its options make."""
     budgets = {key: options.get(key, default) for key, default in BUDGETS[kind].items()}
     for key, value in budgets.items():
         kinds = int if key == "evaluate_every" else int | float
@@ -219,16 +220,17 @@ def _checked_options(
             raise file.fault(f"{where}{key}", f"must be of type {wanted.__name__}, not {value!r}")
     try:
         if kind == IMITATION and configuration:
-            default_recipe(CONFIGURATIONS[configuration][0], **rest)
+            made = default_recipe(CONFIGURATIONS[configuration][0], **rest)
         elif kind == PPO and configuration:
-            make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **rest)
+            made = make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **rest)
         else:
-            RECIPES[kind](**rest)
+            made = RECIPES[kind](**rest)
     except ValueError as fault:
         raise file.fault(where.rstrip("."), str(fault)) from None
     if kind == IMITATION:
-        return "cpu_seconds", 60 * budgets["minutes"]
-    return ("steps", budgets["steps"]) if kind == PPO else ("step", options.get("steps", defaults["steps"]))
+        return ("cpu_seconds", 60 * budgets["minutes"]), made
+    budget = ("steps", budgets["steps"]) if kind == PPO else ("step", options.get("steps", defaults["steps"]))
+    return budget, made
 
 
 def _flags(options: Mapping[str, Any]) -> Iterator[str]:

@@ -72,6 +72,24 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert plan[4].train == ()
 
 
+@pytest.mark.parametrize(
+    ("learner", "played"),
+    [
+        ('"imitation"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
+        ('"imitation"\nconfigurations = ["TowerScratch"]', ["TowerScratch"]),
+        ('"imitation"\nconfigurations = ["TowerFlipIt"]\nempty_starts = 0', ["TowerFlipIt"]),
+        ('"ppo"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
+        ('"ppo"\nconfigurations = ["TowerFlipIt"]\nrecipe = "paper"', ["TowerFlipIt"]),
+        ('"ppo"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
+    ],
+)
+def test_plan__an_agent_is_evaluated_on_the_starts_that_it_learns(tmp_path: Path, learner: str, played: list[str]):
+    (planned,) = read_plan(written(tmp_path / "a.toml", f'corpus = "builtin"\n[[learners]]\nlearner = {learner}\n'))
+    (words,) = planned.evaluate
+    first = words.index("--configuration") + 1
+    assert list(words[first : words.index("--corpus")]) == played
+
+
 def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_both_starts(tmp_path: Path):
     text = f"""
     corpus = "{tmp_path / "own.jsonl"}"
