@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from enum import StrEnum
+from itertools import zip_longest
 from pathlib import Path
 
 from lilgym_mp.cli.errors import CommandError
@@ -63,13 +64,15 @@ class Attempt:
             return False
         try:
             made = json.loads(self.marker.read_text(encoding="utf-8"))
-            commands, seconds = made["commands"], float(made["seconds"])
+            commands, seconds = list(made["commands"]), float(made["seconds"])
         except (ValueError, KeyError, TypeError) as fault:
             raise CommandError(f"{self.marker}: damaged: {fault!r}; delete it to evaluate the run again") from None
         if commands != self.planned.commands:
+            pairs = zip_longest(commands, self.planned.commands)
+            made_by, wanted = next((made, wanted) for made, wanted in pairs if made != wanted)
             raise CommandError(
-                f"{self.marker}: the run {self.planned.name} was made with other options: {commands[0]},"
-                f" not {self.planned.commands[0]}; choose another directory with --out"
+                f"{self.marker}: the run {self.planned.name} was made with other options: {made_by}, not {wanted};"
+                " choose another directory with --out"
             )
         self.standing, self.seconds = Standing.FINISHED, seconds
         return True

@@ -291,6 +291,9 @@ def test_attempts__a_run_made_with_other_options_is_refused(tmp_path: Path):
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
         attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
+    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["before"]], "seconds": 1}))
+    with pytest.raises(CommandError, match=r"other options: \['before'\], not \['evaluate'\]"):
+        attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
 
 
 def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
