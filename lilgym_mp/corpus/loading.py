@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
+from pkgutil import resolve_name
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
@@ -20,6 +21,11 @@ from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
 
 CACHED_SETS = 16
+# Loads generated corpora: named, like an entry point of Gymnasium, since the generator builds on this package and is
+# imported only when a generated corpus is asked for.
+GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated:load_generated"
+
+Loader = Callable[[str, str, str, str], TaskSet]  # of corpus, appearance, start and split
 
 
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
@@ -34,11 +40,8 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
     if is_generated(corpus):
-        from lilgym_mp.generator.generated import Recipe, generated_tasks  # takes a third of the import's time
-
-        recipe = Recipe.named(corpus)
-        assert recipe is not None
-        return generated_tasks(str(corpus), recipe, appearance, start, split)
+        generated: Loader = resolve_name(GENERATED_ENTRY_POINT)
+        return generated(str(corpus), appearance, start, split)
     with corpus_path(corpus) as path:
         file = released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)

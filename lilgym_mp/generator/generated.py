@@ -64,6 +64,14 @@ class Recipe(NamedTuple):
         return recipe
 
 
+def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
+    """The tasks of a corpus named "generated:LEVEL" or "generated:LEVEL:SEED". Raises CorpusError for another name."""
+    recipe = Recipe.named(corpus)
+    if recipe is None:
+        raise CorpusError(f"{corpus!r} names no generated corpus; names look like generated:1 or generated:1:7")
+    return generated_tasks(corpus, recipe, appearance, start, split)
+
+
 def generated_tasks(corpus: str, recipe: Recipe, appearance: str, start: str, split: str) -> TaskSet:
     """The tasks of one configuration and split of a generated corpus: the same whenever and wherever it is made."""
     entries = generated_entries(recipe, appearance, split)
