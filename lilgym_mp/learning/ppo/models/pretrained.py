@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance
+from lilgym_mp.extras import install
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.models.weights import WeightsError, check_weights, weights_digest
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
@@ -56,9 +57,7 @@ def _check_library(model: str) -> None:
     try:
         import transformers  # noqa: F401  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise WeightsError(
-            f'the model {model!r} needs the package transformers: pip install "lilgym-mp[transformers]"'
-        ) from None
+        raise WeightsError(f"the model {model!r} needs the package transformers: {install('transformers')}") from None
 
 
 def _pretrained(load: Any, place: Path, **options: Any) -> Any:
