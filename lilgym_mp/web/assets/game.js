@@ -188,20 +188,7 @@ function toggleLegal() {
   attempt(showLegal);
 }
 
-const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-cells.addEventListener("keydown", (event) => {
-  const move = MOVES[event.key];
-  const from = event.target.closest("button");
-  if (!move || !from) return;
-  event.preventDefault();
-  const [columns, rows] = seat.grid || [3, 1];
-  const column = Math.max(0, Math.min(columns - 1, Number(from.dataset.column) + move[0]));
-  const row = Math.max(0, Math.min(rows - 1, Number(from.dataset.row) + move[1]));
-  const to = cells.children[row * columns + column];
-  from.tabIndex = -1;
-  to.tabIndex = 0;
-  to.focus();
-});
+moveWithArrows(cells, () => seat.grid || [3, 1]);
 
 const KEYS = { a: () => chooseNext("kind"), s: () => chooseNext("shape"), z: () => chooseNext("size"), c: () => chooseNext("colour"), l: toggleLegal };
 byId("seat").addEventListener("keydown", (event) => {

@@ -200,20 +200,7 @@ function focusBoard() {
   if (cell) cell.focus({ preventScroll: true });
 }
 
-const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-cells.addEventListener("keydown", (event) => {
-  const move = MOVES[event.key];
-  const from = event.target.closest("button");
-  if (!move || !from) return;
-  event.preventDefault();
-  const [columns, rows] = episode.grid || [3, 1];
-  const column = Math.max(0, Math.min(columns - 1, Number(from.dataset.column) + move[0]));
-  const row = Math.max(0, Math.min(rows - 1, Number(from.dataset.row) + move[1]));
-  const to = cells.children[row * columns + column];
-  from.tabIndex = -1;
-  to.tabIndex = 0;
-  to.focus();
-});
+moveWithArrows(cells, () => episode.grid || [3, 1]);
 
 const KEYS = { a: () => chooseNext("kind"), s: () => chooseNext("shape"), z: () => chooseNext("size"), c: () => chooseNext("colour"), l: toggleLegal, p: focusBoard };
 byId("episode").addEventListener("keydown", (event) => {

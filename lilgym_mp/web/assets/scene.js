@@ -55,3 +55,22 @@ function partsList(parts, view) {
   }
   return list;
 }
+
+const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** Lets the arrow keys move the focus among cells, buttons in rows; `grid` gives columns and rows. */
+function moveWithArrows(cells, grid) {
+  cells.addEventListener("keydown", (event) => {
+    const move = MOVES[event.key];
+    const from = event.target.closest("button");
+    if (!move || !from) return;
+    event.preventDefault();
+    const [columns, rows] = grid();
+    const column = Math.max(0, Math.min(columns - 1, Number(from.dataset.column) + move[0]));
+    const row = Math.max(0, Math.min(rows - 1, Number(from.dataset.row) + move[1]));
+    const to = cells.children[row * columns + column];
+    from.tabIndex = -1;
+    to.tabIndex = 0;
+    to.focus();
+  });
+}
