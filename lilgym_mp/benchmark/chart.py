@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-PANEL_WIDTH, PANEL_HEIGHT = 760, 560  # pixels, each configuration's
-LEGEND_HEIGHT = 90
+PANEL_WIDTH, PANEL_HEIGHT = 490, 360  # pixels, each configuration's
+COLUMNS = 2
+LEGEND_HEIGHT = 80
 COLOURS: Mapping[str, str] = {
     "memory copy": "#9a9a9a",
     "batched, no copy": "#0b3c8c",
@@ -37,21 +38,25 @@ def scaling_chart(bench: Bench) -> Figure | None:
     panels = {name: lines for name in bench.configurations if (lines := _lines(bench, name))}
     if not panels:
         return None
-    figure = new_figure(PANEL_WIDTH * len(panels), PANEL_HEIGHT + LEGEND_HEIGHT)
-    (row,) = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = new_figure(PANEL_WIDTH * COLUMNS, PANEL_HEIGHT * rows + LEGEND_HEIGHT)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat
     labels: dict[str, Any] = {}
-    for axes, (name, lines) in zip(row, panels.items(), strict=True):
+    for (name, lines), axes in zip(panels.items(), grid, strict=False):
         axes.set_title(f"{name}: steps per second", loc="left")
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
         axes.xaxis.set_major_formatter("{x:.0f}")
         axes.yaxis.set_major_formatter("{x:,.0f}")
-        axes.tick_params(labelleft=True)
+        axes.tick_params(labelleft=True, labelbottom=True)
         axes.set_xlabel("environments")
         axes.grid(color="#d5d5d5")
         for label, points in lines.items():
-            (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", color=COLOURS[label], linewidth=3)
-    figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=5, frameon=False)
+            (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", color=COLOURS[label], linewidth=2, markersize=4)
+    for axes in grid:  # of three panels, the fourth place
+        figure.delaxes(axes)
+    figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=4, frameon=False)
     return figure
 
 

@@ -195,12 +195,14 @@ def test_interrupted__keeps_the_rounds_that_are_done() -> None:
 
 def test_chart__has_a_panel_for_each_configuration() -> None:
     bench = Bench(SHORT)
-    for name in ("TowerScratch", "ScatterScratch"):
+    for name in ("TowerScratch", "TowerFlipIt", "ScatterScratch"):
         bench.measure(Workload(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
     chart = scaling_chart(bench)
     assert chart is not None
+    assert chart.get_figwidth() * chart.dpi <= 1000
     assert [axes.get_title(loc="left") for axes in chart.axes] == [
         "TowerScratch: steps per second",
+        "TowerFlipIt: steps per second",
         "ScatterScratch: steps per second",
     ]
 
