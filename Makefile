@@ -4,6 +4,9 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 INSTALLED_FORM := build/installed
 ARGS ?=
+# The index of the build of torch that is wanted; pip's own where it is empty (docs/installation.md).
+TORCH_INDEX ?=
+TORCH = $(if $(TORCH_INDEX),--index-url '$(TORCH_INDEX)') $(shell grep '^torch==' constraints.txt)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
@@ -21,7 +24,7 @@ endif
 .PHONY: help install demo test lint style types imports docs pictures test-matrix bench clean
 
 help:  ## this list
-	@echo "make TARGET [PYTHON=python3.11] [ARGS=...]"
+	@echo "make TARGET [PYTHON=python3.11] [ARGS=...] [TORCH_INDEX=URL]"
 	@sed -n 's/^\([a-z-]*\):[^#]*## /  \1\t/p' $(MAKEFILE_LIST) | expand -t 16
 
 install: $(STAMP)  ## set up .venv with everything that developers need
@@ -39,7 +42,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@{ grep -qs '$(CURDIR)/$(VENV)/' $(BIN)/pip && $(BIN)/python -m pip --version >/dev/null 2>&1; } || { rm -rf $(VENV); $(PYTHON) -m venv $(VENV); } || \
 		{ echo "'$(PYTHON) -m venv' failed; some systems keep it in a package of its own (python3-venv)" >&2; exit 1; }
 	@echo "installing into $(VENV): torch first, then the rest (the first time takes minutes)"
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	@$(BIN)/python -m pip install --quiet $(TORCH)
 	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
@@ -75,7 +78,7 @@ test-newest: MATRIX := constraints.txt
 test-oldest test-newest: test-%:
 	@rm -rf build/matrix/$*
 	@$(PYTHON) -m venv build/matrix/$*
-	@build/matrix/$*/bin/python -m pip install --quiet --constraint constraints.txt torch
+	@build/matrix/$*/bin/python -m pip install --quiet $(TORCH)
 	@build/matrix/$*/bin/python -m pip install --quiet --constraint $(MATRIX) --editable '.[dev]'
 	@build/matrix/$*/bin/python -m pip list 2>/dev/null | grep -i -E '^(gymnasium|numpy|pettingzoo|stable_baselines3|numba) '
 	@build/matrix/$*/bin/python -m pytest -n 2 --dist worksteal $(ARGS)

@@ -122,10 +122,12 @@ def environment(place: Path, python: str, wheel: Path, extra: str, torch_index: 
     """A fresh virtual environment with the wheel and an extra; gives its Python."""
     subprocess.run([python, "-m", "venv", place], check=True)
     made = place / "bin" / "python"
-    install = [made, "-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt"]
+    install = [made, "-m", "pip", "install", "--quiet"]
+    constraints = ROOT / "constraints.txt"
     if torch_index and extra != NO_EXTRA:
-        subprocess.run([*install, "--index-url", torch_index, "torch"], check=True)
-    subprocess.run([*install, f"{wheel}[{extra}]" if extra else str(wheel)], check=True)
+        (torch,) = re.findall(r"^torch==.*$", constraints.read_text(), re.MULTILINE)
+        subprocess.run([*install, "--index-url", torch_index, torch], check=True)
+    subprocess.run([*install, "--constraint", constraints, f"{wheel}[{extra}]" if extra else str(wheel)], check=True)
     return made
 
 

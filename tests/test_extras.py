@@ -64,3 +64,12 @@ def test_extras__install_nothing_that_nothing_uses():
             ):
                 unused.append(f"{extra}: {package}")
     assert unused == []
+
+
+def test_installation_page__lists_every_extra_and_the_pinned_torch():
+    text = (ROOT / "docs" / "installation.md").read_text()
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", text, re.MULTILINE)
+    assert sorted(name for row in rows for name in re.findall(r"\w+", row)) == sorted(EXTRAS)
+    (pin,) = re.findall(r"^torch==(.*)$", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
+    assert f"torch=={pin}" in text
+    assert f"torch {pin} " in text
