@@ -53,7 +53,8 @@ def scaling_chart(bench: Bench) -> Figure | None:
         axes.set_xlabel("environments")
         axes.grid(color="#d5d5d5")
         for label, points in lines.items():
-            (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", color=COLOURS[label], linewidth=2, markersize=4)
+            style = {"color": COLOURS[label], "linewidth": 2, "markersize": 4}
+            (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", **style)
     for axes in grid:  # of three panels, the fourth place
         figure.delaxes(axes)
     figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=4, frameon=False)

@@ -6,7 +6,8 @@ what those leave open is ours: C10's layers, FLAVA's image size, the heads on Vi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,28 @@ def _check_library(model: str) -> None:
         raise WeightsError(f"the model {model!r} needs the package transformers: {install('transformers')}") from None
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No progress bar and no notes of the library on tensors that are not used: what lacks is an error here."""
+    from transformers.utils import logging  # pyright: ignore[reportMissingImports]
+
+    verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
+    logging.set_verbosity_error()
+    logging.disable_progress_bar()
+    try:
+        yield
+    finally:
+        logging.set_verbosity(verbosity)
+        if bars:
+            logging.enable_progress_bar()
+
+
 def _pretrained(load: Any, place: Path, **options: Any) -> Any:
     """The pretrained network. Raises WeightsError where the directory does not have all of it."""
+    found_only = {"local_files_only": True, "use_safetensors": True, "output_loading_info": True}
     try:
-        network, found = load(place, local_files_only=True, use_safetensors=True, output_loading_info=True, **options)
+        with _quiet():
+            network, found = load(place, **found_only, **options)
     except (OSError, ValueError, RuntimeError, KeyError) as fault:
         raise WeightsError(f"{place}: cannot be loaded: {str(fault).strip().splitlines()[0]}") from None
     except Exception as fault:  # safetensors has an exception of its own, which is no OSError
