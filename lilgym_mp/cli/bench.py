@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_text, write_whole
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.terminal import Progress
 
 OUTPUT = Path("runs", "bench")
 QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
@@ -70,11 +72,13 @@ def run(args: argparse.Namespace) -> int:
         _filled(args.write_docs, "")  # finds out now when the tables have no place
     effort = EFFORTS["quick" if args.quick else "full"]
     bench = Bench(effort)
-    for name in names:
-        if not bench.is_interrupted:
-            _tell(f"{name}: {len(chosen)} subjects, {effort.repeats} rounds ", end="")
-            bench.measure(Workload(name, args.corpus, actions=effort.actions), chosen, lambda: _tell(".", end=""))
-            _tell("")
+    # A bar that a thread redraws would take time from what is measured.
+    with Progress(len(names) * effort.repeats, "rounds", redraws_by_itself=False) as progress:
+        for name in names:
+            if not bench.is_interrupted:
+                workload = Workload(name, args.corpus, actions=effort.actions)
+                note = f"{name}, {len(chosen)} subjects"
+                bench.measure(workload, chosen, partial(progress.advance, note=note))
     _write(bench, output, args.write_docs)
     return INTERRUPTED if bench.is_interrupted else 0
 
@@ -116,5 +120,5 @@ def _filled(document: Path, text: str) -> str:
         raise CommandError(f"{document}: {fault}") from None
 
 
-def _tell(text: str, end: str = "\n") -> None:
-    print(text, end=end, file=sys.stderr, flush=True)
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

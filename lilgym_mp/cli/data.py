@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.cli.download_bar import DownloadBar
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
+from lilgym_mp.terminal import DownloadBar, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
@@ -173,7 +173,6 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _tell_installation(installation: Installation) -> None:
-    from lilgym_mp.cli.tables import table
     from lilgym_mp.corpus.places import DATA_VARIABLE
 
     rows = [(file.name, file.bytes, file.tasks, file.contexts, file.proof) for file in installation.files]

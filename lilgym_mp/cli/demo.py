@@ -22,6 +22,7 @@ from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
@@ -30,7 +31,6 @@ IMITATION_MINUTES = 1.5  # of processor time
 FILMED = 9  # episodes of each agent
 PLACE = Path("runs") / "demo"
 POLL_SECONDS = 0.2
-TOLD_EVERY = 15.0  # seconds
 PARSE_AND_PLAN, IMITATION = "parse and plan", "imitation"
 
 
@@ -65,7 +65,8 @@ class Learner(NamedTuple):
     name: str
     place: Path
     command: Sequence[str]
-    told: Callable[[dict[str, float]], str]  # its last line of progress, for people
+    share: Callable[[dict[str, float]], float]  # of the training that is done, by its last line of progress
+    told: Callable[[dict[str, float]], str]  # that line, for people
 
 
 def run(args: argparse.Namespace) -> int:
@@ -78,10 +79,12 @@ def run(args: argparse.Namespace) -> int:
         f" {CONFIGURATION} among them); {SPLIT}'s statements are none of those that they learn from"
     )
     learners = _learners(args, place)
-    with _started(learners) as processes:
-        _wait(learners, processes)
+    with _started(learners) as processes, Progress(100, "% of the slower training") as progress:
+        _wait(learners, processes, progress)
     plan = EvaluationPlan(settings, SPLIT, args.seed)
-    results = list(play_all(_named_policies(args, place), plan, training_statements(settings)))
+    named = _named_policies(args, place)
+    with Progress(plan.episodes * len(named), "episodes") as progress:
+        results = list(play_all(named, plan, training_statements(settings), lambda episode: progress.advance()))
     _report(place, plan, results)
     return 0
 
@@ -97,12 +100,14 @@ def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
             PARSE_AND_PLAN,
             place / "parse-and-plan",
             parsing,
+            lambda line: line["step"] / line["steps"],
             lambda line: f"{line['step']:.0f} of {line['steps']:.0f} steps, loss {line['loss']:.2f}",
         ),
         Learner(
             IMITATION,
             place / "imitation",
             imitating,
+            lambda line: line["cpu_seconds"] / (60 * args.minutes),
             lambda line: f"{line['cpu_seconds']:.0f} of {60 * args.minutes:.0f} CPU seconds",
         ),
     ]
@@ -126,15 +131,13 @@ def _started(learners: Sequence[Learner]) -> Iterator[list[subprocess.Popen[byte
             process.wait()
 
 
-def _wait(learners: Sequence[Learner], processes: Sequence[subprocess.Popen[bytes]]) -> None:
-    """Until all have ended, telling now and then how they stand. Raises CommandError when one fails."""
-    told_at = began = time.monotonic()
+def _wait(learners: Sequence[Learner], processes: Sequence[subprocess.Popen[bytes]], progress: Progress) -> None:
+    """Until all have ended, showing how they stand. Raises CommandError when one fails."""
     while any(process.poll() is None for process in processes):
         time.sleep(POLL_SECONDS)
-        if time.monotonic() - told_at >= TOLD_EVERY:
-            told_at = time.monotonic()
-            standing = "; ".join(f"{learner.name}: {_standing(learner)}" for learner in learners)
-            print(f"{told_at - began:4.0f} s  {standing}", file=sys.stderr, flush=True)
+        standings = [_standing(learner) for learner in learners]
+        note = "; ".join(f"{learner.name}: {told}" for learner, (_, told) in zip(learners, standings, strict=True))
+        progress.reach(int(100 * min(share for share, _ in standings)), note)
         for learner, process in zip(learners, processes, strict=True):
             if process.poll():
                 log = learner.place.with_suffix(".log")
@@ -142,12 +145,14 @@ def _wait(learners: Sequence[Learner], processes: Sequence[subprocess.Popen[byte
                 raise CommandError(f"training {learner.name} failed: {lines[-1] if lines else ''} (see {log})")
 
 
-def _standing(learner: Learner) -> str:
+def _standing(learner: Learner) -> tuple[float, str]:
+    """The share of a training that is done, and the same for people."""
     try:
         lines = (learner.place / "progress.jsonl").read_text(encoding="utf-8").splitlines()
-        return learner.told(json.loads(lines[-1]))
+        line = json.loads(lines[-1])
     except (OSError, ValueError, IndexError):
-        return "getting ready"
+        return 0.0, "getting ready"
+    return min(1.0, learner.share(line)), learner.told(line)
 
 
 def _named_policies(args: argparse.Namespace, place: Path) -> list[NamedPolicy]:

@@ -13,7 +13,7 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_configuration, add_device, add_settings, add_split, said_settings
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.circumstances import Circumstances
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playing, training_statements
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_json
 from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN, NamedPolicy, built_in
@@ -21,6 +21,7 @@ from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
@@ -108,17 +109,19 @@ def run(args: argparse.Namespace) -> int:
         raise OutputError(f"{args.json} exists; --force overwrites it")
     agents = [named for place in args.agents for named in agent_policies(place, args)]
     policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
+    named = [*agents, *policies]
     plans = [
         EvaluationPlan(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
         for settings in _settings(args, agents)
     ]
-    _check_record(args, [*agents, *policies], plans)
+    _check_record(args, named, plans)
     results: list[Result] = []
-    for plan in plans:
-        seen = training_statements(plan.settings)
-        played = play_all([*agents, *policies], plan, seen)
-        results += played if args.record is None else _recorded(played, args, plan, seen)
-        print(f"{plan}: done", flush=True)
+    with Progress(sum(plan.episodes * len(playing(named, plan)) for plan in plans), "episodes") as progress:
+        for plan in plans:
+            seen = training_statements(plan.settings)
+            played = play_all(named, plan, seen, lambda episode: progress.advance())
+            results += played if args.record is None else _recorded(played, args, plan, seen)
+            print(f"{plan}: done", flush=True)
     print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
     for warning in warnings(results):
         print(warning)

@@ -11,9 +11,10 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_text
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
-    from lilgym_mp.llm import Player, Summary
+    from lilgym_mp.llm import Episode, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 
@@ -64,20 +65,28 @@ def run(args: argparse.Namespace) -> int:
         retries=args.retries,
         history=args.history,
     )
-    episodes = []
-    lines: list[str] = []
-    for number, task_id in enumerate(player.task_ids()[: args.episodes]):
-        episode = player.play(task_id, args.seed + number)
-        print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
-        episodes.append(episode)
-        lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")
-        if args.out is not None:
-            write_text(args.out / TRANSCRIPTS, "".join(lines))
-    summary = summarise(episodes)
+    summary = summarise(_played(player, args))
     print(*_shown(summary), sep="\n")
     if args.out is not None:
         write_json(args.out / SUMMARY, {"settings": _settings(args, player), **summary.to_json()})
     return 0
+
+
+def _played(player: Player, args: argparse.Namespace) -> list[Episode]:
+    """The episodes, each printed, and written if --out says where, as it ends."""
+    episodes: list[Episode] = []
+    lines: list[str] = []
+    task_ids = player.task_ids()[: args.episodes]
+    with Progress(len(task_ids), "episodes", lines=0) as progress:
+        for number, task_id in enumerate(task_ids):
+            episode = player.play(task_id, args.seed + number)
+            print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
+            episodes.append(episode)
+            lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")
+            if args.out is not None:
+                write_text(args.out / TRANSCRIPTS, "".join(lines))
+            progress.advance(note=f"{sum(episode.is_success for episode in episodes):,} solved")
+    return episodes
 
 
 def _check_free(args: argparse.Namespace) -> None:

@@ -15,7 +15,6 @@ from lilgym_mp.appearances import Scatter, make_appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_settings, said
-from lilgym_mp.cli.progress import Progress
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.caption import LastAction, caption
@@ -30,7 +29,7 @@ from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table
 from lilgym_mp.task import Task
-from lilgym_mp.terminal import shows_colours
+from lilgym_mp.terminal import Progress, shows_colours
 
 MOST_LISTED = 20  # unsolved tasks shown; the results file has all
 

@@ -18,9 +18,9 @@ from lilgym_mp.cli.options import (
     said,
     said_settings,
 )
-from lilgym_mp.cli.progress import Progress
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
+from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.imitation.training import Progress as TrainingProgress
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     recipe = default_recipe(settings.appearance, **said(args, names))
     place = args.out or RUNS / f"{LEARNER}-{args.configuration}"
     try:
-        with ImitationDisplay(args.minutes) as display:
+        with ImitationDisplay(args.minutes, resumed=args.resume) as display:
             train_imitation(
                 settings,
                 recipe,
@@ -92,9 +92,8 @@ def run(args: argparse.Namespace) -> int:
 class ImitationDisplay:
     """Shows how an imitation run goes, in CPU seconds. A context manager."""
 
-    def __init__(self, minutes: float) -> None:
-        self._shown = 0
-        self._progress = Progress(round(60 * minutes), "CPU seconds")
+    def __init__(self, minutes: float, *, resumed: bool) -> None:
+        self._progress = Progress(round(60 * minutes), "CPU seconds", done=None if resumed else 0)
 
     def __enter__(self) -> ImitationDisplay:
         return self
@@ -109,6 +108,4 @@ class ImitationDisplay:
             note = (
                 f"{progress.states:,} states, loss {progress.actions:.2f}, truth {100 * progress.truth_accuracy:.1f} %"
             )
-        seconds = int(progress.cpu_seconds)
-        self._progress.advance(seconds - self._shown, note)
-        self._shown = seconds
+        self._progress.reach(int(progress.cpu_seconds), note)

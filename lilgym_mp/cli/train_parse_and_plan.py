@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import INTERRUPTED, RUNS, add_device, add_recipe, said
-from lilgym_mp.cli.progress import Progress
 from lilgym_mp.learning.parsing.recipe import RECIPE_DESCRIPTIONS, ParserRecipe
+from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.training import Progress as TrainingProgress
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     torch.set_num_threads(args.threads)
     recipe = ParserRecipe(**said(args, list(RECIPE_DESCRIPTIONS)))
     place = args.out or RUNS / LEARNER
-    with ParserDisplay(recipe.steps) as display:
+    with ParserDisplay(recipe.steps, resumed=args.resume) as display:
         done = train_parser(
             args.corpus,
             recipe,
@@ -71,9 +71,8 @@ def run(args: argparse.Namespace) -> int:
 class ParserDisplay:
     """Shows how a parser's training goes. A context manager."""
 
-    def __init__(self, steps: int) -> None:
-        self._shown = 0
-        self._progress = Progress(steps, "steps")
+    def __init__(self, steps: int, *, resumed: bool) -> None:
+        self._progress = Progress(steps, "steps", done=None if resumed else 0)
 
     def __enter__(self) -> ParserDisplay:
         return self
@@ -83,5 +82,4 @@ class ParserDisplay:
 
     def __call__(self, progress: TrainingProgress) -> None:
         note = f"loss {progress.loss:.3f}, {progress.cpu_seconds / 60:.1f} CPU minutes"
-        self._progress.advance(progress.step - self._shown, note)
-        self._shown = progress.step
+        self._progress.reach(progress.step, note)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.display import TrainingDisplay
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import (
     INTERRUPTED,
@@ -22,8 +21,10 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
+    from lilgym_mp.learning.ppo.training import Progress as TrainingProgress
     from lilgym_mp.learning.ppo.training import Run
 
 DEFAULT_STEPS = 1_000_000
@@ -130,14 +131,14 @@ class _Display:
 
     def __init__(self, steps: int, place: Path) -> None:
         self._steps, self._place = steps, place
-        self._display: TrainingDisplay | None = None
+        self._progress: Progress | None = None
 
     def __enter__(self) -> _Display:
         return self
 
     def __exit__(self, *fault: object) -> None:
-        if self._display is not None:
-            self._display.__exit__(*fault)
+        if self._progress is not None:
+            self._progress.__exit__(*fault)
 
     def begin(self, run: Run) -> None:
         recipe, model = run.recipe, run.model
@@ -152,8 +153,10 @@ class _Display:
             f"run directory: {self._place}",
             flush=True,
         )
-        self._display = TrainingDisplay(run.steps, self._steps)
+        self._progress = Progress(self._steps, "steps", run.steps)
 
-    def __call__(self, progress: Any) -> None:
-        if self._display is not None:
-            self._display(progress)
+    def __call__(self, update: TrainingProgress) -> None:
+        if self._progress is not None:
+            accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
+            note = f"{update.steps_per_second:,.0f} a second, training accuracy {accuracy}"
+            self._progress.reach(update.steps, note)

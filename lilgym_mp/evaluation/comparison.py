@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -35,6 +35,11 @@ class EvaluationPlan:
             f"{settings.configuration}, corpus {settings.corpus}, split {self.split}, rules {settings.rules}:"
             f" {visits}, seed {self.seed}"
         )
+
+    @property
+    def episodes(self) -> int:
+        """How many each policy plays."""
+        return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -104,10 +109,16 @@ class Result:
         ]
 
 
-def play(named: NamedPolicy, plan: EvaluationPlan, training_statements: Collection[str]) -> Result:
+def play(
+    named: NamedPolicy,
+    plan: EvaluationPlan,
+    training_statements: Collection[str],
+    on_episode: Callable[[Episode], object] = lambda episode: None,
+) -> Result:
     """Every task of the plan, played by the policy.
 
-    `training_statements`: what counts as seen. Raises ValueError for a configuration that it does not play.
+    `training_statements`: what counts as seen. `on_episode` hears of each episode as it ends.
+    Raises ValueError for a configuration that it does not play.
     """
     policy = named.policy(plan.settings)
     began = time.process_time()
@@ -119,6 +130,7 @@ def play(named: NamedPolicy, plan: EvaluationPlan, training_statements: Collecti
         passes=plan.passes,
         batch_size=plan.batch_size,
         record_decisions=plan.record_decisions,
+        on_episode=on_episode,
     )
     seconds = time.process_time() - began
     forms = set(map(statement_form, training_statements))
@@ -136,12 +148,19 @@ def play(named: NamedPolicy, plan: EvaluationPlan, training_statements: Collecti
 
 
 def play_all(
-    named_policies: Collection[NamedPolicy], plan: EvaluationPlan, training_statements: Collection[str]
+    named_policies: Collection[NamedPolicy],
+    plan: EvaluationPlan,
+    training_statements: Collection[str],
+    on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> Iterator[Result]:
     """The result of each policy that plays the configuration; all draw from generators of the same seed."""
-    for named in named_policies:
-        if plan.settings.configuration in named.configurations:
-            yield play(named, plan, training_statements)
+    for named in playing(named_policies, plan):
+        yield play(named, plan, training_statements, on_episode)
+
+
+def playing(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:
+    """The policies that play the plan's configuration."""
+    return [named for named in named_policies if plan.settings.configuration in named.configurations]
 
 
 def training_statements(settings: Settings) -> set[str]:

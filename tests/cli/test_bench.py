@@ -254,7 +254,8 @@ def test_bench__writes_tables_json_chart_and_document(tmp_path: Path, capsys: py
     output = tmp_path / "out"
     command = ["bench", "--quick", "--only", "single", "batched", "parts", "--configurations", "TowerScratch"]
     assert main([*command, "--output", str(output), "--write-docs", str(document)]) == 0
-    printed = capsys.readouterr().out
+    printed, told = capsys.readouterr()
+    assert "2 of 2 rounds, TowerScratch, " in told
     assert "### TowerScratch" in printed
     assert "batched 64, copied, Tower" in printed
     assert printed.strip() in document.read_text()

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from io import StringIO
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
-from lilgym_mp.cli.download_bar import DownloadBar
-from lilgym_mp.cli.progress import Progress
-from lilgym_mp.cli.tables import table
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.official.fetching import Patience
 from tests.small_corpus import count_as_release, small_entries, write_released
@@ -249,60 +245,3 @@ def test_output__a_file_is_replaced_only_by_force(command: str, data: Run, refus
 
 def test_synthesize__no_starts_are_refused(refused: Run, own: Path, tmp_path: Path):
     assert "--starts must be at least 1, not 0" in refused("synthesize", own, "--output", tmp_path / "x", "--starts", 0)
-
-
-class _Terminal(StringIO):
-    """What a progress bar draws on."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-def test_download_bar__shows_how_far_a_file_has_come(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TERM", "xterm")
-    terminal = _Terminal()
-    with DownloadBar(terminal) as bar:
-        bar.show("first", 2048, 2048)
-        bar.show("second", 1024, 2048)
-    assert "1.0/2.0 kB" in terminal.getvalue()
-    assert "second" in terminal.getvalue()
-
-
-def test_progress__on_a_terminal_is_a_bar_with_its_note(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TERM", "xterm")
-    terminal = _Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    with Progress(10, "tasks", done=2) as progress:
-        progress.advance(5, "8 solved")
-    assert "7/10" in terminal.getvalue()
-    assert "8 solved" in terminal.getvalue()
-
-
-def test_progress__without_a_terminal_tells_the_time_left(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    now = [0.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    with Progress(100, "tasks") as progress:
-        now[0] = 30.0
-        progress.advance(20, "all well")
-        now[0] = 60.0
-        progress.advance(80)
-    assert capsys.readouterr().err.splitlines() == ["20 of 100 tasks, all well, 2:00 left", "100 of 100 tasks"]
-
-
-def test_download_bar__without_a_terminal_is_a_line_for_each_file(capsys: pytest.CaptureFixture[str]):
-    with DownloadBar() as bar:
-        bar.show("file", 1, 2048)
-        bar.show("file", 2048, 2048)
-    assert capsys.readouterr().err == "file: 2,048 bytes\n"
-
-
-def test_table__numbers_stand_to_the_right_texts_to_the_left():
-    assert table(["name", "count"], [("a", 1_000), ("long", None), ("b", 2.5)]).splitlines() == [
-        "name  count",
-        "----  -----",
-        "a     1,000",
-        "long      -",
-        "b       2.5",
-    ]
