@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from lilgym_mp.scene import Scene
@@ -17,6 +17,7 @@ from lilgym_mp.web.playing import ProgramPart
 from lilgym_mp.web.scenes import SceneBody, scene_body
 from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 
+NOT_YOURS = "there is no such assignment of yours"
 OPEN, DONE, SKIPPED_STATE = "open", "done", "skipped"
 ACCEPTED, FAILED, SKIPPED = "accepted", "failed", "skipped"
 
@@ -111,25 +112,37 @@ def assignments(session: Session, person: Person) -> list[AssignmentLine]:
     return [AssignmentLine(id=found, batch=batch, statement=text, state=state) for found, batch, text, state in rows]
 
 
-def find(session: Session, person: Person, assignment_id: int, *, locked: bool = False) -> Found:
+def find(session: Session, person: Person, assignment_id: int) -> Found:
     """An assignment of this person. Answers 404 where there is none, be it another's or nobody's."""
-    asked = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
-    assignment = session.scalar(asked.with_for_update() if locked else asked)
-    statement = session.get(Statement, assignment.statement_id) if assignment else None
-    batch = session.get(Batch, assignment.batch_id) if assignment else None
-    if assignment is None or statement is None or batch is None:
-        raise refusal(404, "there is no such assignment of yours")
+    row = session.execute(
+        select(Assignment, Statement, Batch)
+        .join(Statement, Statement.id == Assignment.statement_id)
+        .join(Batch, Batch.id == Assignment.batch_id)
+        .where(Assignment.id == assignment_id, Assignment.person_id == person.id)
+    ).one_or_none()
+    if row is None:
+        raise refusal(404, NOT_YOURS)
+    assignment, statement, batch = row
     scenes = session.scalars(
         select(StatementScene).where(StatementScene.statement_id == statement.id).order_by(StatementScene.position)
     )
     return Found(assignment, statement, batch, list(scenes))
 
 
-def note_opening(session: Session, person: Person, assignment_id: int) -> None:
+def locked(session: Session, person: Person, assignment_id: int) -> Assignment:
+    """An assignment of this person, to be changed. Answers 404 where there is none."""
+    asked = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
+    assignment = session.scalar(asked.with_for_update())
+    if assignment is None:
+        raise refusal(404, NOT_YOURS)
+    return assignment
+
+
+def note_opening(session: Session, assignment_id: int) -> None:
     """Notes that the assignment was looked at for the first time."""
-    found = find(session, person, assignment_id, locked=True)
-    if found.assignment.opened is None:
-        found.assignment.opened = now()
+    session.execute(
+        update(Assignment).where(Assignment.id == assignment_id, Assignment.opened.is_(None)).values(opened=now())
+    )
 
 
 def body(session: Session, person: Person, found: Found) -> AssignmentBody:
@@ -186,7 +199,7 @@ def latest_reviews(session: Session, submission_ids: Sequence[int]) -> dict[int,
 
 def save_draft(session: Session, person: Person, assignment_id: int, program: str, version: int) -> int:
     """Keeps the text of the editor; gives its new version. Answers 409 where another tab saved since `version`."""
-    assignment = find(session, person, assignment_id, locked=True).assignment
+    assignment = locked(session, person, assignment_id)
     if assignment.draft == program:
         return assignment.draft_version
     if assignment.draft_version != version:
@@ -245,7 +258,7 @@ def earlier(session: Session, assignment_id: int, key: str) -> Submission | None
 
 def submit(session: Session, person: Person, assignment_id: int, key: str, verdict: str, **said: Any) -> Submission:
     """Keeps a submission, once for each key."""
-    assignment = find(session, person, assignment_id, locked=True).assignment
+    assignment = locked(session, person, assignment_id)
     kept = earlier(session, assignment_id, key)
     if kept is not None:
         return kept

@@ -52,7 +52,7 @@ def create_app(options: ServeOptions) -> FastAPI:
     add_error_handlers(app)
     signer = Signer(database.secret(COOKIE_KEY))
     rate, requires_tokens = options.requests_per_second, options.requires_tokens
-    app.add_middleware(Callers, database, signer, rate, requires_tokens=requires_tokens)
+    app.add_middleware(Callers, services.logins, signer, rate, requires_tokens=requires_tokens)
     app.add_middleware(BodyLimit)
     app.add_middleware(KnownHosts, options.hosts)
     app.add_middleware(SecurityHeaders)

@@ -109,7 +109,7 @@ class Played:
 
 def begin(
     session: Session, catalogue: Catalogue, visitor_id: str, task: Task, *, configuration: str, split: str, **how: Any
-) -> PlayedEpisode:
+) -> Played:
     """A new episode of the task."""
     keep_visitor(session, visitor_id)
     episode = PlayedEpisode(
@@ -125,8 +125,8 @@ def begin(
         **how,
     )
     session.add(episode)
-    session.flush()
-    return episode
+    dynamics = catalogue.dynamics(configuration, episode.rules)
+    return Played(episode, task, dynamics, dynamics.start(task), None)
 
 
 def find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:

@@ -11,14 +11,12 @@ from collections import OrderedDict
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
-from anyio.to_thread import run_sync
 from fastapi import Request, Response
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lilgym_mp.web.errors import error_response
-from lilgym_mp.web.store import Database
-from lilgym_mp.web.visitors import COOKIE, COOKIE_SECONDS, Signer, find_person
+from lilgym_mp.web.visitors import COOKIE, COOKIE_SECONDS, Logins, Signer
 
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -146,10 +144,10 @@ class Callers:
     """Knows who sends a request, keeps them to their rate, and refuses what was not sent from a page of ours."""
 
     def __init__(
-        self, app: ASGIApp, database: Database, signer: Signer, rate: float | None, *, requires_tokens: bool
+        self, app: ASGIApp, logins: Logins, signer: Signer, rate: float | None, *, requires_tokens: bool
     ) -> None:
         self.app = app
-        self._database = database
+        self._logins = logins
         self._signer = signer
         self._of_visitors = None if rate is None else _Buckets(rate)
         self._of_addresses = None if rate is None else _Buckets(rate * ADDRESS_FACTOR)
@@ -167,7 +165,7 @@ class Callers:
             return
         path: str = scope["path"]
         if not path.startswith("/assets/") and not caller.is_new:
-            caller.person = await run_sync(find_person, self._database, caller.id)
+            caller.person = await self._logins.person(caller.id)
         if self._requires_tokens and caller.person is None and not path.startswith(OPEN_PATHS):
             await _answer(scope, receive, send, 401, "open the link with your token: it logs you in")
             return

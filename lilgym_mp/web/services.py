@@ -14,6 +14,7 @@ from lilgym_mp.web.options import ServeOptions
 from lilgym_mp.web.recordings import Recordings
 from lilgym_mp.web.store import Database
 from lilgym_mp.web.trained_partners import TrainedPartners
+from lilgym_mp.web.visitors import Logins
 
 
 class Services:
@@ -23,6 +24,7 @@ class Services:
         """Raises CorpusError where the corpus cannot be used."""
         self.options = options
         self.database = database
+        self.logins = Logins(database)
         self.catalogue = Catalogue(options.corpus)
         self.recordings = Recordings(options.runs)
         self.outcomes = Outcomes(self.recordings)
@@ -35,7 +37,7 @@ class Services:
         self.database.close()
 
 
-def services(request: Request) -> Services:
+async def services(request: Request) -> Services:  # were it not async, it would wait for a thread
     return request.app.state.services
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+import time
 from dataclasses import dataclass
 from typing import Annotated
 
+from anyio.to_thread import run_sync
 from fastapi import Depends, Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -18,6 +20,8 @@ from lilgym_mp.web.store.models import Person, Visitor
 
 COOKIE = "lilgym_visitor"
 COOKIE_SECONDS = 400 * 24 * 3600
+LOGIN_SECONDS = 10.0  # after which a change made by another server on the same database is seen
+MOST_LOGINS = 20_000
 ORGANISER, ANNOTATOR = "organiser", "annotator"
 
 
@@ -68,12 +72,37 @@ def token_hash(token: str) -> str:
     return hashlib.sha256(token.encode(errors="replace")).hexdigest()
 
 
-def find_person(database: Database, visitor_id: str) -> Person | None:
-    """Whoever logged in from this browser and still has a token."""
-    with database.reading() as session:
-        return session.scalar(
-            select(Person).join(Visitor).where(Visitor.id == visitor_id, Person.token_hash.is_not(None))
-        )
+class Logins:
+    """Who is logged in from which browser, remembered for a moment so that few requests ask the database."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._kept: dict[str, tuple[float, Person | None]] = {}  # until when, and who
+        self._changes = 0
+
+    async def person(self, visitor_id: str) -> Person | None:
+        """Whoever logged in from this browser and still has a token."""
+        until, found = self._kept.get(visitor_id, (0.0, None))
+        if time.monotonic() < until:
+            return found
+        changes = self._changes
+        found = await run_sync(self._find, visitor_id)
+        if changes == self._changes:
+            if len(self._kept) >= MOST_LOGINS:
+                self._kept.clear()
+            self._kept[visitor_id] = (time.monotonic() + LOGIN_SECONDS, found)
+        return found
+
+    def forget(self) -> None:
+        """Must be called after every change of who is logged in or has a token."""
+        self._changes += 1
+        self._kept.clear()
+
+    def _find(self, visitor_id: str) -> Person | None:
+        with self._database.reading() as session:
+            return session.scalar(
+                select(Person).join(Visitor).where(Visitor.id == visitor_id, Person.token_hash.is_not(None))
+            )
 
 
 def keep_visitor(session: Session, visitor_id: str) -> Visitor:
@@ -97,27 +126,29 @@ def give_token(session: Session, name: str, role: str) -> str:
     return token
 
 
-def caller(request: Request) -> Caller:
+async def caller(request: Request) -> Caller:
     """Who sent the request."""
     return request.scope["visitor"]
 
 
-def logged_in(request: Request) -> Person:
-    """Whoever is logged in. Answers 401 where nobody is."""
-    found = caller(request).person
-    if found is None:
-        raise refusal(401, "open the link that the organiser gave you: it logs you in")
-    return found
-
-
-def organiser(request: Request) -> Person:
-    """The organiser who is logged in. Answers 401 or 403 where none is."""
-    found = logged_in(request)
-    if found.role != ORGANISER:
-        raise refusal(403, "only an organiser may do this")
-    return found
-
-
 CallerOf = Annotated[Caller, Depends(caller)]
+
+
+async def logged_in(caller: CallerOf) -> Person:
+    """Whoever is logged in. Answers 401 where nobody is."""
+    if caller.person is None:
+        raise refusal(401, "open the link that the organiser gave you: it logs you in")
+    return caller.person
+
+
 LoggedIn = Annotated[Person, Depends(logged_in)]
+
+
+async def organiser(person: LoggedIn) -> Person:
+    """The organiser who is logged in. Answers 401 or 403 where none is."""
+    if person.role != ORGANISER:
+        raise refusal(403, "only an organiser may do this")
+    return person
+
+
 OrganiserOf = Annotated[Person, Depends(organiser)]

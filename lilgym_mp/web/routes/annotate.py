@@ -180,18 +180,17 @@ def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> 
         found = annotating.find(session, person, assignment_id)
         told = annotating.body(session, person, found)
     if found.assignment.opened is None:
-        with services.database.writing() as session:
-            annotating.note_opening(session, person, assignment_id)
+        with services.database.writing(durable=False) as session:
+            annotating.note_opening(session, assignment_id)
     return told
 
 
 @api.put("/assignments/{assignment_id}/draft")
 def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
-    """Keeps the editor's text."""
-    with services.database.writing() as session:
-        return DraftSaved(
-            version=annotating.save_draft(session, person, assignment_id, written.program, written.version)
-        )
+    """Keeps the editor's text, which the browser keeps as well."""
+    with services.database.writing(durable=False) as session:
+        version = annotating.save_draft(session, person, assignment_id, written.program, written.version)
+    return DraftSaved(version=version)
 
 
 @api.post("/assignments/{assignment_id}/run")
@@ -224,7 +223,7 @@ def skip(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewS
     with services.database.writing() as session:
         said = new.model_dump(exclude={"key"})
         kept = annotating.submit(session, person, assignment_id, new.key, annotating.SKIPPED, **said)
-        return annotating.verdict_body(kept)
+    return annotating.verdict_body(kept)
 
 
 @api.get("/history")
@@ -316,6 +315,7 @@ def add_person(services: ServicesOf, person: OrganiserOf, new: NewPerson) -> Tok
     """Gives somebody a token, a new one where there was one."""
     with services.database.writing() as session:
         token = give_token(session, new.name, new.role)
+    services.logins.forget()
     return TokenBody(name=new.name, path=f"/login?token={token}")
 
 
@@ -329,6 +329,7 @@ def revoke(services: ServicesOf, person: OrganiserOf, person_id: RowId) -> None:
         if found.id == person.id:
             raise refusal(409, "you cannot end your own token")
         found.token_hash = None
+    services.logins.forget()
 
 
 @api.get("/batches")

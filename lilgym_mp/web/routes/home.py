@@ -13,7 +13,7 @@ from lilgym_mp.web.errors import refusal
 from lilgym_mp.web.services import ServicesOf
 from lilgym_mp.web.store.models import Person, Visitor
 from lilgym_mp.web.templating import page
-from lilgym_mp.web.visitors import CallerOf, find_person, keep_visitor, new_visitor_id, token_hash
+from lilgym_mp.web.visitors import CallerOf, keep_visitor, new_visitor_id, token_hash
 
 router = APIRouter()
 
@@ -59,6 +59,7 @@ def login(request: Request, services: ServicesOf, token: Annotated[str, Query(ma
         visitor = keep_visitor(session, new_visitor_id())
         visitor.nickname = before.nickname if before else None
         visitor.person_id = person.id
+    services.logins.forget()
     caller.id, caller.is_new = visitor.id, True  # the answer gives the browser its new cookie
     return RedirectResponse("/annotate", 303)
 
@@ -66,7 +67,8 @@ def login(request: Request, services: ServicesOf, token: Annotated[str, Query(ma
 @router.post("/api/session/logout", tags=["session"], status_code=204)
 def logout(services: ServicesOf, caller: CallerOf) -> None:
     """Logs the browser out."""
-    if find_person(services.database, caller.id) is None:
+    if caller.person is None:
         return
     with services.database.writing() as session:
         keep_visitor(session, caller.id).person_id = None
+    services.logins.forget()

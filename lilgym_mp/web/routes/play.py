@@ -110,10 +110,10 @@ def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> playing.Ep
     """Begins an episode."""
     catalogue = services.catalogue
     task = playing.find_task(catalogue, new.configuration, new.split, new.task_id)
-    with services.database.writing() as session:
-        how = new.model_dump(exclude={"task_id"})
-        episode = playing.begin(session, catalogue, caller.id, task, **how)
-        return playing.episode_body(playing.find_episode(session, catalogue, caller.id, episode.id))
+    how = new.model_dump(exclude={"task_id"})
+    with services.database.writing(durable=False) as session:
+        begun = playing.begin(session, catalogue, caller.id, task, **how)
+    return playing.episode_body(begun)
 
 
 def _found(services: Services, visitor_id: str, episode_id: str) -> playing.Played:
@@ -130,7 +130,7 @@ def episode(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> pla
 @api.post("/episodes/{episode_id}/actions")
 def act(episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
     """Takes an action."""
-    with services.database.writing() as session:
+    with services.database.writing(durable=False) as session:
         found = playing.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
         moved = playing.act(found, taken.action, taken.steps)
     return playing.episode_body(moved)
@@ -159,7 +159,7 @@ def explanation(episode_id: RandomId, services: ServicesOf, caller: CallerOf) ->
 @api.post("/episodes/{episode_id}/solution")
 def solution(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> playing.SolutionBody:
     """The expert's solution; asked for before the end, the episode does not count in tables."""
-    with services.database.writing() as session:
+    with services.database.writing(durable=False) as session:
         found = playing.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
         if not found.over:
             found.episode.shown_solution = True

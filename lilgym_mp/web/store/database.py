@@ -46,14 +46,20 @@ class Database:
             yield session
 
     @contextmanager
-    def writing(self) -> Iterator[Session]:
+    def writing(self, *, durable: bool = True) -> Iterator[Session]:
         """A session that is committed when the block ends, and rolled back where it raises.
 
-        On SQLite it holds the write lock from the start, so that what it reads stays true until it writes.
+        On SQLite it holds the write lock from the start, so that what it reads stays true until it writes. What is
+        committed outlives this process, however that ends; where it need not outlive a power cut as well, it is
+        not `durable` and does not wait for the disk.
         """
         with self._turn, Session(self.engine, expire_on_commit=False) as session, session.begin():
             if self.engine.dialect.name == "sqlite":
-                session.execute(text("BEGIN IMMEDIATE"))
+                connection = session.connection()
+                connection.exec_driver_sql(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            elif not durable:
+                session.execute(text("SET LOCAL synchronous_commit TO off"))
             yield session
 
     def secret(self, name: str) -> str:
@@ -105,7 +111,7 @@ def _engine(url: str, shown: str) -> Engine:
     try:
         parsed = make_url(url)
         if parsed.get_backend_name() == "sqlite":
-            options = {"connect_args": {"timeout": LOCK_SECONDS, "check_same_thread": False}}
+            options = {"pool_size": 40, "connect_args": {"timeout": LOCK_SECONDS, "check_same_thread": False}}
             if parsed.database in (None, "", ":memory:"):
                 raise DatabaseError(f"database {shown}: a database in memory would lose what it is given; name a file")
         elif parsed.get_backend_name() != "postgresql":
@@ -124,7 +130,7 @@ def _engine(url: str, shown: str) -> Engine:
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
     connection.isolation_level = None  # transactions begin where `Database.writing` says so
-    for setting in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+    for setting in ("journal_mode=WAL", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {setting}")
 
 
