@@ -2,7 +2,7 @@
 
     python scripts/web_screenshots.py [--out docs/pictures/web] [--all]
 
-Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light, dark and 360 pixels wide.
+Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light and dark, 1200 and 360 pixels wide.
 """
 
 from __future__ import annotations
@@ -45,7 +45,12 @@ class Look(NamedTuple):
     dark: bool
 
 
-LOOKS = (Look("", 1200, 900, False), Look("-dark", 1200, 900, True), Look("-narrow", 360, 740, False))
+LOOKS = (
+    Look("", 1200, 900, False),
+    Look("-dark", 1200, 900, True),
+    Look("-narrow", 360, 740, False),
+    Look("-narrow-dark", 360, 740, True),
+)
 
 
 class Shot(NamedTuple):
@@ -271,7 +276,7 @@ def violations(page: Page, axe: Path) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description="Takes the pictures of docs/web.md.")
     parser.add_argument("--out", type=Path, default=PICTURES)
-    parser.add_argument("--all", action="store_true", help="in light, dark and 360 pixels wide")
+    parser.add_argument("--all", action="store_true", help="in light and dark, 1200 and 360 pixels wide")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="of " + ", ".join(shot.name for shot in SHOTS))
     parser.add_argument("--axe", type=Path, metavar="axe.min.js", help="also tell what axe-core finds wrong")
     parser.add_argument("--runs", type=Path, help="a directory with recorded episodes")

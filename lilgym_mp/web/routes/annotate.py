@@ -17,7 +17,7 @@ from lilgym_mp.web.errors import refusal
 from lilgym_mp.web.fields import RandomId, ShortText, storable
 from lilgym_mp.web.scenes import SceneBody, scene_body
 from lilgym_mp.web.services import ServicesOf
-from lilgym_mp.web.store.models import Person, TutorialAnswer
+from lilgym_mp.web.store.models import Person, Submission, TutorialAnswer
 from lilgym_mp.web.templating import page
 from lilgym_mp.web.visitors import ANNOTATOR, CallerOf, LoggedIn, OrganiserOf, give_token
 
@@ -174,22 +174,27 @@ def assignments(services: ServicesOf, person: LoggedIn) -> list[annotating.Assig
 
 
 @api.get("/assignments/{assignment_id}")
-def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotating.AssignmentBody:
+async def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotating.AssignmentBody:
     """The statement, its shown scene and label, and the program as it was being written."""
-    with services.database.reading() as session:
-        found = annotating.find(session, person, assignment_id)
-        told = annotating.body(session, person, found)
-    if found.assignment.opened is None:
-        with services.database.writing(durable=False) as session:
-            annotating.note_opening(session, assignment_id)
+
+    def read() -> tuple[annotating.AssignmentBody, bool]:
+        with services.database.reading() as session:
+            found = annotating.find(session, person, assignment_id)
+            return annotating.body(session, person, found), found.assignment.opened is None
+
+    told, is_new = await run_sync(read)
+    if is_new:
+        await services.database.write(lambda session: annotating.note_opening(session, assignment_id), durable=False)
     return told
 
 
 @api.put("/assignments/{assignment_id}/draft")
-def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
+async def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
     """Keeps the editor's text, which the browser keeps as well."""
-    with services.database.writing(durable=False) as session:
-        version = annotating.save_draft(session, person, assignment_id, written.program, written.version)
+    version = await services.database.write(
+        lambda session: annotating.save_draft(session, person, assignment_id, written.program, written.version),
+        durable=False,
+    )
     return DraftSaved(version=version)
 
 
@@ -203,17 +208,24 @@ def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: P
 
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
-def submit(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSubmission) -> annotating.VerdictBody:
+async def submit(
+    services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSubmission
+) -> annotating.VerdictBody:
     """Submits a program that agrees with the shown scene; it is checked on the hidden ones."""
-    with services.database.reading() as session:
-        found = annotating.find(session, person, assignment_id)
-        kept = annotating.earlier(session, assignment_id, new.key)
-    if kept is None:
+
+    def judged() -> Submission | str:
+        with services.database.reading() as session:
+            found = annotating.find(session, person, assignment_id)
+            kept = annotating.earlier(session, assignment_id, new.key)
         scenes = annotating.labelled_scenes(found)
-        verdict = annotating.judged(services.evaluator, new.program, scenes, found.assignment.shown)
-        said = new.model_dump(exclude={"key"})
-        with services.database.writing() as session:
-            kept = annotating.submit(session, person, assignment_id, new.key, verdict, **said)
+        return kept or annotating.judged(services.evaluator, new.program, scenes, found.assignment.shown)
+
+    kept = await run_sync(judged)
+    if isinstance(kept, str):
+        verdict, said = kept, new.model_dump(exclude={"key"})
+        kept = await services.database.write(
+            lambda session: annotating.submit(session, person, assignment_id, new.key, verdict, **said)
+        )
     return annotating.verdict_body(kept)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field, StringConstraints
+from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.scene import Colour, Shape, Size
@@ -106,13 +108,14 @@ def tasks(
 
 
 @api.post("/episodes", status_code=201)
-def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
+async def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
     """Begins an episode."""
     catalogue = services.catalogue
-    task = playing.find_task(catalogue, new.configuration, new.split, new.task_id)
+    task = await run_sync(playing.find_task, catalogue, new.configuration, new.split, new.task_id)
     how = new.model_dump(exclude={"task_id"})
-    with services.database.writing(durable=False) as session:
-        begun = playing.begin(session, catalogue, caller.id, task, **how)
+    begun = await services.database.write(
+        lambda session: playing.begin(session, catalogue, caller.id, task, **how), durable=False
+    )
     return playing.episode_body(begun)
 
 
@@ -128,12 +131,14 @@ def episode(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> pla
 
 
 @api.post("/episodes/{episode_id}/actions")
-def act(episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
+async def act(episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
     """Takes an action."""
-    with services.database.writing(durable=False) as session:
+
+    def acted(session: Session) -> playing.Played:
         found = playing.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
-        moved = playing.act(found, taken.action, taken.steps)
-    return playing.episode_body(moved)
+        return playing.act(found, taken.action, taken.steps)
+
+    return playing.episode_body(await services.database.write(acted, durable=False))
 
 
 @api.get("/episodes/{episode_id}/legal")

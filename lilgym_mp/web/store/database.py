@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
 import secrets
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError as AlembicError
+from anyio.to_thread import run_sync
 from sqlalchemy import Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
@@ -24,7 +29,10 @@ from lilgym_mp.web.store.models import Secret
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 LOCK_SECONDS = 10.0  # to wait for another writer
+CHECKPOINT_COMMITS = 500  # after so many, SQLite's write-ahead log is moved into the database
 COOKIE_KEY = "cookie key"
+
+T = TypeVar("T")
 
 
 class DatabaseError(ValueError):
@@ -36,8 +44,10 @@ class Database:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
+        self._log = _Log(engine) if engine.dialect.name == "sqlite" else None
         # SQLite lets one write and has the others ask again now and then: waiting in line is quicker and fairer.
-        self._turn = threading.Lock() if engine.dialect.name == "sqlite" else nullcontext()
+        self._turn = threading.Lock() if self._log else nullcontext()
+        self._writer = ThreadPoolExecutor(1, "lilgym-mp writer")
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -53,14 +63,39 @@ class Database:
         committed outlives this process, however that ends; where it need not outlive a power cut as well, it is
         not `durable` and does not wait for the disk.
         """
+        with self._session(durable=durable) as session:
+            yield session
+        if self._log:
+            self._log.written(durable=durable)
+
+    async def write(self, work: Callable[[Session], T], *, durable: bool = True) -> T:
+        """What `work` gives, called with a session like that of `writing`.
+
+        For requests that come often: one thread does all of them on SQLite, so that the write lock need not wait for
+        a thread to wake up, nor other writes for the disk.
+        """
+
+        def done() -> T:
+            with self._session(durable=durable) as session:
+                return work(session)
+
+        if self._log is None:
+            return await run_sync(done)
+        result = await asyncio.wrap_future(self._writer.submit(done))
+        if durable or self._log.is_long:
+            await run_sync(partial(self._log.written, durable=durable))
+        return result
+
+    @contextmanager
+    def _session(self, *, durable: bool) -> Iterator[Session]:
         with self._turn, Session(self.engine, expire_on_commit=False) as session, session.begin():
-            if self.engine.dialect.name == "sqlite":
-                connection = session.connection()
-                connection.exec_driver_sql(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
-                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            if self._log:
+                session.connection().exec_driver_sql("BEGIN IMMEDIATE")
             elif not durable:
                 session.execute(text("SET LOCAL synchronous_commit TO off"))
             yield session
+        if self._log:
+            self._log.commits += 1
 
     def secret(self, name: str) -> str:
         """The secret of that name, made at the first call."""
@@ -72,7 +107,40 @@ class Database:
             return kept.value
 
     def close(self) -> None:
+        self._writer.shutdown()
         self.engine.dispose()
+
+
+class _Log:
+    """The write-ahead log of an SQLite database, brought to the disk after a commit, while others write already.
+
+    SQLite itself would do both while it holds the write lock.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._path = Path(str(engine.url.database) + "-wal").absolute()
+        self.commits = 0
+
+    @property
+    def is_long(self) -> bool:
+        return self.commits >= CHECKPOINT_COMMITS
+
+    def written(self, *, durable: bool) -> None:
+        """After a commit: waits for the disk where it must, and now and then moves the log into the database."""
+        if durable:
+            self._sync()
+        if self.is_long:
+            self.commits = 0
+            with self._engine.connect() as connection:
+                connection.exec_driver_sql("PRAGMA wal_checkpoint(PASSIVE)")
+
+    def _sync(self) -> None:
+        log = os.open(self._path, os.O_RDWR)
+        try:
+            os.fsync(log)
+        finally:
+            os.close(log)
 
 
 def open_database(url: str) -> Database:
@@ -130,7 +198,7 @@ def _engine(url: str, shown: str) -> Engine:
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
     connection.isolation_level = None  # transactions begin where `Database.writing` says so
-    for setting in ("journal_mode=WAL", "foreign_keys=ON"):
+    for setting in ("journal_mode=WAL", "synchronous=NORMAL", "wal_autocheckpoint=0", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {setting}")
 
 
