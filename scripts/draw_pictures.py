@@ -54,6 +54,8 @@ ELSEWHERE = {  # picture: what makes it
     "official_phenomena.svg": "lilgym-mp data stats lilgym --charts OUT; its phenomena.svg",
     "reliability.png": "docs/agents.md tells the runs; the chart of a report on them",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
+    "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",
+    "web/*.png": "python scripts/web_screenshots.py",
 }
 
 
@@ -138,6 +140,13 @@ DRAWN: dict[str, Callable[[], None]] = {
     "episode": draw_episode,
     "architecture": draw_architecture,
 }
+FILES = [  # that these make
+    *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
+    *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
+    "agent.gif",
+    "episode.png",
+    "architecture.svg",
+]
 
 
 def main() -> None:

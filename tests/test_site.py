@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import io
 import os
 import re
 import subprocess
@@ -16,7 +15,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from PIL import Image
 
 import lilgym_mp  # noqa: F401
 from lilgym_mp.envs.single import LilGymEnv
@@ -134,9 +132,3 @@ def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
         watched.page.locator(".md-search-result__item").first.wait_for()
         assert watched.requests == []
         assert watched.faults == []
-
-
-def test_pictures__of_charts_are_no_wider_than_a_page():
-    pictures = [path.read_bytes() for path in (ROOT / "docs" / "pictures").glob("results-*.png")]
-    assert pictures
-    assert max(Image.open(io.BytesIO(picture)).width for picture in pictures) <= 1000

@@ -28,7 +28,7 @@ CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
 PARSER_STEPS = 1_700
 IMITATION_MINUTES = 1.5  # of processor time
-FILMED = 9  # episodes of each agent
+FILMED = 6  # episodes of each agent, two a row
 PLACE = Path("runs") / "demo"
 POLL_SECONDS = 0.2
 PARSE_AND_PLAN, IMITATION = "parse and plan", "imitation"
@@ -184,7 +184,7 @@ def _report(place: Path, plan: EvaluationPlan, results: Sequence[Result]) -> Non
     films = [place / f"{name.replace(' ', '-')}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
     for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
         (result,) = (result for result in results if result.name == name)
-        film_grid(film, plan.settings, plan.split, _to_film(result.episodes))
+        film_grid(film, plan.settings, plan.split, _to_film(result.episodes), columns=2)
     print(
         f"\n{summary}\n\n{explanation}\n\n"
         f"results: {place / 'results.md'}, {place / 'results.json'}\n"

@@ -56,7 +56,7 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
         yield FilmFrame(smooth_picture(env.scene, 1), task, caption, rgb)
 
 
-def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int = 3) -> None:
+def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int) -> None:
     """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
     env = settings.make(split)
     film_frames(path, [list(replay(env, episode)) for episode in episodes], columns)

@@ -1,0 +1,59 @@
+"""The pictures of README and docs: each is made by a command that is told, shown somewhere, and fits on a page."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from fnmatch import fnmatch
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+PICTURES = ROOT / "docs" / "pictures"
+WIDEST = 1000  # pixels, of charts and films
+ENDINGS = {".png", ".gif", ".svg"}
+
+
+@pytest.fixture(scope="module")
+def drawing() -> ModuleType:
+    pytest.importorskip("pettingzoo")
+    spec = importlib.util.spec_from_file_location("draw_pictures", ROOT / "scripts" / "draw_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def names() -> set[str]:
+    return {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*") if path.suffix in ENDINGS}
+
+
+def test_pictures__are_each_made_by_a_command_that_is_told(drawing: ModuleType):
+    assert set(drawing.FILES) <= names()
+    others = names() - set(drawing.FILES)
+    assert [name for name in others if not any(fnmatch(name, pattern) for pattern in drawing.ELSEWHERE)] == []
+    assert [pattern for pattern in drawing.ELSEWHERE if not any(fnmatch(name, pattern) for name in others)] == []
+
+
+def test_pictures__are_each_shown_on_a_page():
+    pages = "".join(path.read_text() for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+    assert [name for name in names() if f"pictures/{name}" not in pages] == []
+
+
+def test_pictures__of_charts_and_films_are_no_wider_than_a_page():
+    widths = {path.name: _width(path) for path in PICTURES.iterdir() if path.suffix in ENDINGS}
+    assert len(widths) > 20
+    assert {name: width for name, width in widths.items() if width > WIDEST} == {}
+
+
+def _width(path: Path) -> float:
+    if path.suffix == ".svg":
+        found = re.search(r'<svg[^>]*?\bwidth="([\d.]+)', path.read_text(), re.DOTALL)
+        assert found, path
+        return float(found[1])
+    with Image.open(path) as picture:
+        return picture.width
