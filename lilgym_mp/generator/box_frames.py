@@ -101,13 +101,13 @@ class Frames(ItemFrames):
     def of_the_boxes(self, quantity: Quantity) -> str:
         """ "one of the", "exactly two of the" """
         if quantity == SOME:
-            if self.voice.loose:
+            if self.voice.bare_number_is_bound:
                 return self.pick("at least one of the", "at least 1 of the", "in one of the")
             return self.pick("one of the", "one of the", "one of the", "at least one of the", "in one of the",
                              "one of the three", "one out of three", "one of")  # fmt: skip
         if quantity == exactly(1):
             one = self.number(1)
-            one = one if self.voice.loose else f"{self.pick('exactly', 'only', 'just', 'exactly')} {one}"
+            one = one if self.voice.bare_number_is_bound else f"{self.pick('exactly', 'only', 'just', 'exactly')} {one}"
             return f"{one} of the"
         words = self.determiner(quantity).text
         return f"{self.number(quantity.low)} of the" if words.endswith(" of") else f"{words} of the"
@@ -123,6 +123,23 @@ class Frames(ItemFrames):
             (f"all of the {several}", True), (f"the three {several}", True), (f"all 3 {several}", True),
         )  # fmt: skip
         return f"{subject} {self.having(conditions, plural)}"
+
+    def in_each_box(self) -> Said:
+        """ "there is one yellow item in each box" """
+        word = self.box_word()
+        condition = self.has_some() if self.chance(0.7) else self.condition()
+        has = condition.has
+        if has is None or condition.lacks or condition.kind == "either":
+            return self.boxes_with()
+        place = self.pick(f"in each {word}", f"in every {word}", f"in all {pluralised(word)}",
+                          f"in each of the {pluralised(word)}", f"in all three {pluralised(word)}",
+                          f"per {word}", f"inside each {word}")  # fmt: skip
+        there = f"there {self.pick('is', 'are', 'is')}"
+        text = self.pick(f"{there} {has} {place}", f"{there} {has} {place}", f"{place} {there} {has}", f"{has} {place}")
+        if word == self.voice.tower and "three" not in place:
+            towers = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
+            return Said(text, f"All({towers}, lambda {BOX}: {condition.test(BOX)})")
+        return Said(text, f"All(all_boxes, lambda {BOX}: {self.box_tests(word, [condition])})")
 
     def named_box(self) -> Said:
         """What the left, middle or right box has."""

@@ -119,10 +119,10 @@ class ItemFrames(Conditions):
 
     def of_the(self, quantity: Quantity) -> str:
         if quantity == exactly(1):
-            if self.voice.loose:
+            if self.voice.bare_number_is_bound:
                 return "one of the"
             return self.pick("exactly one of the", "only one of the", "just one of the", "exactly 1 of the")
-        if self.voice.loose:
+        if self.voice.bare_number_is_bound:
             return self.pick("at least one of the", "at least 1 of the", "some of the")
         return self.pick("one of the", "one of the", "at least one of the", "at least 1 of the", "some of the")
 

@@ -13,7 +13,7 @@ from lilgym_mp.generator.scatter_frames import ScatterFrames, scatter_voice
 from lilgym_mp.generator.speech import Voice
 from lilgym_mp.generator.tower_frames import TowerFrames, tower_voice
 
-LOOSE_SHARE = 0.4
+BOUND_SHARE = 0.4
 
 
 class Pair(NamedTuple):
@@ -29,23 +29,25 @@ KINDS: dict[str, tuple[type[Frames], Callable[[random.Random], Voice]]] = {
 }
 
 
-def training_pairs(appearance: str, seed: int, *, noise: bool = True, loose: float = LOOSE_SHARE) -> Iterator[Pair]:
+def training_pairs(
+    appearance: str, seed: int, *, noise: bool = True, bound_share: float = BOUND_SHARE
+) -> Iterator[Pair]:
     """Endless pairs, the same for the same arguments.
 
     `noise` types statements as people do (`paraphrased`); without it they are in lower case, without a full stop.
-    A share `loose` of them comes from writers for whom a bare number can mean at least that many, and "one of the
+    A share `bound_share` of them comes from writers for whom a bare number can mean at least that many, and "one of the
     boxes" exactly one: people differ there. With 0 a statement always has the same meaning.
     Raises ValueError for an unknown appearance.
     """
     frames, voice = choose("appearance", appearance, KINDS)
-    return _pairs(frames, voice, random.Random(f"pairs {appearance} {seed}"), noise, loose)
+    return _pairs(frames, voice, random.Random(f"pairs {appearance} {seed}"), noise, bound_share)
 
 
 def _pairs(
-    frames: type[Frames], voice: Callable[[random.Random], Voice], rng: random.Random, noise: bool, loose: float
+    frames: type[Frames], voice: Callable[[random.Random], Voice], rng: random.Random, noise: bool, bound_share: float
 ) -> Iterator[Pair]:
     speaker = frames(rng, voice(rng))
     while True:
-        speaker.voice = voice(rng)._replace(loose=rng.random() < loose)
+        speaker.voice = voice(rng)._replace(bare_number_is_bound=rng.random() < bound_share)
         text, program = speaker.said()
         yield Pair(paraphrased(text, rng) if noise else text, program)

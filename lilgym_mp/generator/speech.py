@@ -38,7 +38,7 @@ class Voice(NamedTuple):
     picture: str
     digits: bool
     sloppy: bool  # agreement errors, articles left out
-    loose: bool = False  # "two" may mean at least two, "one of the boxes" just one
+    bare_number_is_bound: bool = False  # "two" may mean at least two, "one of the boxes" just one
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +224,7 @@ class Speech:
         if quantity == NONE:
             return Phrase("no", plural=self.chance(0.5))
         if quantity == SOME:
-            if self.voice.loose and self.chance(0.08):
+            if self.voice.bare_number_is_bound and self.chance(0.08):
                 return Phrase(self.number(1), plural=False)
             if self.chance(0.75):
                 return Phrase("a", plural=False)
@@ -247,7 +247,7 @@ class Speech:
 
     def lower_bound(self, low: int) -> str:
         number, before = self.number(low), self.number(low - 1)
-        if self.voice.loose and self.chance(0.5):
+        if self.voice.bare_number_is_bound and self.chance(0.5):
             return number
         draw = self.rng.random()
         if draw < 0.65:
