@@ -29,7 +29,7 @@ from lilgym_mp.wrappers import tokenized_statement_v0
 from lilgym_mp.wrappers.tokens import Tokens
 from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
-STATEMENT = "statement"  # the observation's part that SB3 takes as word numbers only
+STATEMENT = "statement"  # the observation's part that SB3 takes as token ids only
 VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment
 
 Infos = Mapping[str, Any]  # as vector environments give them: arrays (N, ...), and masks `_name` of where they hold
@@ -44,7 +44,7 @@ class BatchVecEnv(VecEnv):
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any]) -> None:
-        """If `venv` is in a TokenizedStatement, word numbers are looked up here instead, in a third of the time.
+        """If `venv` is in a TokenizedStatement, token ids are looked up here instead, in a third of the time.
 
         Raises ValueError unless `venv` resets in the same step, which is what SB3 expects.
         """
@@ -99,7 +99,7 @@ class BatchVecEnv(VecEnv):
             told[number]["TimeLimit.truncated"] = cut_off.item(number)
 
     def _shown(self, observations: Any) -> VecEnvObs:
-        """The observations of now, with word numbers for statements if wanted."""
+        """The observations of now, with token ids for statements if wanted."""
         if self._tokens is not None:
             self._tasks = self.venv.unwrapped.task_numbers  # pyright: ignore[reportAttributeAccessIssue]
             observations[STATEMENT] = self._tokens.of_tasks(self._tasks)
@@ -231,7 +231,7 @@ def make_vec_env(
     monitor: bool = True,
     **kwargs: Any,
 ) -> VecEnv:
-    """`n_envs` environments as a `VecEnv`, with statements as word numbers (SB3 takes no texts).
+    """`n_envs` environments as a `VecEnv`, with statements as token ids (SB3 takes no texts).
 
     `backend`: "batched", all in this process (the fastest for most uses); "workers", a few processes with a batch
     each (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own around single

@@ -150,7 +150,7 @@ def _observations(settings: Settings) -> Iterator[str]:
         [(f"`{key}`", PARTS[key], _kind(text[key]), _kind(arrays[key])) for key in text],
     )
     yield (
-        f'Images are red, green and blue, {_kind(native)} with `image_size="native"`. The word numbers of `"arrays"` '
+        f'Images are red, green and blue, {_kind(native)} with `image_size="native"`. The token ids of `"arrays"` '
         "are those of the corpus's train split, padded with 0."
     )
 
@@ -301,7 +301,8 @@ def _infos(settings: Settings) -> Iterator[str]:
     )
     yield (
         "`env.unwrapped` has `task` (statement, program, target, start), `scene`, `goal_reached()` (whether STOP would "
-        "be rewarded +1 now), `action_masks()`, `horizon` and `evaluation_tasks()` (every id of the split)."
+        "be rewarded +1 now), `action_masks()`, `horizon` (`spec.max_episode_steps` is None: the "
+        "environment ends episodes itself, without a TimeLimit) and `evaluation_tasks()` (every id of the split)."
     )
 
 

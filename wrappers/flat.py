@@ -56,7 +56,7 @@ def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
 
 class FlatObservation(EnvWrapper[Flattening]):
     """Turns the whole observation into one float32 vector: the parts in alphabetical order, each flattened row by
-    row, a Discrete part as 0 and a single 1. The goal's value, image values and word numbers keep their scale.
+    row, a Discrete part as 0 and a single 1. The goal's value, image values and token ids keep their scale.
 
     Raises WrongEnvironment for a statement still in text.
     """

@@ -1,4 +1,4 @@
-"""Statements as arrays of word numbers."""
+"""Statements as arrays of token ids."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ STATEMENT = "statement"  # the observation's part
 
 
 class Tokens(Format):
-    """The statement as word numbers, looked up by task."""
+    """The statement as token ids, looked up by task."""
 
     replaces = (STATEMENT,)
 
@@ -61,12 +61,12 @@ class Tokens(Format):
         return {STATEMENT: self.of_tasks(state.task_numbers)}
 
     def of_tasks(self, task_numbers: Int64Array) -> Int64Array:
-        """(B, length) a new array: the word numbers of the statements of tasks (B,)."""
+        """(B, length) a new array: the token ids of the statements of tasks (B,)."""
         return self._by_task.take(task_numbers, axis=0)
 
     @cached_property
     def _by_task(self) -> Int64Array:
-        """(tasks, length) the word numbers of each task's statement."""
+        """(tasks, length) the token ids of each task's statement."""
         return statement_rows(self.env_description.tasks, self.vocabulary, self.length)
 
 

@@ -1,4 +1,4 @@
-"""The statements of tasks as arrays of word numbers, by default in the words of the corpus's train split."""
+"""The statements of tasks as arrays of token ids, by default in the words of the corpus's train split."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def refuse_longer(statements: Iterable[str], length: int) -> None:
 
 
 def statement_rows(tasks: TaskSet, vocabulary: Vocabulary, length: int) -> npt.NDArray[np.int64]:
-    """(tasks, length) the word numbers of each task's statement."""
+    """(tasks, length) the token ids of each task's statement."""
     encoded = {statement: vocabulary.encode(statement, length) for statement in statements_of(tasks)}
     return np.stack([encoded[task.statement] for task in tasks])
 

@@ -1,4 +1,4 @@
-"""Statements as words and as fixed-length arrays of word numbers."""
+"""Statements as words and as fixed-length arrays of token ids."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Vocabulary:
         return self._numbers.get(word, UNKNOWN)
 
     def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:
-        """The statement's word numbers, shape (length,): padded at the end, cut when longer."""
+        """The statement's token ids, shape (length,): padded at the end, cut when longer."""
         if length < 1:
             raise VocabularyError(f"length must be at least 1, not {length}")
         numbers = [self.number(word) for word in words(statement)[:length]]

@@ -65,7 +65,7 @@ class LilGymEnv(gym.Env[Observation, int]):
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
         "native". `horizon`: actions an episode, None for the rule set's. `observation`: "text", or "arrays" for
-        learners that take no texts: "statement" as word numbers, int64 (L,), and "target" as int64 (1,).
+        learners that take no texts: "statement" as token ids, int64 (L,), and "target" as int64 (1,).
         `render_cells`: pictures for people show the grid's cells with column and row numbers (Tower: names of boxes).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
