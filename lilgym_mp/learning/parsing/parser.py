@@ -116,7 +116,7 @@ class Parser:
             except (PrefixError, ProgramError):
                 continue
             meaning = truths(program, appearance)
-            if all(truth is None for truth in meaning):
+            if all(truth is None for truth in meaning) or _says_nothing(program, meaning):
                 continue
             programs.setdefault(meaning, program)  # the likeliest comes first
             scores.setdefault(meaning, []).append(candidate.log_probability / self.temperature)
@@ -143,6 +143,11 @@ class Parser:
         vocabulary = Index(tuple(words))
         network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]))
+
+
+def _says_nothing(program: str, meaning: Sequence[bool | None]) -> bool:
+    """Whether a program, badly typed and thus without a fast form, has the same truth on all probes."""
+    return len(set(meaning)) == 1 and not compile_program(program).is_fast
 
 
 def _ranked(
