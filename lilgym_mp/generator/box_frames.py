@@ -124,23 +124,6 @@ class Frames(ItemFrames):
         )  # fmt: skip
         return f"{subject} {self.having(conditions, plural)}"
 
-    def in_each_box(self) -> Said:
-        """ "there is one yellow item in each box" """
-        word = self.box_word()
-        condition = self.has_some() if self.chance(0.7) else self.condition()
-        has = condition.has
-        if has is None or condition.lacks or condition.kind == "either":
-            return self.boxes_with()
-        place = self.pick(f"in each {word}", f"in every {word}", f"in all {pluralised(word)}",
-                          f"in each of the {pluralised(word)}", f"in all three {pluralised(word)}",
-                          f"per {word}", f"inside each {word}")  # fmt: skip
-        there = f"there {self.pick('is', 'are', 'is')}"
-        text = self.pick(f"{there} {has} {place}", f"{there} {has} {place}", f"{place} {there} {has}", f"{has} {place}")
-        if word == self.voice.tower and "three" not in place:
-            towers = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
-            return Said(text, f"All({towers}, lambda {BOX}: {condition.test(BOX)})")
-        return Said(text, f"All(all_boxes, lambda {BOX}: {self.box_tests(word, [condition])})")
-
     def named_box(self) -> Said:
         """What the left, middle or right box has."""
         index = int(self.rng.random() * 3)

@@ -423,33 +423,6 @@ class Conditions(Speech):
 
         return Condition(test, text, kind="total", least=total, most=total)
 
-    def listed(self) -> Condition:
-        """ "two yellow, one black and three blue items", "a circle, two squares and a triangle" """
-        by_shape = self.attribute() == "shape"
-        names = self.rng.sample(SHAPES if by_shape else COLOURS, self.pick(2, 3, 3))
-        numbers = [self.pick(1, 1, 2, 2, 3) for _ in names]
-        looks = [Noun(Look(shape=name)) if by_shape else Noun(Look((name,))) for name in names]
-        if self.most_in_box < sum(numbers):
-            numbers = [1 for _ in names]
-        counts = [self.number(number) for number in numbers]
-        if by_shape:
-            parts = [
-                self.some(noun) if number == 1 and self.chance(0.4) else f"{count} {self.noun(noun, number > 1)}"
-                for noun, number, count in zip(looks, numbers, counts, strict=True)
-            ]
-        else:
-            parts = [f"{count} {name}" for count, name in zip(counts, names, strict=True)]
-            parts[-1] += f" {self.noun(ANYTHING, numbers[-1] > 1 or self.chance(0.4))}"
-        *first, last = parts
-        text = f"{', '.join(first)}{self.pick(' and ', ', and ', ' and ')}{last}"
-
-        def test(box: str) -> str:
-            return " and ".join(
-                numbered(exactly(number), items(noun, in_box(box))) for noun, number in zip(looks, numbers, strict=True)
-            )
-
-        return Condition(test, text, kind="varied", least=sum(numbers))
-
     def and_others(self) -> Condition:
         """ "one black item and two other items", "one black item and the rest yellow" """
         look = Look(self.colour())

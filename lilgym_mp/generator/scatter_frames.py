@@ -50,7 +50,7 @@ class ScatterFrames(Frames):
             (32, self.boxes_with), (3, self.named_box), (1, self.conditional_boxes), (2, self.box_with_definite),
             (1.5, self.touching_pair), (0.7, self.both), (0.6, self.excepted), (0.6, self.mostly), (0.4, self.no_two),
             (1.5, self.in_one_box), (1, self.two_named_boxes), (1.2, self.evenly), (0.8, self.most_of_them),
-            (2.5, self.in_box_with), (1.2, self.every_wall), (1.2, self.in_each_box),
+            (2.5, self.in_box_with), (1.2, self.every_wall),
         )  # fmt: skip
 
     def look(self) -> Look:
@@ -267,11 +267,11 @@ class ScatterFrames(Frames):
     @cached_property
     def _conditions(self) -> Sequence[tuple[float, Callable[[], Condition]]]:
         return (
-            (0.26, self.has_some), (0.12, lambda: self.total_in_box(8)), (0.15, self.has_traited), (0.06, self.purely),
+            (0.31, self.has_some), (0.12, lambda: self.total_in_box(8)), (0.15, self.has_traited), (0.06, self.purely),
             (0.07, self.varied), (0.05, self.has_none), (0.035, self.has_compared), (0.035, self.has_total_of_which),
             (0.025, self.all_of_box), (0.03, self.only_item), (0.03, self.two_alike), (0.02, self.two_lots),
             (0.01, self.either), (0.015, self.one_of_each), (0.02, self.just_these), (0.015, self.and_others),
-            (0.005, self.no_two_alike), (0.03, self.listed), (0.02, self.lots_of_both),
+            (0.005, self.no_two_alike),
         )  # fmt: skip
 
     def two_lots(self) -> Condition:
@@ -287,21 +287,6 @@ class ScatterFrames(Frames):
             return " and ".join(self.has_test(noun, box) for noun in (first, second))
 
         return Condition(test, text, kind="compared", least=2)
-
-    def lots_of_both(self) -> Condition:
-        """ "black squares and yellow triangles": some of each"""
-        nouns = [Noun(look) for look in self.two_looks()]
-        text = " and ".join(self.noun(noun, plural=True) for noun in nouns)
-        only = self.chance(0.2)
-
-        def test(box: str) -> str:
-            some = " and ".join(self.has_test(noun, box) for noun in nouns)
-            if not only:
-                return some
-            either = " or ".join(f"({' and '.join(test('x') for test in noun.tests())})" for noun in nouns)
-            return f"{some} and All({in_box(box)}, lambda x: {either})"
-
-        return Condition(test, f"only {text}" if only else text, kind="purely" if only else "compared", least=2)
 
     def has_test(self, noun: Noun, box: str) -> str:
         return f"exist({items(noun, in_box(box))})"

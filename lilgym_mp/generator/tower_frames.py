@@ -12,7 +12,6 @@ from lilgym_mp.generator.meanings import NONE, SOME, Quantity
 from lilgym_mp.generator.phrases import pluralised
 from lilgym_mp.generator.speech import (
     ANYTHING,
-    NEXT_VARIABLE,
     Look,
     Noun,
     Phrase,
@@ -68,7 +67,7 @@ class TowerFrames(Frames):
             (9, self.in_tower), (3, self.pile), (3, self.ends_told), (3, self.towers_alike), (1.5, self.touching_pair),
             (1.5, self.taller), (0.7, self.both), (0.5, self.excepted), (0.5, self.mostly), (0.4, self.no_two),
             (1, self.in_one_box), (1.5, self.two_named_boxes), (1.2, self.evenly), (0.8, self.most_of_them),
-            (2, self.coloured_towers), (1.5, self.order_told), (1, self.in_each_box), (1.5, self.so_many_above),
+            (2, self.coloured_towers), (1.5, self.order_told),
         )  # fmt: skip
 
     def look(self) -> Look:
@@ -87,10 +86,8 @@ class TowerFrames(Frames):
 
     def trait(self) -> Trait:
         draw = self.rng.random()
-        if draw < 0.34:
-            return self.place_trait()
         if draw < 0.38:
-            return self.middle_trait()
+            return self.place_trait()
         if draw < 0.66:
             return self.stacked_trait()
         if draw < 0.74:
@@ -113,17 +110,6 @@ class TowerFrames(Frames):
         if not holds:
             core = core.removeprefix("as ")
         return Trait(core, lambda v: f"{PARTS[part]}({v})", holds=holds, kind="place", told=told)
-
-    def middle_trait(self) -> Trait:
-        """Being neither at the top nor at the bottom."""
-        tower = self.voice.tower
-        core = self.pick("in the middle", f"in the middle of {self.a(tower)}", f"in the middle of the {tower}",
-                         "in the center", "as the middle block", f"in the middle part of {self.a(tower)}",
-                         "between two blocks", "in between two blocks", "between other blocks",
-                         "between two other blocks", "sandwiched between two blocks").replace(
-                             "block", self.voice.item)  # fmt: skip
-        return Trait(core, lambda v: f"(NOT(is_top({v})) and NOT(is_bottom({v})))", holds=self.chance(0.95),
-                     kind="place", told=core.removeprefix("as ") if core.startswith("as ") else None)  # fmt: skip
 
     def place_words(self, part: str) -> str:
         tower = self.voice.tower
@@ -163,32 +149,12 @@ class TowerFrames(Frames):
             return self.related(FAR_ABOVE, "get_box_all_below", self.block(), holds=holds)
         if draw < 0.1:
             return self.related(FAR_BELOW, "get_box_all_above", self.block(), holds=holds)
-        if draw < 0.18:
-            return self.end_neighbour_trait(holds=holds)
         noun = self.block()
         if draw < 0.65:
             if holds and self.chance(0.15):
                 noun = noun.also(self.related(ON, "get_below", self.block()))
             return self.related(ON, "get_below", noun, holds=holds)
         return self.related(UNDER, "get_above", noun, holds=holds)
-
-    def end_neighbour_trait(self, *, holds: bool) -> Trait:
-        """ "above the base", "under the top block" """
-        part, side, words = self.pick(
-            ("bottom", "get_below", ON), ("bottom", "get_below", ON), ("top", "get_above", UNDER)
-        )  # fmt: skip
-        item = self.voice.item
-        name = self.pick("base", "base", f"base {item}", f"bottom {item}", "bottom") if part == "bottom" else self.pick(
-            "top", f"top {item}", f"top most {item}", f"{item} at the top")  # fmt: skip
-        of_tower = self.pick("", "", f" of {self.a(self.voice.tower)}", f" of the {self.voice.tower}")
-        the = self.pick("the", "the", "the", "") if not of_tower else "the"
-        core = f"{self.one(words)} {the} {name}{of_tower}".replace("  ", " ")
-
-        def test(variable: str) -> str:
-            other = NEXT_VARIABLE[variable]
-            return f"exist(filter_obj({side}({variable}), lambda {other}: {PARTS[part]}({other})))"
-
-        return Trait(core, test, holds=holds, kind="place")
 
     def beside_trait(self) -> Trait:
         return self.related(BESIDE, "get_touching", self.block(), holds=self.chance(0.9))
@@ -249,12 +215,11 @@ class TowerFrames(Frames):
     @cached_property
     def _conditions(self):
         return (
-            (0.15, self.has_some), (0.19, self.height), (0.21, self.end), (0.06, self.purely), (0.06, self.varied),
+            (0.17, self.has_some), (0.19, self.height), (0.21, self.end), (0.06, self.purely), (0.06, self.varied),
             (0.04, self.has_none), (0.05, self.stacked_condition), (0.03, self.has_compared), (0.03, self.same_ends),
             (0.02, self.has_total_of_which), (0.015, self.only_item), (0.015, self.two_alike), (0.03, self.two_ends),
             (0.01, self.alternating), (0.04, self.with_more_on_it), (0.01, self.either), (0.015, self.one_of_each),
             (0.02, self.just_these), (0.02, self.and_others), (0.005, self.no_two_alike), (0.01, self.between_alike),
-            (0.02, self.listed),
         )  # fmt: skip
 
     def height(self) -> Condition:
@@ -469,26 +434,6 @@ class TowerFrames(Frames):
         quantity = self.quantity(3, none=0.05)
         return self.saying(quantity if quantity != Quantity(3, None) else SOME, noun)
 
-    def so_many_above(self) -> Said:
-        """ "there are two black blocks above a yellow block": over the same one"""
-        number = self.pick(2, 2, 2, 3)
-        upper, lower = Noun(Look(self.colour())), self.block()
-        above = self.chance(0.75)
-        words = self.one(("above", "over", "on top of", "on")) if above else self.one(("below", "under", "beneath"))
-        least = self.pick("", "", "", "exactly ", "at least ")
-        named = f"{least}{self.number(number)} {self.noun(upper, plural=True)}"
-        means_bound = self.voice.bare_number_is_bound
-        if means_bound and self.chance(0.7):  # the others mean so many that each lie on one
-            somewhere = self.pick("", "", f" in {self.a(self.voice.tower)}")
-            text = f"{self.existential(Phrase(named, plural=True))} {words} {self.some(lower)}{somewhere}"
-        else:
-            its = self.pick("above it", "on top of it", "over it") if above else self.pick("below it", "under it")
-            text = f"{self.existential(Phrase(self.some(lower), plural=False))} with {named} {its}"
-        quantity = Quantity(number, None) if least == "at least " or means_bound else exactly(number)
-        more = numbered(quantity, items(upper, f"{'get_box_all_above' if above else 'get_box_all_below'}(x)", "y"))
-        own = [test("x") for test in lower.tests()]
-        return Said(text, f"exist(filter_obj(all_items, lambda x: {' and '.join([*own, more])}))")
-
     def ends_told(self) -> Said:
         """ "the base of the tower with two blocks is yellow" """
         part = self.pick("top", "bottom", "bottom", "middle")
@@ -626,8 +571,7 @@ class TowerFrames(Frames):
         look = Look(self.colour())
         joint = self.pick("touching each other", "stacked together", "on top of each other", "touching one another",
                           "next to each other", "stacked on top of each other", "attached to each other",
-                          "one above the other", "stacked directly on each other", "attached with each other",
-                          "in a row", "touching each other consecutively", "one after another")  # fmt: skip
+                          "one above the other", "stacked directly on each other")  # fmt: skip
         several, look_test = self.noun(Noun(look), True), look.tests()[0]
         draw = self.rng.random()
         if draw > 0.75:
@@ -635,9 +579,9 @@ class TowerFrames(Frames):
             same = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
             return Said(text, f"exist(filter_obj(all_items, lambda x: {same}))")
         below = f"exist({items(Noun(look), 'get_below(x)', 'y')})"
-        number = self.pick("two", "2", "at least two", "at least 2")
+        number = self.pick("two", "2")
         if draw > 0.5:
-            number = self.pick("three", "3", "at least three", "at least 3")
+            number = self.pick("three", "3")
             lower = f"exist({items(Noun(look), 'get_below(y)', 'z')})"
             below = f"exist(filter_obj(get_below(x), lambda y: {look_test('y')} and {lower}))"
         text = self.existential_words(f"{number} {several} {joint}")
