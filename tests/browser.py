@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -55,11 +56,22 @@ def chromium() -> Iterator[Any]:
             browser.close()
 
 
+def axe_script() -> str:
+    """The source of axe-core, which looks for barriers to people with disabilities; skips where it is missing."""
+    package = pytest.importorskip("axe_playwright_python", reason="needs axe-core: pip install axe-playwright-python")
+    return (Path(package.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
+
+
 @contextmanager
-def watched_page(browser: Any, width: int = 1280, height: int = 900, *, dark: bool = False) -> Iterator[Watched]:
+def watched_page(
+    browser: Any, width: int = 1280, height: int = 900, *, dark: bool = False, bypass_csp: bool = False
+) -> Iterator[Watched]:
     """A page of the browser in a window of that many pixels."""
-    scheme = "dark" if dark else "light"
-    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    context = browser.new_context(
+        viewport={"width": width, "height": height},
+        color_scheme="dark" if dark else "light",
+        bypass_csp=bypass_csp,
+    )
     try:
         context.set_default_timeout(START_MS)
         yield Watched(context.new_page())

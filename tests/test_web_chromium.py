@@ -6,24 +6,35 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
-from tests.browser import Watched, chromium, watched_page
+from tests.browser import Watched, axe_script, chromium, watched_page
 from tests.web_app import Browser, server
 
 uvicorn = pytest.importorskip("uvicorn", reason="the browser suite needs the extra `web`")
 
-PAGES = ("/", "/play", "/annotate", "/annotate/guidelines", "/explore", "/explore/tower/dev/tower-dev-001", "/nowhere")
+PAGES = (
+    "/",
+    "/play",
+    "/watch",
+    "/game",
+    "/annotate",
+    "/annotate/guidelines",
+    "/explore",
+    "/explore/tower/dev/tower-dev-001",
+    "/nowhere",
+)
 
 
 @contextmanager
-def served(directory: Path) -> Iterator[tuple[str, Any]]:
+def served(directory: Path, **options: Any) -> Iterator[tuple[str, Any]]:
     """The URL of a server in a thread, and its application."""
-    with server(directory) as app:
+    with server(directory, **options) as app:
         running = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", lifespan="off"))
         thread = threading.Thread(target=running.run, daemon=True)
         thread.start()
@@ -83,6 +94,35 @@ def test_pages__fit_360_pixels_and_load_nothing_from_elsewhere(browser: Any, tmp
         _is_clean(watched, url, "404", "icon.svg")  # the icon is not waited for when the next page is opened
 
 
+RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}"
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [360, 1280])
+def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, width: int):
+    script = axe_script()
+    with (
+        served(tmp_path, runs=runs) as (url, app),
+        watched_page(browser, width, dark=dark, bypass_csp=True) as watched,
+    ):
+        page = watched.page
+        path = Browser(app).log_in("Olga", "organiser").post("/api/annotate/people", {"name": "Olga"}).json()["path"]
+        page.goto(url + path)
+        found: list[str] = []
+        for path in (*PAGES, "/annotate/tutorial", "/annotate/organise"):
+            page.goto(url + path, wait_until="networkidle")
+            if path in ("/play", "/game"):
+                page.click("#setup [type=submit]")
+                page.wait_for_selector(".cells button")
+            if path == "/watch":
+                page.locator("#episodes button").first.click()
+                page.wait_for_selector("#viewer .strip img")
+            page.evaluate(script)
+            for each in page.evaluate(f"axe.run({RULES})")["violations"]:
+                found.append(f"{path}: {each['id']}: {each['nodes'][0]['html'][:150]}")
+        assert found == []
+
+
 def test_annotate__a_draft_outlives_a_server_that_does_not_answer(browser: Any, tmp_path: Path):
     from tests.test_web_annotate import BLUE, _lines, given, imported
 
@@ -108,3 +148,124 @@ def test_annotate__a_draft_outlives_a_server_that_does_not_answer(browser: Any, 
         page.wait_for_selector("#submit:not([disabled])")
         page.click("#submit")
         page.wait_for_selector("text=Accepted")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with recordings of two policies on the same tasks."""
+    from tests.test_web_watch import record
+
+    place = tmp_path_factory.mktemp("runs")
+    record(place / "tower", "random-legal")
+    record(place / "tower", "expert")
+    return place
+
+
+def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp_path: Path, runs: Path):
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.set_default_timeout(60_000)
+        page.goto(f"{url}/watch")
+        page.wait_for_selector("#episodes button")
+        page.select_option(
+            "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
+        )
+        page.wait_for_selector("#about-title:has-text('expert')")
+        page.fill("[name=text]", "black")
+        page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
+        assert page.locator("#episodes button").count()
+        page.fill("[name=text]", "")
+        page.select_option("[name=success]", "false")
+        page.wait_for_selector("#total:has-text('No episode is like this')")
+        page.select_option("[name=success]", "true")
+        page.wait_for_selector("#episodes button")
+        page.select_option("#beside", index=1)
+        page.locator("#episodes button").nth(3).click()
+        page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
+        sides = page.locator(".side")
+        assert sides.nth(0).locator(".statement").inner_text() == sides.nth(1).locator(".statement").inner_text()
+        assert sides.nth(0).locator("h3").all_inner_texts()[:2] == ["Type of action", "Likeliest actions"]
+        assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
+        assert sides.nth(0).locator(".facts:has-text('Expert would do this') >> text=yes").count() == 1
+        assert page.locator(".side:nth-child(2) .heat div").count() > 0
+        page.keyboard.press("ArrowRight")
+        page.wait_for_selector("#step-line:has-text('Step 2')")
+        assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "The end"))
+        page.keyboard.press("l")
+        page.wait_for_selector(".side:nth-child(2) .heat .may")
+        page.keyboard.press("End")
+        page.wait_for_selector("#step-line:has-text('The end')")
+        page.keyboard.press("j")
+        page.wait_for_selector("#step-line:has-text('Step 1 ')")
+        page.reload()
+        page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
+        _is_clean(watched, url)
+
+
+def _of_expert(title: str) -> bool:
+    return title.startswith("expert")
+
+
+def test_watch__without_recordings_tells_how_to_make_some(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        watched.page.goto(f"{url}/watch")
+        watched.page.wait_for_selector("#nothing:has-text('--record-decisions')")
+        _is_clean(watched, url)
+
+
+@pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person")])
+def test_game__every_protocol_is_played_to_its_end(browser: Any, tmp_path: Path, seats: tuple[str, str]):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.set_default_timeout(60_000)
+        page.goto(f"{url}/game")
+        page.select_option("[name=configuration]", "TowerScratch")
+        for seat, who in zip(("proposer", "verifier"), seats, strict=True):
+            page.select_option(f"[name={seat}]", who)
+        for protocol in ("veto", "joint", "audit", "critique"):
+            page.select_option("[name=protocol]", protocol)
+            page.click("#setup [type=submit]")
+            page.wait_for_selector(f"#task-line:text-matches('{protocol}, TowerScratch')")
+            if seats[0] == "person" and protocol == "veto":
+                page.click("#legal")
+            _play_out(page)
+            assert "Your reward: " in page.inner_text("#turn")
+        _is_clean(watched, url)
+
+
+def _play_out(page: Any) -> None:
+    """As proposer adds and removes in turn, from an empty scene, and stops; as verifier gives each answer in turn."""
+    kinds = cycle(("ADD", "REMOVE"))
+    for turn in range(60):
+        page.wait_for_selector("#turn:text-matches('your turn|is over')")
+        if "is over" in page.inner_text("#turn"):
+            return
+        if page.is_hidden("#proposing"):
+            answers = page.locator("#answers button")
+            answers.nth(turn % answers.count()).click()
+        elif turn % 3 == 2 and page.is_enabled("#stop"):
+            page.click("#stop")
+        else:
+            page.click(f"[data-choice=kind] [data-value={next(kinds)}]")
+            page.locator(".cells button.legal:not(:disabled)").first.click()
+        page.wait_for_selector("#board:not([aria-busy])")
+    raise AssertionError("the game did not end")
+
+
+def test_game__a_verdict_is_chosen_from_the_protocols_bins(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.set_default_timeout(60_000)
+        page.goto(f"{url}/game")
+        assert page.is_hidden("[name=verdict_bins]")
+        chosen = {"configuration": "TowerFlipIt", "protocol": "audit", "rewards": "brier", "verdict_bins": "5"}
+        for name, value in {**chosen, "proposer": "helpful", "verifier": "person"}.items():
+            page.select_option(f"[name={name}]", value)
+        page.click("#setup [type=submit]")
+        page.wait_for_selector("#answers button")
+        shares = [text.split()[3] for text in page.locator("#answers button").all_inner_texts()]
+        assert shares == ["0.1", "0.3", "0.5", "0.7", "0.9"]
+        page.focus("#answers button")
+        page.keyboard.press("5")
+        page.wait_for_selector("#turn:text-matches('Your reward: -0.(01|81)')")  # of a true claim, of a false one
+        _is_clean(watched, url)

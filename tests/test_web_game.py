@@ -40,7 +40,7 @@ def browser(app: Any) -> Browser:
     return Browser(app)
 
 
-def begin(browser: Browser, **chosen: str) -> dict[str, Any]:
+def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
     answer = browser.post(GAMES, chosen)
     assert answer.status_code == 201, answer.text
     return answer.json()
@@ -218,6 +218,14 @@ def test_critique__a_word_reaches_the_proposer(browser: Browser):
     assert seen(browser, made["proposer"])["message"] == 3
 
 
+def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
+    chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
+    made = begin(browser, proposer="sneaky", verifier="person", **chosen)
+    assert seen(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
+    body = act(browser, made["verifier"], "holds with probability 0.25").json()
+    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.75), abs=1e-5))
+
+
 def test_legal__is_the_agents_mask(browser: Browser):
     made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
     game = room(browser.app, made["proposer"])
@@ -267,9 +275,12 @@ def test_action__out_of_turn_is_refused(browser: Browser):
         ({"verifier": "agent:parse-and-plan", "verifier_view": "no target"}, 422, "must see everything"),
         ({"verifier": "agent:imitation-tower", "configuration": "ScatterFlipIt"}, 422, "does not play"),
         ({"protocol": "auction"}, 422, "protocol"),
+        ({"protocol": "audit", "rewards": "brier"}, 422, 'needs protocol="audit" and verdict_bins'),
+        ({"protocol": "veto", "verdict_bins": 5}, 422, 'verdict_bins is for protocol="audit"'),
+        ({"protocol": "audit", "verdict_bins": 1}, 422, "greater than or equal to 2"),
     ],
 )
-def test_begin__says_what_is_wrong(browser: Browser, chosen: dict[str, str], status: int, said: str):
+def test_begin__says_what_is_wrong(browser: Browser, chosen: dict[str, Any], status: int, said: str):
     if "agent:" in chosen.get("verifier", "") or "run:" in chosen.get("verifier", ""):
         pytest.importorskip("torch")
     answer = browser.post(GAMES, chosen)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_text
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.terminal import Progress
@@ -46,6 +47,15 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of agents that draw (default: 0)")
     parser.add_argument("--out", type=Path, metavar="DIRECTORY", help=f"writes {TRANSCRIPTS} and {SUMMARY} there")
     parser.add_argument("--force", action="store_true", help="overwrite what --out holds")
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="also write the episodes there, with every answer, for /watch"
+    )
+    parser.add_argument(
+        "--judge-decisions",
+        action="store_true",
+        help="with --record: ask the expert in each step whether the action taken begins a shortest solution "
+        "(slow in Scatter)",
+    )
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -65,10 +75,13 @@ def run(args: argparse.Namespace) -> int:
         retries=args.retries,
         history=args.history,
     )
-    summary = summarise(_played(player, args))
+    episodes = _played(player, args)
+    summary = summarise(episodes)
     print(*_shown(summary), sep="\n")
     if args.out is not None:
         write_json(args.out / SUMMARY, {"settings": _settings(args, player), **summary.to_json()})
+    if args.record is not None:
+        _record(player, args, episodes)
     return 0
 
 
@@ -89,8 +102,27 @@ def _played(player: Player, args: argparse.Namespace) -> list[Episode]:
     return episodes
 
 
+def _record(player: Player, args: argparse.Namespace, episodes: list[Episode]) -> None:
+    from lilgym_mp.llm.recording import write_recording
+
+    path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
+    Circumstances.now(args.words).write(path)
+    print(f"episodes: {path}")
+
+
 def _check_free(args: argparse.Namespace) -> None:
     """Raises CommandError where results are already, unless they may be overwritten."""
+    from lilgym_mp.evaluation.recording import episodes_file
+    from lilgym_mp.llm.recording import recording_name
+
+    if args.judge_decisions and args.record is None:
+        raise CommandError("--judge-decisions goes with --record DIR, where decisions are kept")
+    if args.record is not None:
+        settings = Settings(**said_settings(args))
+        place = writable_directory(args.record)
+        path = episodes_file(place, recording_name(args.agent), settings, args.split, args.seed)
+        if path.exists() and not args.force:
+            raise CommandError(f"{path} exists; --force overwrites it")
     if args.out is None:
         return
     writable_directory(args.out)

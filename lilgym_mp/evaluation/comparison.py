@@ -132,7 +132,20 @@ def play(
         record_decisions=plan.record_decisions,
         on_episode=on_episode,
     )
-    seconds = time.process_time() - began
+    mask = getattr(policy, "needs_masks", True) if named.mask is None else named.mask
+    return result_of(named, plan, episodes, training_statements, cpu_seconds=time.process_time() - began, mask=mask)
+
+
+def result_of(
+    named: NamedPolicy,
+    plan: EvaluationPlan,
+    episodes: Sequence[Episode],
+    training_statements: Collection[str],
+    *,
+    cpu_seconds: float,
+    mask: bool,
+) -> Result:
+    """The result that these episodes come to."""
     forms = set(map(statement_form, training_statements))
     seen_forms = [statement_form(episode.statement) in forms for episode in episodes]
     return Result(
@@ -142,8 +155,8 @@ def play(
         Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
         Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
         episodes,
-        seconds,
-        getattr(policy, "needs_masks", True) if named.mask is None else named.mask,
+        cpu_seconds,
+        mask,
     )
 
 

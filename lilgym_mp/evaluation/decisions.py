@@ -18,6 +18,7 @@ from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT
 
+LONGEST_ANSWER = 4_000  # characters kept of what an agent wrote
 LIKELIEST = 5  # actions kept of each step, and programs
 LEAST_PROBABILITY = 0.0005  # that a cell must have to be kept
 DIGITS = 4
@@ -35,6 +36,20 @@ class PolicyOutput(NamedTuple):
     programs: Sequence[Mapping[str, float]] | None = None  # B times: probability of each program that was planned for
 
 
+class AgentAnswer(NamedTuple):
+    """What an agent that reads and writes answered."""
+
+    text: str
+    understood: bool  # whether it decided for one action
+
+    @classmethod
+    def shortened(cls, text: str, *, understood: bool) -> Self:
+        """Without the middle of a text that is too long to keep."""
+        if len(text) > LONGEST_ANSWER:
+            text = f"{text[: LONGEST_ANSWER // 2]} [...] {text[-LONGEST_ANSWER // 2 :]}"
+        return cls(text, understood)
+
+
 @dataclass(frozen=True)
 class Decision:
     """What a policy went by in one step, before its action."""
@@ -50,11 +65,13 @@ class Decision:
     programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the likeliest of those planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None: not asked, or not known
     steps_to_go: int | None = None  # actions of a shortest solution, STOP included; None as above
+    answers: tuple[AgentAnswer, ...] = ()  # of an agent that reads and writes, the one that was acted upon last
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for name in ("add_cells", "remove_cells"):
             values[name] = [[cell, probability] for cell, probability in values[name].items()]
+        values["answers"] = [list(answer) for answer in self.answers]
         return {**values, "likeliest": [[describe(action), probability] for action, probability in self.likeliest]}
 
     @classmethod
@@ -70,6 +87,7 @@ class Decision:
         _probability("legal_probability", values["legal_probability"])
         for name, found in dict(values["programs"]).items():
             _probability(f"programs: {name:.40}", found)
+        values["answers"] = tuple(AgentAnswer(str(text), bool(known)) for text, known in values.get("answers", ()))
         if len(values["types"]) != len(ActionType) or len(values["legal"]) != len(ActionType):
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")
         return cls(**values)

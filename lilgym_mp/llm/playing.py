@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from lilgym_mp.actions import describe
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm.agents import Answer, LanguageAgent, Message
 from lilgym_mp.llm.summary import progression
-from lilgym_mp.rules import State
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 
@@ -68,6 +69,8 @@ class Player:
     retries: int = 1
     history: int = 12
     env: TextObservation = field(init=False)
+    tasks: TaskSet = field(init=False)
+    dynamics: Dynamics = field(init=False)
 
     def __post_init__(self) -> None:
         """Raises ValueError naming what is wrong with a setting."""
@@ -75,7 +78,7 @@ class Player:
             raise ValueError(f"retries and history must be 0 or more, not {self.retries} and {self.history}")
         env = self.settings.make(self.split)
         self.env = TextObservation(env, scene=self.scene, legal_actions=self.legal_actions)
-        self._dynamics = env.dynamics
+        self.tasks, self.dynamics = env.tasks, env.dynamics
         self._solver = Solver(env.dynamics)
 
     def task_ids(self) -> Sequence[str]:
@@ -95,7 +98,7 @@ class Player:
         while not ended:
             talk.append({"role": "user", "content": text})
             action = self._decided(talk, turns)
-            actions.append(describe(self._dynamics.appearance.decode(action)))
+            actions.append(describe(self.dynamics.appearance.decode(action)))
             text, reward, terminated, truncated, info = self.env.step(action)
             total, ended = total + float(reward), terminated or truncated
         success = bool(info["is_success"])
@@ -124,7 +127,7 @@ class Player:
             answer = Answer(told) if isinstance(told, str) else told
             reply = self.env.parse_action(answer.text)
             acts = reply.understood or attempt == self.retries
-            name = describe(self._dynamics.appearance.decode(reply.action)) if acts else None
+            name = describe(self.dynamics.appearance.decode(reply.action)) if acts else None
             tokens = answer.prompt_tokens, answer.completion_tokens
             turns.append(Turn(answer.text, reply.understood, name, round(seconds, 6), *tokens))
             talk.append({"role": "assistant", "content": answer.text})

@@ -201,7 +201,13 @@ class Games:
 
 @lru_cache(maxsize=64)
 def setup(
-    corpus: str, configuration: str, split: str, protocol: str, rewards: str, views: tuple[str, str]
+    corpus: str,
+    configuration: str,
+    split: str,
+    protocol: str,
+    rewards: str,
+    verdict_bins: int | None,
+    views: tuple[str, str],
 ) -> GameSetup:
     """Raises ValueError, CorpusError for what does not exist."""
     chosen = Configuration(configuration, corpus)
@@ -210,6 +216,7 @@ def setup(
         start=chosen.start,
         protocol=protocol,
         rewards=rewards,
+        verdict_bins=verdict_bins,
         corpus=corpus,
         split=split,
         views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
@@ -218,17 +225,21 @@ def setup(
 
 
 def new_room(
-    visitor: str, corpus: str, chosen: Mapping[str, str], names: tuple[str, str], partners: Mapping[str, Partner]
+    visitor: str, corpus: str, chosen: Mapping[str, Any], names: tuple[str, str], partners: Mapping[str, Partner]
 ) -> GameRoom:
     """A game that has begun; `names`: a person or a partner, by Role.
 
-    `chosen` has configuration, split, protocol, rewards, proposer_view and verifier_view. Answers 404, 422.
+    `chosen` has configuration, split, protocol, rewards, verdict_bins, proposer_view and verifier_view. Answers 404
+    where there are no such tasks, 422 where the settings do not go together.
     """
     views = chosen["proposer_view"], chosen["verifier_view"]
     try:
-        made = setup(corpus, chosen["configuration"], chosen["split"], chosen["protocol"], chosen["rewards"], views)
-    except (ValueError, CorpusError) as fault:
+        told = ("configuration", "split", "protocol", "rewards", "verdict_bins")
+        made = setup(corpus, *(chosen[name] for name in told), views)
+    except CorpusError as fault:
         raise refusal(404, str(fault)) from None
+    except ValueError as fault:
+        raise refusal(422, str(fault)) from None
     session = Session(made)
     session.reset(secrets.randbelow(2**31), None)
     room = GameRoom(

@@ -119,6 +119,13 @@ class LikelyProgram(BaseModel):
     probability: float
 
 
+class AnswerBody(BaseModel):
+    """What an agent that reads and writes answered, and whether that decided for one action."""
+
+    text: str
+    understood: bool
+
+
 class DecisionBody(BaseModel):
     """What the agent went by before an action."""
 
@@ -136,6 +143,7 @@ class DecisionBody(BaseModel):
     programs: list[LikelyProgram]
     optimal: bool | None
     steps_to_go: int | None
+    answers: list[AnswerBody]
 
 
 class LegalCell(BaseModel):
@@ -415,4 +423,5 @@ def _decision_body(decision: Decision, cell_of: Callable[[int], tuple[int, int]]
         programs=[LikelyProgram(program=program, probability=share) for program, share in decision.programs.items()],
         optimal=decision.optimal,
         steps_to_go=decision.steps_to_go,
+        answers=[AnswerBody(**answer._asdict()) for answer in decision.answers],
     )

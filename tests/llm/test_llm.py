@@ -268,3 +268,46 @@ def test_transformers__names_a_directory_that_is_not_there(tmp_path: Path):
     pytest.importorskip("transformers", reason="needs the extra transformers")
     with pytest.raises(AgentError, match="no such directory"):
         make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
+
+
+class Hesitant:
+    """Says nothing useful, then what an expert says."""
+
+    def __init__(self) -> None:
+        self.expert = agents_module.ExpertAgent()
+        self.asked = 0
+
+    def begin(self, env: Any, seed: int) -> None:
+        self.expert.begin(env, seed)
+
+    def answer(self, messages: Sequence[Message]) -> str:
+        self.asked += 1
+        return "Let me think." if self.asked == 1 else f"Thus\n{self.expert.answer(messages)}"
+
+
+def test_recording__keeps_every_answer_before_its_action(tmp_path: Path):
+    from lilgym_mp.evaluation.episodes import read_episodes
+    from lilgym_mp.llm.recording import write_recording
+
+    player = Player(Settings("TowerFlipIt"), Hesitant())
+    played = [player.play(task) for task in player.task_ids()[:2]]
+    path = write_recording(tmp_path, player, "mine:Hesitant", played, 0, judges=True)
+    read = read_episodes(path)
+    for recorded, episode in zip(read.episodes, played, strict=True):
+        decisions = recorded.decisions or ()
+        assert [each.likeliest[0][1] for each in decisions] == [1.0] * len(episode.actions)
+        assert [each.answers[-1].text for each in decisions] == [t.answer for t in episode.turns if t.action]
+        assert all(each.optimal for each in decisions)
+        assert recorded.is_success == episode.is_success
+    decisions = read.episodes[0].decisions
+    assert decisions is not None
+    assert [(answer.text[:3], answer.understood) for answer in decisions[0].answers] == [("Let", False), ("Thu", True)]
+
+
+def test_command__records_episodes_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "2", "--record", str(tmp_path)]
+    assert main(command) == 0
+    assert [file.name for file in tmp_path.glob("*.jsonl*")]
+    assert main(command) == 2
+    assert "--force overwrites it" in capsys.readouterr().err
+    assert main([*command, "--force"]) == 0

@@ -2,10 +2,7 @@
 // The page /game. A seat is known by its key, which stands after the # of the address; all that is shown is the server's answer.
 
 const setup = byId("setup");
-const look = { kind: "ADD", shape: "CIRCLE", size: "SMALL", colour: "YELLOW" };
-const board = new SceneView("The scene");
-const cells = element("div", { class: "cells", role: "group", "aria-label": "Places in the picture" });
-const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
+const board = new Board(act, legal);
 const POLL_MILLISECONDS = 1500;
 const PROTOCOLS = {
   veto: "Veto: the verifier accepts or rejects each proposal; a rejection spends the round.",
@@ -17,24 +14,19 @@ let key = null;
 let otherKey = null;
 let seat = null;
 let told = "";
-let showsLegal = false;
 
-board.root.append(cells);
-byId("board").append(board.root);
-
-function fillSplits() {
-  const splits = JSON.parse(setup.configuration.selectedOptions[0].dataset.splits);
-  const before = setup.split.value || "dev";
-  setup.split.replaceChildren(...splits.map((split) => element("option", { value: split }, split)));
-  setup.split.value = splits.includes(before) ? before : splits[0];
+function sayProtocol() {
+  byId("protocol-line").textContent = PROTOCOLS[setup.protocol.value];
+  byId("bins").hidden = setup.protocol.value !== "audit";
 }
 
-const sayProtocol = () => { byId("protocol-line").textContent = PROTOCOLS[setup.protocol.value]; };
+
 const linkOf = (other) => `${location.origin}/game#${other}`;
 
 async function begin() {
   await attempt(async () => {
     const chosen = Object.fromEntries(new FormData(setup));
+    chosen.verdict_bins = chosen.protocol === "audit" && chosen.verdict_bins ? Number(chosen.verdict_bins) : null;
     const made = await ask("POST", "/api/game/games", chosen);
     const mine = made.proposer || made.verifier;
     otherKey = made.proposer && made.verifier ? made.verifier : null;
@@ -46,7 +38,7 @@ async function sit(wanted) {
   key = wanted;
   seat = null;
   told = "";
-  cells.replaceChildren();
+  board.cells.replaceChildren();
   history.replaceState(null, "", `#${key}`);
   await lookAgain();
   byId("seat-title").focus();
@@ -79,7 +71,7 @@ async function show(found) {
   showScene();
   showAnswers();
   showPast();
-  await showLegal();
+  await board.mark();
   document.title = `${seat.your_turn ? "Your turn · " : ""}Game · lilgym-mp`;
 }
 
@@ -98,36 +90,15 @@ function turnLine() {
 }
 
 function showScene() {
-  board.root.classList.toggle("unseen", seat.scene === null);
-  if (seat.scene) board.show(seat.scene);
+  const { root, image } = board.view;
+  root.classList.toggle("unseen", seat.scene === null);
+  if (seat.scene) board.view.show(seat.scene);
   else {
-    board.image.removeAttribute("src");
-    board.image.alt = "You do not see the scene.";
+    image.removeAttribute("src");
+    image.alt = "You do not see the scene.";
   }
-  if (seat.role === "proposer" && !cells.firstChild) makeCells();
-  for (const button of cells.children) button.disabled = !seat.your_turn;
-}
-
-function makeCells() {
-  const [columns, rows] = seat.grid || [3, 1];
-  byId("board").classList.toggle("fine", Boolean(seat.grid));
-  for (let row = 0; row < rows; row += 1) {
-    for (let column = 0; column < columns; column += 1) {
-      const name = seat.grid ? `column ${column}, row ${row}` : `${BOXES[column].toLowerCase()} box`;
-      const cell = element("button", { type: "button", tabindex: -1, "aria-label": name, click: () => act(actionAt(cell)) });
-      Object.assign(cell.dataset, { column, row });
-      if (seat.grid) place(cell, (column * IMAGE_WIDTH) / columns, (row * IMAGE_HEIGHT) / rows, IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows);
-      else place(cell, column * 140, 0, 100, 100);
-      cells.append(cell);
-    }
-  }
-  cells.firstChild.tabIndex = 0;
-}
-
-function actionAt(cell) {
-  const { column, row } = cell.dataset;
-  if (!seat.grid) return look.kind === "ADD" ? `ADD(${BOXES[column]}, ${look.colour})` : `REMOVE(${BOXES[column]})`;
-  return look.kind === "ADD" ? `ADD(${column}, ${row}, ${look.shape}, ${look.colour}, ${look.size})` : `REMOVE(${column}, ${row})`;
+  if (seat.role === "proposer" && !board.cells.firstChild) board.makeCells(seat.grid);
+  board.enable(seat.your_turn);
 }
 
 function showAnswers() {
@@ -150,13 +121,9 @@ function showPast() {
   byId("past").replaceChildren(...(seen.length ? seen.map((turn) => element("li", {}, turn)) : [element("li", { class: "soft" }, "Nothing yet.")]));
 }
 
-async function showLegal() {
-  const names = new Set();
-  if (showsLegal && seat && seat.your_turn && seat.role === "proposer") {
-    const query = new URLSearchParams({ shape: look.shape, colour: look.colour, size: look.size });
-    (await ask("GET", `/api/game/seats/${key}/legal?${query}`)).actions.forEach((name) => names.add(name));
-  }
-  for (const cell of cells.children) cell.classList.toggle("legal", names.has(actionAt(cell)));
+async function legal(query) {
+  if (!seat || !seat.your_turn || seat.role !== "proposer") return [];
+  return (await ask("GET", `/api/game/seats/${key}/legal?${query}`)).actions;
 }
 
 async function act(action) {
@@ -171,44 +138,23 @@ async function act(action) {
   }, byId("board"));
 }
 
-function choose(name, value) {
-  look[name] = value;
-  for (const button of document.querySelectorAll(`[data-choice="${name}"] button`)) button.setAttribute("aria-pressed", String(button.dataset.value === value));
-  attempt(showLegal);
-}
-
-function chooseNext(name) {
-  const values = [...document.querySelectorAll(`[data-choice="${name}"] button`)].map((button) => button.dataset.value);
-  choose(name, values[(values.indexOf(look[name]) + 1) % values.length]);
-}
-
-function toggleLegal() {
-  showsLegal = !showsLegal;
-  byId("legal").setAttribute("aria-pressed", String(showsLegal));
-  attempt(showLegal);
-}
-
-moveWithArrows(cells, () => seat.grid || [3, 1]);
-
-const KEYS = { a: () => chooseNext("kind"), s: () => chooseNext("shape"), z: () => chooseNext("size"), c: () => chooseNext("colour"), l: toggleLegal };
 byId("seat").addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select") || !seat) return;
   const pressed = event.key.toLowerCase();
   const answer = /^[1-9]$/.test(pressed) ? seat.answers[Number(pressed) - 1] : null;
-  if (!answer && !(pressed in KEYS && seat.role === "proposer")) return;
+  if (!answer && !(pressed in board.keys && seat.role === "proposer")) return;
   event.preventDefault();
   if (answer) act(answer);
-  else KEYS[pressed]();
+  else board.keys[pressed]();
 });
 
 setup.addEventListener("submit", (event) => {
   event.preventDefault();
   begin();
 });
-setup.configuration.addEventListener("change", fillSplits);
+setup.configuration.addEventListener("change", () => fillSplits(setup));
 setup.protocol.addEventListener("change", sayProtocol);
 byId("stop").addEventListener("click", () => act("STOP"));
-byId("legal").addEventListener("click", toggleLegal);
 byId("swap").addEventListener("click", () => {
   const next = otherKey;
   otherKey = key;
@@ -223,13 +169,6 @@ byId("copy").addEventListener("click", async () => {
     say("Copy the marked link.");
   }
 });
-for (const group of document.querySelectorAll("[data-choice]")) {
-  group.addEventListener("click", (event) => {
-    const button = event.target.closest("button");
-    if (button) choose(group.dataset.choice, button.dataset.value);
-  });
-}
-
 // What another person does is seen by asking; a window that nobody looks at does not ask.
 setInterval(() => {
   if (seat && !seat.over && !seat.your_turn && !document.hidden) lookAgain().catch(() => {});
@@ -237,6 +176,6 @@ setInterval(() => {
 
 const fromAddress = () => /^#[\w-]+$/.test(location.hash) && attempt(() => sit(location.hash.slice(1)));
 window.addEventListener("hashchange", () => location.hash.slice(1) !== key && fromAddress());
-fillSplits();
+fillSplits(setup);
 sayProtocol();
 fromAddress();

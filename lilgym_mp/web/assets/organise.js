@@ -31,7 +31,7 @@ async function showPeople() {
     const revoke = element("button", { type: "button", class: "quiet", click: () => attempt(async () => { await ask("DELETE", `/api/annotate/people/${person.id}/token`); await showPeople(); }) }, "End the link");
     return [choice, person.name, person.role, person.open, person.done, person.skipped, person.tutorial, person.has_token ? revoke : "no link"];
   };
-  byId("people").replaceChildren(rows(["", "Name", "Role", "To do", "Done", "Skipped", "Tutorial", "Link"], found.map(line)));
+  byId("people").replaceChildren(rows(["Choose", "Name", "Role", "To do", "Done", "Skipped", "Tutorial", "Link"], found.map(line)));
 }
 
 async function showBatches() {

@@ -2,31 +2,17 @@
 // The page /play. What is legal, what comes of an action and what it gives are the server's answers.
 
 const setup = byId("setup");
-const look = { kind: "ADD", shape: "CIRCLE", size: "SMALL", colour: "YELLOW" };
-const board = new SceneView("The scene");
-const cells = element("div", { class: "cells", role: "group", "aria-label": "Places in the picture" });
+const board = new Board(act, legal);
 const endView = new SceneView("The last scene");
 const expertView = new SceneView("The expert's scene");
-const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
 const OUTCOMES = { success: "Solved", wrong_stop: "Stopped in the wrong scene", invalid_action: "Not a legal action", horizon: "Out of actions" };
 let episode = null;
-let showsLegal = false;
+let shown = null; // the episode whose places the board has
 let expert = null;
 let expertStep = 0;
 
-board.root.append(cells);
-byId("board").append(board.root);
 byId("end-scene").append(endView.root);
 byId("expert-scene").append(expertView.root);
-
-function fillSplits() {
-  const sizes = JSON.parse(setup.configuration.selectedOptions[0].dataset.splits);
-  const before = setup.split.value || "dev";
-  setup.split.replaceChildren(
-    ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
-  );
-  setup.split.value = before in sizes ? before : Object.keys(sizes)[0];
-}
 
 async function begin(taskId) {
   await attempt(async () => {
@@ -41,37 +27,13 @@ async function begin(taskId) {
     byId("expert").hidden = true;
     history.replaceState(null, "", `#${made.id}`);
     await show(made);
-    focusBoard();
+    board.focus();
   }, byId("episode"));
-}
-
-/** The places of the picture: Scatter's cells, or Tower's boxes. */
-function makeCells() {
-  cells.replaceChildren();
-  const [columns, rows] = episode.grid || [3, 1];
-  byId("board").classList.toggle("fine", Boolean(episode.grid));
-  for (let row = 0; row < rows; row += 1) {
-    for (let column = 0; column < columns; column += 1) {
-      const cell = element("button", { type: "button", tabindex: -1, click: () => act(actionAt(cell)) });
-      Object.assign(cell.dataset, { column, row });
-      if (episode.grid) place(cell, (column * IMAGE_WIDTH) / columns, (row * IMAGE_HEIGHT) / rows, IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows);
-      else place(cell, column * 140, 0, 100, 100);
-      cells.append(cell);
-    }
-  }
-  cells.dataset.for = episode.id;
-  cells.firstChild.tabIndex = 0;
-}
-
-function actionAt(cell) {
-  const { column, row } = cell.dataset;
-  if (!episode.grid) return look.kind === "ADD" ? `ADD(${BOXES[column]}, ${look.colour})` : `REMOVE(${BOXES[column]})`;
-  return look.kind === "ADD" ? `ADD(${column}, ${row}, ${look.shape}, ${look.colour}, ${look.size})` : `REMOVE(${column}, ${row})`;
 }
 
 async function show(state) {
   episode = state;
-  board.show(state.scene);
+  board.view.show(state.scene);
   byId("nothing").hidden = true;
   byId("episode").hidden = false;
   byId("statement").textContent = state.statement;
@@ -80,30 +42,20 @@ async function show(state) {
   byId("reward").textContent = state.reward.toFixed(1);
   byId("history").textContent = state.actions.length ? `So far: ${state.actions.join(", ")}` : "";
   byId("scatter-look").hidden = !state.grid;
-  if (cells.dataset.for !== state.id) makeCells();
-  for (const button of [...cells.children, byId("stop"), byId("legal")]) button.disabled = state.over;
+  if (shown !== state.id) board.makeCells(state.grid);
+  shown = state.id;
+  board.enable(!state.over);
+  for (const name of ["stop", "legal"]) byId(name).disabled = state.over;
   byId("end").hidden = !state.over;
-  await showLegal();
-  nameCells();
-  if (state.over) await explain();
+  await board.mark();
+  if (!state.over) return;
+  await explain();
   await showTables();
 }
 
-function nameCells() {
-  for (const cell of cells.children) {
-    const told = episode.grid ? `column ${cell.dataset.column}, row ${cell.dataset.row}` : `${BOXES[cell.dataset.column].toLowerCase()} box`;
-    cell.setAttribute("aria-label", cell.classList.contains("legal") ? `${told}, legal` : told);
-  }
-}
-
-async function showLegal() {
-  const names = new Set();
-  if (showsLegal && episode && !episode.over) {
-    const query = new URLSearchParams({ shape: look.shape, colour: look.colour, size: look.size });
-    const found = await ask("GET", `/api/play/episodes/${episode.id}/legal?${query}`);
-    found.actions.forEach((name) => names.add(name));
-  }
-  for (const cell of cells.children) cell.classList.toggle("legal", names.has(actionAt(cell)));
+async function legal(query) {
+  if (!episode || episode.over) return [];
+  return (await ask("GET", `/api/play/episodes/${episode.id}/legal?${query}`)).actions;
 }
 
 async function act(action) {
@@ -170,39 +122,7 @@ async function showTables() {
   byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks", "Mean reward"], bestRows, "Best play") : element("p", { class: "empty" }, "Nobody has finished a task yet."));
 }
 
-function choose(name, value) {
-  look[name] = value;
-  for (const button of document.querySelectorAll(`[data-choice="${name}"] button`)) {
-    button.setAttribute("aria-pressed", String(button.dataset.value === value));
-  }
-  attempt(async () => {
-    await showLegal();
-    if (episode) nameCells();
-  });
-}
-
-function chooseNext(name) {
-  const values = [...document.querySelectorAll(`[data-choice="${name}"] button`)].map((button) => button.dataset.value);
-  choose(name, values[(values.indexOf(look[name]) + 1) % values.length]);
-}
-
-function toggleLegal() {
-  showsLegal = !showsLegal;
-  byId("legal").setAttribute("aria-pressed", String(showsLegal));
-  attempt(async () => {
-    await showLegal();
-    nameCells();
-  });
-}
-
-function focusBoard() {
-  const cell = [...cells.children].find((each) => each.tabIndex === 0);
-  if (cell) cell.focus({ preventScroll: true });
-}
-
-moveWithArrows(cells, () => episode.grid || [3, 1]);
-
-const KEYS = { a: () => chooseNext("kind"), s: () => chooseNext("shape"), z: () => chooseNext("size"), c: () => chooseNext("colour"), l: toggleLegal, p: focusBoard };
+const KEYS = { ...board.keys, p: () => board.focus() };
 byId("episode").addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || !(event.key.toLowerCase() in KEYS)) return;
   event.preventDefault();
@@ -230,22 +150,15 @@ setup.addEventListener("submit", (event) => {
   event.preventDefault();
   begin(null);
 });
-setup.configuration.addEventListener("change", fillSplits);
+setup.configuration.addEventListener("change", () => fillSplits(setup));
 setup.addEventListener("change", () => byId("chooser").open && search());
 byId("chooser").addEventListener("toggle", () => byId("chooser").open && search());
 byId("search").addEventListener("input", search);
 byId("stop").addEventListener("click", () => act("STOP"));
-byId("legal").addEventListener("click", toggleLegal);
 byId("again").addEventListener("click", () => begin(episode.task_id));
 byId("solution").addEventListener("click", showExpert);
 byId("back").addEventListener("click", () => { expertStep -= 1; showExpertStep(); });
 byId("forth").addEventListener("click", () => { expertStep += 1; showExpertStep(); });
-for (const group of document.querySelectorAll("[data-choice]")) {
-  group.addEventListener("click", (event) => {
-    const button = event.target.closest("button");
-    if (button) choose(group.dataset.choice, button.dataset.value);
-  });
-}
 byId("nickname").addEventListener("submit", (event) => {
   event.preventDefault();
   attempt(async () => {
@@ -254,13 +167,13 @@ byId("nickname").addEventListener("submit", (event) => {
   });
 });
 
-fillSplits();
+fillSplits(setup);
 attempt(async () => {
   await showTables();
   if (/^#[\w-]+$/.test(location.hash)) {
     const kept = await ask("GET", `/api/play/episodes/${location.hash.slice(1)}`);
     setup.configuration.value = kept.configuration;
-    fillSplits();
+    fillSplits(setup);
     setup.split.value = kept.split;
     await show(kept);
   }

@@ -126,7 +126,11 @@ class Side {
       element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...told.likeliest.map((each) => bar(each.action, each.probability, each.action === shown.action)))),
     ];
     if (told.programs.length) parts.push(element("div", {}, element("h3", {}, "Programs planned for"), element("ul", { class: "bars" }, ...told.programs.map((each) => bar(each.program, each.probability, false, true)))));
+    const answers = told.answers.map((each) =>
+      element("div", {}, element("h3", {}, each.understood ? "Its answer" : "Its answer, which decided for no action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
+    );
     return [
+      ...answers,
       element("div", { class: "beliefs" }, ...parts),
       facts([
         ["Value", told.value === null ? null : signed(told.value)],

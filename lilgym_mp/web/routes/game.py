@@ -23,7 +23,7 @@ router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
 
 ViewName = Literal["everything", "no picture", "no statement", "no target"]
-REWARDS = tuple(name for name, terms in PRESETS.items() if not {"brier", "log"} & set(terms))  # these need bins
+VERDICT_BINS = (2, 3, 5, 9)  # offered on the page; each answer has a key
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner")]
 
 
@@ -33,7 +33,10 @@ class NewGame(BaseModel):
     configuration: ConfigurationName = "TowerScratch"
     split: SplitName = "dev"
     protocol: Literal["veto", "joint", "audit", "critique"] = "veto"
-    rewards: Literal["common", "correctness", "helpful", "sneaky", "hidden"] = "common"
+    rewards: Literal["common", "correctness", "helpful", "sneaky", "hidden", "brier", "log"] = "common"
+    verdict_bins: int | None = Field(
+        None, ge=2, le=9, description="audit: how many probabilities the verifier chooses from; null: a plain verdict"
+    )
     proposer: PartnerName = gaming.PERSON
     verifier: PartnerName = "oracle"
     proposer_view: ViewName = "everything"
@@ -54,7 +57,8 @@ def game_page(request: Request, services: ServicesOf) -> Response:
         "game.html",
         sizes=services.catalogue.sizes(),
         protocols=list(PROTOCOLS),
-        rewards=list(REWARDS),
+        rewards=list(PRESETS),
+        verdict_bins=VERDICT_BINS,
         views=list(gaming.VIEWS),
         proposers=gaming.PROPOSERS,
         verifiers=gaming.VERIFIERS,
