@@ -2,7 +2,8 @@
 
     python scripts/web_screenshots.py [--out docs/pictures/web] [--all]
 
-Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light and dark, 1200 and 360 pixels wide.
+Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light and dark, 1200 and 360
+pixels wide.
 """
 
 from __future__ import annotations
