@@ -26,6 +26,7 @@ UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
 KEPT_CANDIDATES = 12
 PROBE_SCENES = 160  # on which candidates that agree are taken to mean the same
+LEAST_BADLY_TYPED = 0.1  # of the beam's probability, that a program without a fast form must have: it is slow to try
 KEPT_STATEMENTS = 4096  # whose candidates are remembered
 
 
@@ -110,13 +111,18 @@ class Parser:
         words = [self.vocabulary.of(word, unknown) for word in reading.words]
         scores: dict[tuple[bool | None, ...], list[float]] = {}
         programs: dict[tuple[bool | None, ...], str] = {}
-        for candidate in beam_search(self.network, words, beam_width):
+        found = beam_search(self.network, words, beam_width)
+        total = sum(math.exp(candidate.log_probability) for candidate in found)
+        for candidate in found:
             try:
                 program = program_of([TOKENS.text(token) for token in candidate.tokens], reading.exchange)
             except (PrefixError, ProgramError):
                 continue
+            well_typed = compile_program(program).is_fast
+            if not well_typed and math.exp(candidate.log_probability) < LEAST_BADLY_TYPED * total:
+                continue
             meaning = truths(program, appearance)
-            if all(truth is None for truth in meaning) or _says_nothing(program, meaning):
+            if all(truth is None for truth in meaning) or (len(set(meaning)) == 1 and not well_typed):
                 continue
             programs.setdefault(meaning, program)  # the likeliest comes first
             scores.setdefault(meaning, []).append(candidate.log_probability / self.temperature)
@@ -143,11 +149,6 @@ class Parser:
         vocabulary = Index(tuple(words))
         network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]))
-
-
-def _says_nothing(program: str, meaning: Sequence[bool | None]) -> bool:
-    """Whether a program, badly typed and thus without a fast form, has the same truth on all probes."""
-    return len(set(meaning)) == 1 and not compile_program(program).is_fast
 
 
 def _ranked(

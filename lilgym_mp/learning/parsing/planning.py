@@ -17,7 +17,6 @@ from lilgym_mp.task import Task
 ALREADY_TRUE = 0.1  # by which the probability of a program that a Scratch start satisfies is multiplied
 AS_THEY_ARE = Calibration()
 LEAST_PROBABILITY = 0.0002  # that a program must have to be planned for
-LEAST_OF_SLOW = 0.1  # the same for one that has no fast form: a search for it takes twenty times as long
 
 
 class Plan(NamedTuple):
@@ -82,9 +81,4 @@ class Planner:
                 weights.append((program, probability))
         total = sum(weight for _, weight in weights)
         ranked = sorted(((weight / total, program) for program, weight in weights), reverse=True)
-        return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= _least(program))
-
-
-def _least(program: str) -> float:
-    """How probable a program must be to be planned for."""
-    return LEAST_PROBABILITY if compile_program(program).is_fast else LEAST_OF_SLOW
+        return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= LEAST_PROBABILITY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
-from lilgym_mp.learning.parsing.beam import beam_search
+from lilgym_mp.learning.parsing.beam import Candidate, beam_search
 from lilgym_mp.learning.parsing.calibration import Forecast, fitted, reliability
 from lilgym_mp.learning.parsing.explaining import explained
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
@@ -31,6 +32,7 @@ from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
 from lilgym_mp.programs.canonical import canonical_form
+from lilgym_mp.programs.prefix import prefix_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.render import draw
@@ -158,6 +160,28 @@ def test_beam__a_width_that_holds_everything_finds_the_likeliest_short_program()
     everything = beam_search(network, [3, 4], 2000)
     narrow = beam_search(network, [3, 4], 20)
     assert narrow[0].log_probability <= everything[0].log_probability + 1e-6
+
+
+def test_parser__badly_typed_programs_are_candidates_only_where_they_are_likely_and_say_something(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    right, odd = "exist(all_items)", "exist(filter_obj(all_items, lambda x: exist(x)))"
+    constant = "(all_items == all_items) == all_items"
+
+    def programs_of(**shares: float) -> set[str]:
+        found = [
+            Candidate(
+                tuple(TOKENS.of(token) for token in prefix_tokens(canonical_form(parse(source)))), math.log(share)
+            )
+            for source, share in zip((right, odd, constant), shares.values(), strict=True)
+        ]
+        monkeypatch.setattr(parser, "beam_search", lambda network, words, width: found)
+        known = Index((*sorted(COLOURS), UNKNOWN))
+        return {one.program for one in Parser(small_network(), known).parse("anything", "tower").candidates}
+
+    assert len(programs_of(right=0.5, odd=0.45, constant=0.05)) == 2
+    assert len(programs_of(right=0.9, odd=0.05, constant=0.05)) == 1
+    assert len(programs_of(right=0.2, odd=0.2, constant=0.6)) == 2
 
 
 def solves(run: Path, own: Path) -> float:
