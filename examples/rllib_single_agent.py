@@ -20,7 +20,7 @@ try:
     from ray.rllib.algorithms.ppo import PPOConfig  # pyright: ignore[reportMissingImports]
     from ray.rllib.core.rl_module.rl_module import RLModuleSpec  # pyright: ignore[reportMissingImports]
     from ray.tune.registry import register_env  # pyright: ignore[reportMissingImports]
-    from rllib_two_policies import MaskedActorCritic, started_ray
+    from rllib_two_policies import SAMPLE_SECONDS, MaskedActorCritic, started_ray
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[rllib,pettingzoo]"')
 
@@ -57,7 +57,11 @@ def main() -> None:
     config = (
         PPOConfig()
         .environment("lilgym_mp_single", env_config={"id": given.id})
-        .env_runners(num_env_runners=given.runners, num_envs_per_env_runner=given.envs)
+        .env_runners(
+            num_env_runners=given.runners,
+            num_envs_per_env_runner=given.envs,
+            sample_timeout_s=SAMPLE_SECONDS,
+        )
         .rl_module(rl_module_spec=RLModuleSpec(module_class=MaskedActorCritic, model_config={"width": given.width}))
         .training(
             lr=1e-3,

@@ -45,6 +45,7 @@ GAME: dict[str, Any] = {
 }
 ILLEGAL = -1e8  # logit
 WORD_WIDTH = 32
+SAMPLE_SECONDS = 600  # after which RLlib drops what a runner plays; its 60 are too few on a busy machine
 
 
 class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
@@ -99,7 +100,7 @@ def learner(given: argparse.Namespace) -> Any:
     config = (
         PPOConfig()
         .environment("lilgym_mp_proposer_verifier", env_config=GAME)
-        .env_runners(num_env_runners=given.runners)
+        .env_runners(num_env_runners=given.runners, sample_timeout_s=SAMPLE_SECONDS)
         .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, episode, **kwargs: agent)
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
         .training(
