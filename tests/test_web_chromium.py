@@ -89,6 +89,10 @@ def test_pages__fit_360_pixels_and_load_nothing_from_elsewhere(browser: Any, tmp
         watched.page.set_default_timeout(60_000)
         for path in PAGES:
             watched.page.goto(url + path, wait_until="networkidle")
+            if path in ("/play", "/game"):
+                watched.page.select_option("[name=configuration]", "ScatterFlipIt")
+                watched.page.click("#setup [type=submit]")
+                watched.page.wait_for_selector(".cells button")
             wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             assert watched.page.evaluate(wider) <= 0, path
         _is_clean(watched, url, "404", "icon.svg")  # the icon is not waited for when the next page is opened
