@@ -56,6 +56,7 @@ def test_errors__are_json_under_api_and_pages_elsewhere(app: Any):
     answer = browser.get("/nowhere")
     assert answer.status_code == 404
     assert "<h1>Not Found</h1>" in answer.text
+    assert f"there is nothing at {answer.url.path}" in answer.text
 
 
 def test_csrf__a_request_without_the_token_or_from_elsewhere_is_refused(app: Any):

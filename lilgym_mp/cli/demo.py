@@ -175,7 +175,7 @@ def _named_policies(args: argparse.Namespace, place: Path) -> list[NamedPolicy]:
 
 
 def _report(place: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
-    """Writes and shows what came of it."""
+    """Writes and shows the results."""
     explanation = _explanation(place, plan.settings)
     summary = "\n\n".join([str(plan), table(results), supervision_table(results), LEGEND])
     write_json(place / "results.json", results_json(results, with_episodes=True))

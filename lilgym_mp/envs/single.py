@@ -80,7 +80,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         space = observation_space(image_size, self.tasks, self._arrays)
         self.observation_space = cast("spaces.Space[Observation]", space)
         self._state: State | None = None
-        self._last: tuple[int, Transition] | None = None  # the last action's number, and what came of it
+        self._last: tuple[int, Transition] | None = None  # the last action's index, and its transition
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._closed = False

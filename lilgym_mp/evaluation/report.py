@@ -79,7 +79,7 @@ def _justified(cell: str, width: int, *, first: bool) -> str:
 
 
 def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:
-    """Everything about evaluations: what was asked for, with what, and what came of it, a row each."""
+    """Everything about evaluations: what was asked for, with what, and the results, a row each."""
     return {
         "format": FORMAT,
         "version": VERSION,

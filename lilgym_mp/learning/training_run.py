@@ -1,4 +1,4 @@
-"""A training run on disk, whatever the learner: what it is, how far it came, and the agent that came of it.
+"""A training run on disk, whatever the learner: what it is, how far it is, and the trained agent.
 
 run.json            what makes it that run: written first, never changed
 checkpoint.pt       what training goes on from, replaced whole

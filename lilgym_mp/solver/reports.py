@@ -1,4 +1,4 @@
-"""Solving many tasks, over several processes where wanted, and what came of it in numbers."""
+"""Solving many tasks, over several processes where wanted, and the results in numbers."""
 
 from __future__ import annotations
 

@@ -63,7 +63,13 @@ def add_error_handlers(app: FastAPI) -> None:
 
 
 def _told(request: Request, fault: Any) -> Response:
-    response = error_response(request, fault.status_code, str(fault.detail))
+    message = str(fault.detail)
+    if message == HTTPStatus(fault.status_code).phrase:  # the framework's own words
+        message = {
+            HTTPStatus.NOT_FOUND: f"there is nothing at {request.url.path}",
+            HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not take {request.method} requests",
+        }.get(HTTPStatus(fault.status_code), message)
+    response = error_response(request, fault.status_code, message)
     response.headers.update(fault.headers or {})
     return response
 

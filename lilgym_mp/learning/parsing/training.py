@@ -307,7 +307,7 @@ def share_covered(parser: Parser, examples: Sequence[Example]) -> float:
 
 
 def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
-    """For training tasks of the examples, the planner's probability, uncalibrated, and what came of its plan."""
+    """For training tasks of the examples, the planner's probability, uncalibrated, and whether its plan succeeded."""
     asked = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []
     for name, (appearance, _) in CONFIGURATIONS.items():

@@ -32,7 +32,7 @@ attempt(async () => {
   byId("work").replaceChildren(
     work.length ? element("ul", { class: "cards" }, ...work.map(workLine)) : element("p", { class: "empty" }, "You were given no statements yet. Meanwhile, there is the tutorial."),
   );
-  const heads = ["Statement", "Program or reason", "Came of it", "Review", "When"].map((name) => element("th", { scope: "col" }, name));
+  const heads = ["Statement", "Program or reason", "Result", "Review", "When"].map((name) => element("th", { scope: "col" }, name));
   byId("history").replaceChildren(
     history.length
       ? element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...history.map(historyRow)))

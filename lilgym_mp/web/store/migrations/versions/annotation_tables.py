@@ -1,4 +1,4 @@
-"""Statements to annotate, who is to do it, and what came of it."""
+"""Statements to annotate, who is to do it, and the results."""
 
 import sqlalchemy as sa
 from alembic import op
