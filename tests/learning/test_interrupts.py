@@ -1,0 +1,40 @@
+"""Asking a training to end: lilgym_mp.learning.interrupts."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from lilgym_mp.learning import interrupts
+from lilgym_mp.learning.interrupts import SAME_REQUEST_SECONDS, stop_on_signals
+
+
+@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
+def test_stop__the_first_signal_asks_and_a_second_ctrl_c_interrupts(first: signal.Signals):
+    with stop_on_signals() as stop:
+        signal.raise_signal(first)
+        assert stop.requested
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_stop__several_terminations_at_once_are_one_request_and_a_later_one_interrupts(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    now = 100.0
+    monkeypatch.setattr(interrupts.time, "monotonic", lambda: now)
+    with stop_on_signals() as stop:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.requested
+        now += SAME_REQUEST_SECONDS
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+
+
+def test_stop__handlers_from_before_are_back_afterwards():
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with stop_on_signals():
+        assert signal.getsignal(signal.SIGTERM) is not before[1]
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
