@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from fnmatch import fnmatch
 from pathlib import Path
@@ -10,6 +9,8 @@ from types import ModuleType
 
 import pytest
 from PIL import Image
+
+from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 PICTURES = ROOT / "docs" / "pictures"
@@ -20,12 +21,7 @@ ENDINGS = {".png", ".gif", ".svg"}
 @pytest.fixture(scope="module")
 def drawing() -> ModuleType:
     pytest.importorskip("pettingzoo")
-    spec = importlib.util.spec_from_file_location("draw_pictures", ROOT / "scripts" / "draw_pictures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("draw_pictures")
 
 
 def names() -> set[str]:

@@ -20,6 +20,7 @@ import lilgym_mp  # noqa: F401
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from tests.browser import chromium, watched_page
+from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 LOOKED_AT = ("index.html", "gallery.html", "results.html", "api/environments.html", "environments/tower_flipit.html")
@@ -50,12 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pages() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("environment_pages", ROOT / "scripts" / "write_environment_pages.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("write_environment_pages")
 
 
 def test_site__has_a_page_for_every_document(site: Path) -> None:

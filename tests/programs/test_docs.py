@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
@@ -12,18 +11,14 @@ import pytest
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
+from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("program_docs", ROOT / "scripts" / "generate_program_docs.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("generate_program_docs")
 
 
 def test_program_docs__are_up_to_date(generator: ModuleType) -> None:
