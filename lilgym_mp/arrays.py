@@ -10,6 +10,7 @@ UInt8Array = NDArray[np.uint8]
 Int8Array = NDArray[np.int8]
 Int16Array = NDArray[np.int16]
 Int64Array = NDArray[np.int64]
+UInt64Array = NDArray[np.uint64]
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 

@@ -48,7 +48,10 @@ def add_parser(learners: Any) -> None:
         help=f"{', '.join(sorted(RECIPES))}, or a TOML file of settings (default: {DEFAULT_RECIPE})",
     )
     parser.add_argument(
-        "--weights", type=Path, metavar="DIR", help="pretrained weights: config.json, model.safetensors, tokenizer"
+        "--weights",
+        type=Path,
+        metavar="DIR",
+        help="pretrained weights: config.json, model.safetensors, tokenizer; or the run that `imitation` begins from",
     )
     parser.add_argument(
         "--save-every", type=int, default=100_000, metavar="N", help="steps between checkpoints (default: %(default)s)"

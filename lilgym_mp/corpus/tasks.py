@@ -79,7 +79,7 @@ class TaskSet(Sequence[Task]):
     def number(self, task_id: str | SupportsIndex) -> int:
         """The place of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
         called: object = task_id
-        if isinstance(called, SupportsIndex) and not isinstance(called, BOOLEANS):
+        if not isinstance(called, (str, *BOOLEANS)) and isinstance(called, SupportsIndex):
             called = str(operator.index(called))
         number = self._numbers.get(called) if isinstance(called, str) else None
         if number is None:

@@ -92,8 +92,8 @@ def describe(
 ) -> ModelDescription:
     """`found`: what else is worth keeping, such as how long the training took."""
     supervision = f"rewards alone (corpus {settings.corpus}); {MASKED if recipe.mask else UNMASKED}"
-    if model.frozen_parameters or recipe.model != "ours":
-        supervision += "; pretrained weights"
+    if model.pretraining:
+        supervision += f"; {model.pretraining}"
     details = {
         "settings": settings.to_json(),
         "recipe_name": recipe_name,

@@ -21,8 +21,10 @@ MODELS = {
     "c10-bert": "ten convolutions, and a BERT that stays as it is",
     "vilt": "ViLT, trained throughout",
     "flava": "FLAVA, trained throughout",
+    "imitation": "the network of an imitation run, which knew programs, trained on by rewards",
 }
-PRETRAINED = tuple(name for name in MODELS if name != "ours")  # these need a directory of weights
+IMITATION = "imitation"  # needs the directory of a run
+TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # these need a directory of weights
 TRAINED_THROUGHOUT = ("vilt", "flava")
 DEFAULT_MODEL = "ours"
 DEFAULT_RECIPE = "ours"
@@ -202,10 +204,16 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
 def _ours(configuration: str, model: str) -> dict[str, Any]:
     start = CONFIGURATIONS[configuration][1]
     through = model in TRAINED_THROUGHOUT
+    begun = {  # a policy that knows much already
+        "learning_rate": 1e-4,
+        "entropy": 0.01,
+        "final_entropy": 0.003,
+    }
     return {
         "empty_starts": 0.25 if start == "flipit" else 0.0,
         "learning_rate": 1e-3 if model == "ours" else 3e-5 if through else 3e-4,
         "optimiser": "adamw" if through else "adam",
+        **(begun if model == IMITATION else {}),
     }
 
 

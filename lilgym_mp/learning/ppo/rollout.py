@@ -120,12 +120,13 @@ class Player:
 
     def _reset(self, which: BoolArray, tasks: list[int]) -> None:
         """Begins episodes of the tasks in some environments."""
-        self._playing[which] = tasks
-        ids = [self._ids[number] for number in self._playing.tolist()]
-        self._seen, _ = self._envs.reset(seed=0 if which.all() else None, options={"task": ids, "reset_mask": which})
-        for place in np.flatnonzero(which).tolist():
+        ids: list[str | None] = [None] * len(which)
+        for place, task in zip(np.flatnonzero(which).tolist(), tasks, strict=True):
+            ids[place] = self._ids[task]
+            self._playing[place] = task
             self._taken[place] = []
             self._rewards[place] = 0.0
+        self._seen, _ = self._envs.reset(seed=0 if which.all() else None, options={"task": ids, "reset_mask": which})
 
     def play(self, model: Model, rng: np.random.Generator) -> Rollout:
         """As many steps as the recipe's rollout has."""

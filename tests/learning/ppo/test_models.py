@@ -61,6 +61,26 @@ def ours() -> OurNetwork:
     return OurNetwork(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
+def test_ours__boxes_that_are_remembered_are_seen_as_new_ones_are_until_it_forgets(ours: OurNetwork):
+    states, images = seen(count=40)
+    first = BoxTable()
+    with torch.no_grad():
+        ours(first.states(STATEMENTS, states.statement_of[:5], first.indices(images[:5]), states.targets[:5]))
+        remembered = ours(states)
+    torch.testing.assert_close(remembered.values, ours(states).values, atol=1e-5, rtol=1e-4)
+    with torch.no_grad():
+        for weight in ours.boxes.parameters():
+            weight.mul_(1.5)
+        ours.forget()
+        torch.testing.assert_close(ours(states).values, _with_gradients(ours, states), atol=1e-5, rtol=1e-4)
+    assert not torch.allclose(remembered.values, ours(states).values, atol=1e-3)
+
+
+def _with_gradients(model: OurNetwork, states: States) -> torch.Tensor:
+    with torch.enable_grad():
+        return model(states).values.detach()
+
+
 def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: OurNetwork):
     states, images = seen(count=6)
     together = ours(states)

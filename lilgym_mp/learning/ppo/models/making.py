@@ -11,7 +11,7 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.learning.ppo.models.ours import OurNetwork
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.models.weights import WeightsError
-from lilgym_mp.learning.ppo.recipe import PRETRAINED, PPORecipe
+from lilgym_mp.learning.ppo.recipe import IMITATION, TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.type_first import MOST_ACTIONS
 
 Make = Callable[[bool, bool], Model]  # of whether it acts and whether it judges
@@ -35,8 +35,10 @@ def make_model(
             f"{appearance.action_count:,} actions are too many for a policy that lists them, at most {MOST_ACTIONS:,};"
             " choose a coarser grid"
         )
-    if recipe.model in PRETRAINED:
+    if recipe.model in TRANSFORMERS:
         make = _pretrained(recipe, appearance, weights, details)
+    elif recipe.model == IMITATION:
+        make = _imitated(appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
@@ -50,6 +52,14 @@ def _ours(appearance: Appearance, statements: Iterable[str], details: Mapping[st
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
     return lambda acts, judges: OurNetwork(appearance, words, **sizes)
+
+
+def _imitated(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:
+    from lilgym_mp.learning.ppo.models import imitated
+
+    if details is not None:
+        return lambda acts, judges: imitated.described(appearance, details)
+    return lambda acts, judges: imitated.begun(appearance, weights)
 
 
 def _pretrained(

@@ -17,9 +17,9 @@ from torch import Tensor, nn
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import LOOKS
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Attention, Feedforward, Text, word_mask
+from lilgym_mp.learning.ppo.models.arrangement import arrange
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import SIDE, States
 from lilgym_mp.learning.ppo.type_first import box_cells, joint_layout
@@ -29,8 +29,9 @@ PATCH = 10  # pixels a side
 PATCHES = SIDE // PATCH  # along each side of a box
 CHANNELS = 32  # features of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
+CHUNK = 256  # states whose cells are calculated at once, so that they stay in the processor's cache
 SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
-MOST_REMEMBERED = 20_000  # statements
+MOST_REMEMBERED = 20_000  # statements; and boxes, of which 8,192 take 30 MB
 
 
 class Read(NamedTuple):
@@ -88,19 +89,27 @@ class OurNetwork(Model):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
         self._remembered: dict[str, list[Tensor]] = {}
+        self._box_rows: dict[int, int] = {}  # of the boxes remembered, by code
+        self._box_bank: Boxes | None = None  # their rows, and room for more
 
     def details(self) -> Mapping[str, Any]:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def forget(self) -> None:
         self._remembered.clear()
+        self._box_rows.clear()
+        self._box_bank = None
 
     def forward(self, states: States) -> Prediction:
         device = self.value.weight.device
         read = self._read(states.statements)
-        boxes = self.boxes(torch.from_numpy(states.boxes).to(device))
-        padded = _padded(states)
-        pair_boxes, pairs_of, scenes, rows, targets = (torch.from_numpy(array).to(device) for array in padded)
+        boxes = self._encoded(states)
+        arranged = arrange(states)
+        pair_boxes, pairs_of, scenes, rows = (
+            torch.from_numpy(array).to(device)
+            for array in (arranged.pair_boxes, arranged.pairs_of, arranged.scenes, arranged.rows)
+        )
+        targets = torch.from_numpy(states.targets).to(device)
         pairs = boxes.vectors.index_select(0, pair_boxes.flatten()).view(*pair_boxes.shape, -1)  # (S, P, d)
         for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
             pairs = feedforward(reading(pairs, key_value, read.mask))
@@ -122,6 +131,26 @@ class OurNetwork(Model):
         parts = self.part(pairs).index_select(0, scenes.flatten()).view(*scenes.shape, -1)
         whole = self.scene_in(F.relu(parts + self.part_place).sum(2))
         return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask)).flatten(0, 1)
+
+    def _encoded(self, states: States) -> Boxes:
+        """The boxes encoded; without gradients each is encoded once and remembered until `forget`."""
+        device = self.value.weight.device
+        if torch.is_grad_enabled():
+            return self.boxes(torch.from_numpy(states.boxes).to(device))
+        if len(self._box_rows) > MOST_REMEMBERED:
+            self.forget()
+        codes = states.box_codes.tolist()
+        new = [place for place, code in enumerate(codes) if code not in self._box_rows]
+        if new:
+            encoded = self.boxes(torch.from_numpy(states.boxes[new]).to(device))
+            first, last = len(self._box_rows), len(self._box_rows) + len(new)
+            self._box_bank = bank = _roomy(self._box_bank, last, encoded)
+            for part, found in zip(bank, encoded, strict=True):
+                part[first:last] = found
+            self._box_rows.update(zip([codes[place] for place in new], range(first, last), strict=True))
+        assert self._box_bank is not None
+        rows = torch.tensor([self._box_rows[code] for code in codes], device=device)
+        return Boxes(*(part.index_select(0, rows) for part in self._box_bank))
 
     def _read(self, statements: tuple[str, ...]) -> Read:
         """The statements read; without gradients each is read once and remembered until `forget`."""
@@ -155,37 +184,15 @@ class OurNetwork(Model):
         return Read(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
-class _Padded(NamedTuple):
-    pair_boxes: Int64Array  # (S, P) the distinct boxes of each statement, the first of all in vacant places
-    pairs_of: Int64Array  # (N, 3) places of each state's boxes in the S * P
-    scenes: Int64Array  # (S, M, 3) the same by statement, 0 in vacant places
-    rows: Int64Array  # (N,) where each state is among the S * M
-    targets: Int64Array  # (N,)
-
-
-def _padded(states: States) -> _Padded:
-    """The states arranged by statement."""
-    count, box_count = len(states.statements), len(states.boxes)
-    codes = states.statement_of[:, None] * box_count + states.boxes_of
-    pairs, places = np.unique(codes, return_inverse=True)
-    owners, boxes = np.divmod(pairs, box_count)
-    pair_ranks, most_pairs = _ranks(owners, count)
-    pair_boxes = np.zeros((count, most_pairs), np.int64)
-    pair_boxes[owners, pair_ranks] = boxes
-    pairs_of = (owners * most_pairs + pair_ranks)[places.reshape(-1, BOX_COUNT)]
-    order = np.argsort(states.statement_of, kind="stable")
-    ranks = np.empty(len(order), np.int64)
-    ranks[order], most = _ranks(states.statement_of[order], count)
-    scenes = np.zeros((count, most, BOX_COUNT), np.int64)
-    scenes[states.statement_of, ranks] = pairs_of
-    return _Padded(pair_boxes, pairs_of, scenes, states.statement_of * most + ranks, states.targets)
-
-
-def _ranks(owners: Int64Array, count: int) -> tuple[Int64Array, int]:
-    """For sorted owners, how many of the same stand before each; and the most that one has."""
-    counts = np.bincount(owners, minlength=count)
-    starts = counts.cumsum() - counts
-    return np.arange(len(owners)) - starts[owners], int(counts.max())
+def _roomy(bank: Boxes | None, count: int, like: Boxes) -> Boxes:
+    """The bank itself where it has room for `count` boxes, else a copy with twice that room."""
+    if bank is not None and len(bank.vectors) >= count:
+        return bank
+    made = Boxes(*(part.new_empty(2 * count, *part.shape[1:]) for part in like))
+    if bank is not None:
+        for new, old in zip(made, bank, strict=True):
+            new[: len(old)] = old
+    return made
 
 
 class BoxEncoder(nn.Module):
@@ -200,10 +207,8 @@ class BoxEncoder(nn.Module):
 
     def forward(self, boxes: Tensor) -> Boxes:
         """(U, 50, 50, 3) uint8."""
-        cut = boxes.view(-1, PATCHES, PATCH, PATCHES, PATCH, 3).permute(0, 1, 3, 2, 4, 5)
-        pixels = torch.empty(cut.shape, device=boxes.device)
-        pixels.copy_(cut)
-        pixels = pixels.sub_(MIDDLE_GREY).div_(HALF_RANGE).view(len(boxes), PATCHES, PATCHES, -1)
+        cut = boxes.view(-1, PATCHES, PATCH, PATCHES, PATCH, 3).permute(0, 1, 3, 2, 4, 5).contiguous()
+        pixels = cut.float().sub_(MIDDLE_GREY).div_(HALF_RANGE).view(len(boxes), PATCHES, PATCHES, -1)
         patches = F.relu(self.patch(pixels))
         patches = patches + F.relu(self.around(patches.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
         return Boxes(self.feedforward(self.whole(patches.flatten(1))), patches)
@@ -252,8 +257,15 @@ class ScatterArguments(nn.Module):
         if (self.rows, self.columns) != (PATCHES, PATCHES):
             seen = F.interpolate(seen.permute(0, 3, 1, 2), size=(self.rows, self.columns), mode="nearest")
             seen = seen.permute(0, 2, 3, 1)
-        seen = (seen.flatten(1, 2) + self.place).index_select(0, boxes_of.flatten()).unflatten(0, boxes_of.shape)
-        hidden = F.relu(seen + self.box(acting)[:, :, None])
+        seen = seen.flatten(1, 2) + self.place
+        parts = [self._of_states(seen, *part) for part in zip(acting.split(CHUNK), boxes_of.split(CHUNK), strict=True)]
+        adds, removes = zip(*parts, strict=True)
+        return torch.cat(adds), torch.cat(removes)
+
+    def _of_states(self, seen: Tensor, acting: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
+        """ADD and REMOVE of some states; `seen` (U, cells, 32)."""
+        of_boxes = seen.index_select(0, boxes_of.flatten()).unflatten(0, boxes_of.shape)
+        hidden = F.relu(of_boxes + self.box(acting)[:, :, None])
         hidden = F.relu(self.cell(hidden)) * self.cell_of_box(acting)[:, :, None]  # (N, 3, cells, 32)
         adds = self.add(hidden) + self.wanted(acting)[:, :, None]
         return adds.flatten(1), self.remove(hidden).flatten(1)

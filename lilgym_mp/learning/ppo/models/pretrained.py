@@ -190,6 +190,8 @@ class ConvolutionsAndBert(Model):
     Where it both acts and judges these share the convolutions and the target's embedding, as in the release.
     """
 
+    pretraining = "pretrained weights"
+
     def __init__(
         self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
         acts: bool, judges: bool,
@@ -345,6 +347,8 @@ def _enlarged(
 
 class JointModel(Model):
     """ViLT or FLAVA, trained throughout, with heads for the policy or the value, or both."""
+
+    pretraining = "pretrained weights"
 
     def __init__(self, transformer: _Vilt | _Flava, appearance: Appearance, acts: bool, judges: bool) -> None:
         super().__init__()

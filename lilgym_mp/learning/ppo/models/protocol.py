@@ -23,6 +23,7 @@ class Model(nn.Module):
     """A policy with a critic. Statements come as texts: how they are read is the model's own."""
 
     layout: Layout
+    pretraining: str = ""  # what it learnt from before its training with PPO; empty for nothing
 
     def forward(self, states: States) -> Prediction:
         raise NotImplementedError
@@ -49,7 +50,7 @@ class SeparateCritic(Model):
 
     def __init__(self, actor: Model, critic: Model) -> None:
         super().__init__()
-        self.layout = actor.layout
+        self.layout, self.pretraining = actor.layout, actor.pretraining
         self.actor, self.critic = actor, critic
 
     def forward(self, states: States) -> Prediction:

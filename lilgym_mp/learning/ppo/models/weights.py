@@ -60,9 +60,9 @@ def _config(file: Path) -> dict[str, Any]:
 
 
 def weights_digest(place: Path) -> str:
-    """SHA-256 over the tensors' files of a directory."""
+    """SHA-256 over the tensors' files of a directory, or of one file."""
     digest = hashlib.sha256()
-    for file in sorted(place.glob("*.safetensors")):
+    for file in sorted(place.glob("*.safetensors")) if place.is_dir() else [place]:
         with file.open("rb") as content:
             while block := content.read(1 << 20):
                 digest.update(block)
