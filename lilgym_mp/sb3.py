@@ -26,8 +26,6 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
-from lilgym_mp.wrappers.tokens import Tokens
-from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 STATEMENT = "statement"  # the observation's part that SB3 takes as token ids only
 VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment
@@ -44,22 +42,13 @@ class BatchVecEnv(VecEnv):
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any]) -> None:
-        """If `venv` is in a TokenizedStatement, token ids are looked up here instead, in a third of the time.
-
-        Raises ValueError unless `venv` resets in the same step, which is what SB3 expects.
-        """
+        """Raises ValueError unless `venv` resets in the same step, which is what SB3 expects."""
         mode = venv.metadata["autoreset_mode"]
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"SB3 needs autoreset_mode={AutoresetMode.SAME_STEP!r}, not {mode!r}")
-        space = venv.single_observation_space
-        self._tokens: Tokens | None = None
-        self._outermost = venv  # kept: before Gymnasium 1.3 a wrapper that nobody holds closes what it wraps
-        if isinstance(venv, VectorEnvWrapper) and isinstance(venv.transformation, Tokens):
-            self._tokens, venv = venv.transformation, venv.env
         self.venv = venv
         self._actions = np.zeros(venv.num_envs, np.int64)
-        self._tasks = np.zeros(venv.num_envs, np.int64)  # of the observations given last
-        super().__init__(venv.num_envs, space, venv.single_action_space)
+        super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
     def reset(self) -> VecEnvObs:
         tasks = [options.get("task") for options in self._options]
@@ -69,7 +58,7 @@ class BatchVecEnv(VecEnv):
         _spread(infos, self.reset_infos)
         self._reset_seeds()
         self._reset_options()
-        return self._shown(observations)
+        return observations
 
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
@@ -80,7 +69,7 @@ class BatchVecEnv(VecEnv):
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if infos:
             self._tell(told, infos, dones, truncated & ~terminated)
-        return self._shown(observations), rewards.astype(np.float32), dones, told
+        return observations, rewards.astype(np.float32), dones, told
 
     def _tell(self, told: list[dict[str, Any]], infos: dict[str, Any], dones: BoolArray, cut_off: BoolArray) -> None:
         """Gives `told`, (N,), what infos say of this step, and `reset_infos` what they say of episodes just begun."""
@@ -91,19 +80,9 @@ class BatchVecEnv(VecEnv):
             now[number] = self.reset_infos[number] = {}
         _spread(infos, now)
         _spread(final_info, told)
-        if self._tokens is not None:
-            for number, words in zip(ended.tolist(), self._tokens.of_tasks(self._tasks[ended]), strict=True):
-                last[number][STATEMENT] = words
         for number in ended.tolist():
             told[number]["terminal_observation"] = last[number]
             told[number]["TimeLimit.truncated"] = cut_off.item(number)
-
-    def _shown(self, observations: Any) -> VecEnvObs:
-        """The observations of now, with token ids for statements if wanted."""
-        if self._tokens is not None:
-            self._tasks = self.venv.unwrapped.task_numbers  # pyright: ignore[reportAttributeAccessIssue]
-            observations[STATEMENT] = self._tokens.of_tasks(self._tasks)
-        return observations
 
     def close(self) -> None:
         self.venv.close()

@@ -58,11 +58,7 @@ class Tokens(Format):
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {STATEMENT: self.of_tasks(state.task_numbers)}
-
-    def of_tasks(self, task_numbers: Int64Array) -> Int64Array:
-        """(B, length) a new array: the token ids of the statements of tasks (B,)."""
-        return self._by_task.take(task_numbers, axis=0)
+        return {STATEMENT: self._by_task.take(state.task_numbers, axis=0)}
 
     @cached_property
     def _by_task(self) -> Int64Array:
