@@ -78,7 +78,7 @@ class TaskSet(Sequence[Task]):
 
     def number(self, task_id: str | SupportsIndex) -> int:
         """The place of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
-        called: object = task_id
+        called = cast("object", task_id)
         if not isinstance(called, (str, *BOOLEANS)) and isinstance(called, SupportsIndex):
             called = str(operator.index(called))
         number = self._numbers.get(called) if isinstance(called, str) else None
