@@ -121,9 +121,56 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
             if path == "/watch":
                 page.locator("#episodes button").first.click()
                 page.wait_for_selector("#viewer .strip img")
-            page.evaluate(script)
-            for each in page.evaluate(f"axe.run({RULES})")["violations"]:
-                found.append(f"{path}: {each['id']}: {each['nodes'][0]['html'][:150]}")
+            found += _barriers(page, script, path)
+        assert found == []
+
+
+def _barriers(page: Any, script: str, where: str) -> list[str]:
+    """What axe-core finds on the page as it is now."""
+    page.evaluate(script)
+    violations = page.evaluate(f"axe.run({RULES})")["violations"]
+    return [f"{where}: {each['id']}: {each['nodes'][0]['html'][:150]}" for each in violations]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [360, 1280])
+def test_pages__pass_axe_while_and_after_something_is_done(browser: Any, tmp_path: Path, dark: bool, width: int):
+    """The editor of programs before, with a fault and when it agrees; the end of an episode and of a game."""
+    from tests.test_web_annotate import BLUE, _lines, given, imported
+
+    script = axe_script()
+    with served(tmp_path) as (url, app), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
+        page, found = watched.page, list[str]()
+        page.set_default_timeout(60_000)
+        organiser = Browser(app).log_in("Olga", "organiser")
+        imported(organiser, _lines(1))
+        given(organiser, "Ada")
+        page.goto(url + organiser.post("/api/annotate/people", {"name": "Ada"}).json()["path"])
+        page.click("#work a")
+        page.wait_for_selector("#work:not([aria-busy])")
+        found += _barriers(page, script, "editor")
+        page.fill("#program", "exist(")
+        page.wait_for_selector("#program-fault:not(:empty)")
+        found += _barriers(page, script, "editor with a fault")
+        page.fill("#program", BLUE)
+        page.click("#run")
+        page.wait_for_selector("#submit:not([disabled])")
+        found += _barriers(page, script, "editor that agrees")
+        page.goto(f"{url}/play")
+        page.click("#setup [type=submit]")
+        page.wait_for_selector(".cells button")
+        page.click("#stop")
+        page.wait_for_selector("#parts li")
+        found += _barriers(page, script, "end of an episode")
+        page.goto(f"{url}/game")
+        page.select_option("[name=configuration]", "TowerScratch")
+        page.select_option("[name=proposer]", "person")
+        page.select_option("[name=verifier]", "oracle")
+        page.click("#setup [type=submit]")
+        page.wait_for_selector("#turn:text-matches('your turn')")
+        page.click("#legal")
+        _play_out(page)
+        found += _barriers(page, script, "end of a game")
         assert found == []
 
 
@@ -203,6 +250,31 @@ def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp
         page.wait_for_selector("#step-line:has-text('Step 1 ')")
         page.reload()
         page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
+        _is_clean(watched, url)
+
+
+def test_watch__shows_what_a_language_model_answered(browser: Any, tmp_path: Path):
+    from lilgym_mp.evaluation import Settings
+    from lilgym_mp.llm import Player
+    from lilgym_mp.llm.recording import write_recording
+    from tests.llm.test_llm import Hesitant
+
+    (tmp_path / "runs").mkdir()
+    player = Player(Settings("TowerFlipIt"), Hesitant())
+    write_recording(tmp_path / "runs", player, "mine:Hesitant", [player.play(player.task_ids()[0])], 0, judges=True)
+    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.set_default_timeout(60_000)
+        page.goto(f"{url}/watch")
+        page.locator("#episodes button").first.click()
+        page.wait_for_selector(".side .answer")
+        assert page.locator(".side h3", has_text="Its answer, which decided for no action").count() == 1
+        told = page.locator(".side .answer").all_inner_texts()
+        assert told[0] == "Let me think."
+        assert told[1].startswith("Thus\n")
+        page.keyboard.press("ArrowRight")
+        page.wait_for_selector("#step-line:has-text('Step 2')")
+        assert page.locator(".side .answer").count() == 1
         _is_clean(watched, url)
 
 
