@@ -37,7 +37,7 @@ def learning(configuration: str, corpus: str, minutes: float) -> tuple[float, fl
     return states / seconds, states / (seconds - (last.exploring_seconds - first.exploring_seconds))
 
 
-def playing(place: Path, corpus: str, split: str, passes: int) -> None:
+def playing(place: Path, corpus: str, split: str, passes: int, envs: int) -> None:
     """Prints a row for each configuration of the agent."""
     agent = open_agent(place, "cpu")
     for configuration in agent.description.configurations:
@@ -45,7 +45,7 @@ def playing(place: Path, corpus: str, split: str, passes: int) -> None:
         policy = agent.policy(settings)
         evaluate(policy, settings, split)  # what is only done once
         began = process_time()
-        episodes = evaluate(policy, settings, split, passes=passes)
+        episodes = evaluate(policy, settings, split, passes=passes, batch_size=envs)
         seconds = process_time() - began
         steps = sum(len(episode.actions) for episode in episodes)
         print(f"| {configuration} | {len(episodes):,} | {len(episodes) / seconds:,.0f} | {steps / seconds:,.0f} |")
@@ -57,13 +57,14 @@ def main() -> None:
     parser.add_argument("--split", default="dev")
     parser.add_argument("--minutes", type=float, default=1.5, help="of learning")
     parser.add_argument("--passes", type=int, default=5, help="over the split")
+    parser.add_argument("--envs", type=int, default=256, help="episodes side by side")
     parser.add_argument("--play", nargs="+", type=Path, metavar="RUN", help="time these agents instead of learning")
     args = parser.parse_args()
     torch.set_num_threads(1)
     if args.play:
         print("| agent plays | episodes | episodes/s | steps/s |\n| --- | --- | --- | --- |")
         for place in args.play:
-            playing(place, args.corpus, args.split, args.passes)
+            playing(place, args.corpus, args.split, args.passes, args.envs)
         return
     print("| learning | states/s | exploring not counted |\n| --- | --- | --- |")
     for configuration in LEARNT:

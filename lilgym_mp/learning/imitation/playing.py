@@ -23,6 +23,7 @@ from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.task import Task
 
 MOST_SCENES = 128  # that the network looks at together, and statements that it reads together
+SCENE_LAYER = slice(-1, None)  # the last of the layers that attend to statements: scenes as wholes
 MOST_PAIRS = 100_000  # of statements and boxes that are remembered
 
 
@@ -116,7 +117,7 @@ class Player:
             orders = np.zeros(len(rows), np.int64)
             words = torch.zeros((len(rows), 0), dtype=torch.int64)
             inputs = Inputs(words=words, **box_inputs(self.table, asked, orders, self.device))
-            read = self.network.boxes_read(inputs, self._as_read(some))
+            read = self.network.boxes_read(inputs, self._as_read(some, slice(None)))
             self._keep([part[torch.from_numpy(present)] for part in read if part is not None])
             places = iter(range(self._pairs - int(counts.sum()), self._pairs))
             for statement in some:
@@ -136,8 +137,9 @@ class Player:
             kept[self._pairs : self._pairs + count] = part
         self._pairs += count
 
-    def _as_read(self, statements: Sequence[str]) -> Read:
-        known = [self._statements[statement].key_values for statement in statements]
+    def _as_read(self, statements: Sequence[str], layers: slice) -> Read:
+        """The statements as some of the layers that attend to them do."""
+        known = [self._statements[statement].key_values[layers] for statement in statements]
         key_values = tuple(pad_sequence(list(parts), batch_first=True) for parts in zip(*known, strict=True))
         lengths = torch.tensor([len(parts[0]) for parts in known], device=self.device)
         hidden = torch.arange(key_values[0].shape[1], device=self.device) >= lengths[:, None]
@@ -152,7 +154,7 @@ class Player:
         read = BoxesRead(parts[0], *(parts[1:] or (None, None)))
         scenes = torch.arange(BOX_COUNT, device=self.device).expand(len(places), 1, BOX_COUNT)
         wanted = torch.from_numpy(targets[: len(places), None]).to(self.device)
-        outputs = self.network.judged(self._as_read(statements), read, scenes, wanted)
+        outputs = self.network.judged(self._as_read(statements[: len(places)], SCENE_LAYER), read, scenes, wanted)
         return log_policy(outputs, wanted)[:, 0].cpu().numpy()
 
 
