@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.legality import allowed_corners
 from lilgym_mp.appearances.placement import is_free
+from lilgym_mp.envs.cores import scatter
 from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.rules import RULE_SETS, make_dynamics
@@ -28,16 +29,23 @@ BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 
 
 def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules: str) -> None:
-    """Begins the scenes one after another in the same environment, and edits some on the way."""
+    """Begins the scenes one after another in the same environment, again and again, and edits some on the way."""
     dynamics = make_dynamics(Scatter(grid), rules)
     side = Side(ScatterCore, dynamics, task_set(list(scenes)))
-    for task in range(len(scenes)):
+
+    def is_exact() -> bool:
+        side.core.write_masks()
+        return np.array_equal(side.buffers.mask[0], dynamics.legal_mask(side.core.state(0)))
+
+    for visit, task in product(range(3), range(len(scenes))):
         side.core.start(np.array([0]), np.array([task]))
-        for action in (0, *np.flatnonzero(dynamics.appearance.legal_mask(scenes[task], dynamics.rules.placement))[-2:]):
+        if visit:  # the first time, masks are asked for after an edit alone
+            assert is_exact()
+        edits = np.flatnonzero(dynamics.appearance.legal_mask(scenes[task], dynamics.rules.placement))[-2:]
+        for action in (0, *edits) if visit else (*edits, 0):
             side.buffers.action[:] = action
             side.core.step(np.array([0]))
-            side.core.write_masks()
-            assert np.array_equal(side.buffers.mask[0], dynamics.legal_mask(side.core.state(0)))
+            assert is_exact()
 
 
 @BY_RULES
@@ -45,6 +53,11 @@ def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules
 def test_masks__are_exact_of_literal_boxes(grid: tuple[int, int], rules: str) -> None:
     items = (circle(40, 40), square(0, 0, LARGE), triangle(70, 70, LARGE), square(90, 0, SMALL), circle(13, 57, SMALL))
     assert_masks_are_exact([scene([], items[:count], []) for count in (5, 3, 4, 0, 1)], grid, rules)
+
+
+def test_masks__are_exact_where_those_of_starts_would_take_too_much_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scatter, "MOST_BYTES_OF_START_MASKS", 1)
+    assert_masks_are_exact([scene([square(0, 0, LARGE)]), scene()], (19, 5), "paper")
 
 
 @given(

@@ -28,6 +28,7 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 
 KEPT_ITEMS = 16_384
+MOST_BYTES_OF_START_MASKS = 64 << 20  # 25,000 tasks on the released grid
 
 
 class ScatterCore(CompiledCore):
@@ -45,6 +46,7 @@ class ScatterCore(CompiledCore):
         self._starts_outside = np.zeros(len(tasks), np.bool_)  # tasks that start so, as far as they have been played
         self._canvases: dict[int, Canvas] = {}  # of `_outside`
         self._written_masks: Int64Array | None = None  # versions that `buffers.mask` shows
+        self._start_masks: _StartMasks | None = None
         with compiling(kernels.edit_scatters):
             self._edit(self._every[:0], self._every[:0], np.zeros(0, np.bool_))
 
@@ -58,6 +60,9 @@ class ScatterCore(CompiledCore):
             del self._canvases[env_id]
         for env_id in env_ids[outside].tolist():
             self._leave_arrays(env_id)
+        if self._start_masks is not None and self._written_masks is not None:
+            begun = self._start_masks.show(env_ids, tasks, self._versions_by_env, self._buffers.mask)
+            self._written_masks.reshape(-1, BOX_COUNT)[begun] = self._versions_by_env[begun]
 
     def _start_scene(self, task: int) -> Scene:
         start = super()._start_scene(task)
@@ -123,9 +128,13 @@ class ScatterCore(CompiledCore):
             self._written_masks = np.full(len(self._current.versions), NEVER_SEEN)
             mask[:] = False
             mask[:, 0] = True
+            if len(self._tasks) * mask.shape[1] <= MOST_BYTES_OF_START_MASKS:
+                self._start_masks = _StartMasks(len(self._tasks), mask.shape[1])
         places = cell_places(*appearance.cell, searches=appearance.searches(placement))
         with compiling(kernels.write_masks):
             kernels.write_masks(self._tables, places, self._current, self._written_masks, mask)
+        if self._start_masks is not None:
+            self._start_masks.keep(self._versions_by_env, mask)
         for env_id in self._outside.nonzero()[0].tolist():
             mask[env_id] = appearance.legal_mask(self._scenes[env_id], placement)
             self._written_masks[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NEVER_SEEN
@@ -136,6 +145,33 @@ class ScatterCore(CompiledCore):
         for env_id in self._outside.nonzero()[0].tolist():
             items[env_id] = item_array(self._scenes[env_id], items.shape[2])
             self._written_items[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NEVER_SEEN
+
+
+class _StartMasks:
+    """Masks of start scenes: an episode begins with a copy instead of a look at every cell."""
+
+    def __init__(self, tasks: int, actions: int) -> None:
+        self._masks = np.empty((tasks, actions), np.bool_)  # of which memory is taken as they are met
+        self._known = np.zeros(tasks, np.bool_)
+        self._begun: dict[
+            int, tuple[int, tuple[int, ...]]
+        ] = {}  # by environment: an unknown task, versions of its boxes
+
+    def show(self, env_ids: Int64Array, tasks: Int64Array, versions: Int64Array, mask: BoolArray) -> Int64Array:
+        """Writes into `mask` (N, actions) what is known of tasks (k,) that begin; gives those environments."""
+        known = self._known[tasks]
+        begun = env_ids[known]
+        mask[begun] = self._masks[tasks[known]]
+        for env_id, task in zip(env_ids[~known].tolist(), tasks[~known].tolist(), strict=True):
+            self._begun[env_id] = task, tuple(versions[env_id].tolist())
+        return begun
+
+    def keep(self, versions: Int64Array, mask: BoolArray) -> None:
+        """Keeps masks (N, actions) of environments that have begun an unknown task and are still where it starts."""
+        for env_id, (task, begun) in self._begun.items():
+            if tuple(versions[env_id].tolist()) == begun:
+                self._masks[task], self._known[task] = mask[env_id], True
+        self._begun.clear()
 
 
 def fits_arrays(scene: Scene) -> bool:
