@@ -222,8 +222,10 @@ def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
     chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="sneaky", verifier="person", **chosen)
     assert seen(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
+    game = room(browser.app, made["verifier"]).session
+    holds = game.game.conditions.dynamics.goal_reached(game.state.mdp)  # the partner may find nothing false to claim
     body = act(browser, made["verifier"], "holds with probability 0.25").json()
-    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.75), abs=1e-5))
+    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.25 if holds else 0.75), abs=1e-5))
 
 
 def test_legal__is_the_agents_mask(browser: Browser):

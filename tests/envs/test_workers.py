@@ -65,9 +65,18 @@ def step_on(env: WorkerVectorEnv) -> None:
         env.step(np.zeros(env.num_envs, np.int64))
 
 
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """Loads compiled code before workers are forked: on a busy machine that takes longer than a timeout of theirs."""
+    env = batch(SCATTER, 8, AutoresetMode.NEXT_STEP)
+    env.reset(seed=0)
+    env.step(np.zeros(8, np.int64))
+    env.close()
+
+
 @pytest.fixture
-def workers() -> Iterator[WorkerVectorEnv]:
-    env = WorkerVectorEnv(SCATTER, 8, 3, start_method="fork", timeout_seconds=1.0)
+def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
+    env = WorkerVectorEnv(SCATTER, 8, 3, start_method="fork", timeout_seconds=2.0)
     env.reset(seed=0)
     env.step(np.zeros(8, np.int64))
     yield env
