@@ -17,7 +17,7 @@ from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout
 from lilgym_mp.learning.imitation.lessons import Lesson
-from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, MOST_STEPS, Inputs
+from lilgym_mp.learning.imitation.network import FEWEST_PLACES, LONGEST_STATEMENT, MOST_STEPS, Inputs
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 KEPT_STATEMENTS = 20_000
@@ -76,9 +76,9 @@ class Numbering:
         return self._swaps[order][numbers]
 
 
-def padded(rows: Sequence[Int64Array]) -> Int64Array:
-    """(B, T) the rows with PAD after their ends."""
-    found = np.full((len(rows), max(map(len, rows))), PAD, np.int64)
+def padded(rows: Sequence[Int64Array], fewest: int = 0) -> Int64Array:
+    """(B, T) the rows with PAD after their ends; T is `fewest` at least."""
+    found = np.full((len(rows), max(fewest, *map(len, rows))), PAD, np.int64)
     for row, numbers in zip(found, rows, strict=True):
         row[: len(numbers)] = numbers
     return found
@@ -186,7 +186,8 @@ class BatchMaker:
             ]
         )
         text = padded(
-            [self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)]
+            [self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)],
+            FEWEST_PLACES,
         )
         boxes = Boxes.of(scenes, solved)
         self._table.describe()

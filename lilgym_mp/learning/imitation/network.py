@@ -7,11 +7,13 @@ the truth and the target, else ADD or REMOVE, then the arguments that the type n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.learning.imitation.boxes import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import BOX_COUNT, KIND_COUNT, Colour, Shape, Size
@@ -22,6 +24,7 @@ CELL_CHANNELS = 32  # of a cell's vector, against what a look asks for
 CELL_HIDDEN = 64
 GEOMETRY_CHANNELS = VALUE_CHANNELS = 16
 LONGEST_STATEMENT = 64  # words; the rest is cut off
+FEWEST_PLACES = 16  # for the words of a batch of statements: torch is slow at softmax over fewer
 
 
 class Inputs(NamedTuple):
@@ -44,10 +47,27 @@ class Inputs(NamedTuple):
 
 
 class Read(NamedTuple):
-    """S statements as the parts of the network attend to them."""
+    """S statements as the parts of a network attend to them."""
 
-    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each item layer, then for boxes, then for scenes
+    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each layer that attends to words
     mask: Tensor  # (S, 1, 1, T) what hides the places without a word, to be added to scores
+
+    @classmethod
+    def of_remembered(cls, statements: Sequence[Sequence[Tensor]]) -> Read:
+        """Statements read before: the key-values of each without the places that have no word."""
+        padded = [pad_sequence(list(parts), batch_first=True) for parts in zip(*statements, strict=True)]
+        missing = max(0, FEWEST_PLACES - padded[0].shape[1])
+        key_values = tuple(F.pad(key_value, (0, 0, 0, missing)) for key_value in padded)
+        lengths = torch.tensor([len(parts[0]) for parts in statements], device=key_values[0].device)
+        places = torch.arange(key_values[0].shape[1], device=lengths.device)
+        return cls(key_values, word_mask(places[None] < lengths[:, None]))
+
+
+class Packing(NamedTuple):
+    """How R rows without gaps stand for (S, N) places by statement, so that linear layers see no vacant ones."""
+
+    padded: Tensor  # (S, N) the row in each place, 0 in vacant places
+    places: Tensor  # (R,) where each row is among the S * N
 
 
 class BoxesRead(NamedTuple):
@@ -91,14 +111,21 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
 
-    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor) -> Tensor:
-        """`x` (S, N, d), `key_value` (S, T, 2 d) what `self.key_value` makes of words, `mask` as in `Read`."""
-        batch, count, width = x.shape
-        query = self.query(self.norm(x)).view(batch, count, self.heads, -1).transpose(1, 2)
+    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
+        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) what `self.key_value` makes of words,
+        `mask` as in `Read`."""
+        query = self.query(self.norm(x))
+        if packing is not None:
+            query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
+        batch, count, width = query.shape
+        query = query.view(batch, count, self.heads, -1).transpose(1, 2)
         key, value = key_value.view(batch, -1, 2, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
         found = torch.matmul(scores.softmax(-1).to(value.dtype), value)
-        return x + self.out(found.transpose(1, 2).reshape(batch, count, width))
+        found = found.transpose(1, 2).reshape(batch, count, width)
+        if packing is not None:
+            found = found.flatten(0, 1).index_select(0, packing.places)
+        return x + self.out(found)
 
 
 class Relating(nn.Module):

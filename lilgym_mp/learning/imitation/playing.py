@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.arrays import Float32Array, Int64Array
 from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import STOP_HEAD, ActionLayout
 from lilgym_mp.learning.imitation.losses import log_policy
-from lilgym_mp.learning.imitation.network import BoxesRead, ImitationNetwork, Inputs, Read
+from lilgym_mp.learning.imitation.network import FEWEST_PLACES, BoxesRead, ImitationNetwork, Inputs, Read
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.task import Task
@@ -94,7 +93,8 @@ class Player:
         ordered = sorted(numbers, key=lambda statement: len(numbers[statement]))  # statements of like length together
         for first in range(0, len(ordered), MOST_SCENES):
             some = ordered[first : first + MOST_SCENES]
-            read = self.network.read(torch.from_numpy(padded([numbers[one] for one in some])).to(self.device))
+            words = padded([numbers[one] for one in some], FEWEST_PLACES)
+            read = self.network.read(torch.from_numpy(words).to(self.device))
             for row, statement in enumerate(some):
                 count = len(numbers[statement])
                 kept = [key_value[row, :count].clone() for key_value in read.key_values]
@@ -140,11 +140,7 @@ class Player:
     def _as_read(self, statements: Sequence[str], layers: slice) -> Read:
         """The statements as some of the layers that attend to them do."""
         known = [self._statements[statement].key_values[layers] for statement in statements]
-        key_values = tuple(pad_sequence(list(parts), batch_first=True) for parts in zip(*known, strict=True))
-        lengths = torch.tensor([len(parts[0]) for parts in known], device=self.device)
-        hidden = torch.arange(key_values[0].shape[1], device=self.device) >= lengths[:, None]
-        mask = torch.zeros(hidden.shape, device=self.device).masked_fill_(hidden, -1e4)
-        return Read(key_values, mask[:, None, None])
+        return Read.of_remembered(known)
 
     def _judged(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
         """(B, heads) of the B statements with the first B scenes."""

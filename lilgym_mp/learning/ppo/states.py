@@ -1,8 +1,8 @@
-"""What policies see of many states, without repetition: distinct statements, and distinct boxes of the images."""
+"""What policies see of many states, without repetition: distinct statements, boxes, and patches of the boxes."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,85 +15,146 @@ IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
 SIDE = IMAGE_SHAPE[0]  # pixels of a box
 PITCH = BOX_PITCH * SIDE // BOX_SIDE  # pixels from a box to the next
 assert IMAGE_SHAPE[1] == IMAGE_WIDTH * SIDE // BOX_SIDE
-_BYTES = SIDE * SIDE * 3
-_WORDS = -(-_BYTES // 8)  # of 8 bytes
-_MULTIPLIERS = np.random.default_rng(0).integers(0, 2**63, _WORDS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+PATCH = 10  # pixels a side
+PATCHES = SIDE // PATCH  # along each side of a box
+PATCH_BYTES = PATCH * PATCH * 3
+_BOX_BYTES = SIDE * SIDE * 3
 
 
 class States(NamedTuple):
-    """N states of S statements with U boxes; each statement and box is used by some state."""
+    """N states of S statements with U boxes of Q patches; each statement, box and patch is used by some state."""
 
     statements: tuple[str, ...]  # S
-    boxes: UInt8Array  # (U, 50, 50, 3)
+    patches: UInt8Array  # (Q, 300) pixels, row by row
+    patches_of: Int64Array  # (U, 25) of each box, row by row
     box_codes: UInt64Array  # (U,) the same for the same box in every table
     statement_of: Int64Array  # (N,)
     boxes_of: Int64Array  # (N, 3) left to right
     targets: Int64Array  # (N,) 1: make the statement true, 0: false
 
+    def boxes(self) -> UInt8Array:
+        """(U, 50, 50, 3) pixels, put together from the patches."""
+        cut = self.patches[self.patches_of].reshape(-1, PATCHES, PATCHES, PATCH, PATCH, 3)
+        return cut.transpose(0, 1, 3, 2, 4, 5).reshape(-1, SIDE, SIDE, 3)
+
     def images(self) -> UInt8Array:
         """(N, 50, 190, 3) the half-size images, put together from their boxes."""
         images = np.full((len(self.targets), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
+        boxes = self.boxes()
         for place in range(BOX_COUNT):
-            images[:, :, place * PITCH : place * PITCH + SIDE] = self.boxes[self.boxes_of[:, place]]
+            images[:, :, place * PITCH : place * PITCH + SIDE] = boxes[self.boxes_of[:, place]]
         return images
 
 
 class BoxTable:
-    """Distinct boxes of images, numbered in the order in which they are met."""
+    """Distinct boxes of images and the distinct patches they are made of, numbered in the order they are met."""
 
     def __init__(self) -> None:
-        self._known: dict[int, int] = {}
-        self._boxes = np.empty((64, SIDE, SIDE, 3), np.uint8)
-        self._codes = np.empty(64, np.uint64)
-        self._padded = np.empty((0, 8 * _WORDS), np.uint8)
+        self._boxes: dict[int, int] = {}  # indices by code
+        self._patches: dict[int, int] = {}
+        self._box_codes = _GrowingArray(np.uint64)
+        self._patches_of = _GrowingArray(np.int64, PATCHES**2)
+        self._pixels = _GrowingArray(np.uint8, PATCH_BYTES)
+        self._padded = np.empty((0, 0), np.uint8)
 
     def __len__(self) -> int:
-        return len(self._known)
-
-    @property
-    def boxes(self) -> UInt8Array:
-        """(U, 50, 50, 3)."""
-        return self._boxes[: len(self._known)]
+        return len(self._boxes)
 
     def indices(self, images: UInt8Array) -> Int64Array:
         """(N, 3) the boxes of N half-size images (N, 50, 190, 3), entered where they are new."""
-        boxes, codes = self._cut(images)
-        found = np.empty(len(boxes), np.int64)
-        for index, code in enumerate(codes.tolist()):
-            place = self._known.get(code)
-            if place is None:
-                place = self._known[code] = len(self._known)
-                if place == len(self._boxes):
-                    self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
-                    self._codes = np.concatenate([self._codes, np.empty_like(self._codes)])
-                self._boxes[place], self._codes[place] = boxes[index], code
-            found[index] = place
-        return found.reshape(-1, BOX_COUNT)
-
-    def _cut(self, images: UInt8Array) -> tuple[UInt8Array, UInt64Array]:
-        """The images' boxes (3 N, 50, 50, 3), overwritten by the next call, and their codes (3 N,).
-
-        A code is a sum of products modulo 2^64: equal for two different boxes once in 2^63 or less.
-        """
         count = BOX_COUNT * len(images)
         if len(self._padded) != count:
-            self._padded = np.zeros((count, 8 * _WORDS), np.uint8)
-        boxes = self._padded[:, :_BYTES].reshape(count, SIDE, SIDE, 3)  # a view
+            self._padded = _padded(count, _BOX_BYTES)
+        boxes = self._padded[:, :_BOX_BYTES].reshape(count, SIDE, SIDE, 3)  # a view
         for place in range(BOX_COUNT):
             boxes[place::BOX_COUNT] = images[:, :, place * PITCH : place * PITCH + SIDE]
-        return boxes, self._padded.view(np.uint64) @ _MULTIPLIERS
+        codes = _codes(self._padded)
+        indices, new = _numbered(codes, self._boxes)
+        if len(new):
+            self._box_codes.extend(codes[new])
+            self._patches_of.extend(self._patch_indices(boxes[new]))
+        return indices.reshape(-1, BOX_COUNT)
+
+    def _patch_indices(self, boxes: UInt8Array) -> Int64Array:
+        """(U, 25) the patches of some boxes (U, 50, 50, 3), entered where they are new."""
+        padded = _padded(len(boxes) * PATCHES**2, PATCH_BYTES)
+        patches = padded[:, :PATCH_BYTES]  # a view
+        cut = boxes.reshape(-1, PATCHES, PATCH, PATCHES, PATCH * 3).swapaxes(2, 3)
+        patches.reshape(cut.shape)[:] = cut
+        codes, firsts, places = np.unique(_codes(padded), return_index=True, return_inverse=True)
+        indices, new = _numbered(codes, self._patches)
+        self._pixels.extend(patches[firsts[new]])
+        return indices[places].reshape(-1, PATCHES**2)
 
     def states(
         self, statements: tuple[str, ...], statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
     ) -> States:
         """`statement_of` (N,) are places in `statements`, of which any number may not be used."""
-        kept, statement_of = np.unique(statement_of, return_inverse=True)
-        used, places = np.unique(boxes_of, return_inverse=True)
+        statements_used, statement_of = distinct(statement_of, len(statements))
+        boxes_used, boxes_of = distinct(boxes_of, len(self))
+        patches_used, patches_of = distinct(self._patches_of.rows[boxes_used], len(self._patches))
         return States(
-            tuple(statements[place] for place in kept.tolist()),
-            self._boxes[used],
-            self._codes[used],
+            tuple(statements[place] for place in statements_used.tolist()),
+            self._pixels.rows[patches_used],
+            patches_of,
+            self._box_codes.rows[boxes_used],
             statement_of,
-            places.reshape(-1, BOX_COUNT),
+            boxes_of,
             targets,
         )
+
+
+def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
+    """Those of `count` indices that occur, in order, and the places of `indices` (any shape) among them."""
+    occurs = np.zeros(count, np.bool_)
+    occurs[indices] = True
+    return np.flatnonzero(occurs), (occurs.cumsum() - 1)[indices]
+
+
+class _GrowingArray:
+    """Rows of one type and width, to which more are added."""
+
+    def __init__(self, dtype: Any, *width: int) -> None:
+        self._room = np.empty((64, *width), dtype)
+        self._count = 0
+
+    @property
+    def rows(self) -> Any:
+        return self._room[: self._count]
+
+    def extend(self, rows: Any) -> None:
+        last = self._count + len(rows)
+        if last > len(self._room):
+            larger = np.empty((max(last, 2 * len(self._room)), *rows.shape[1:]), rows.dtype)
+            larger[: self._count] = self.rows
+            self._room = larger
+        self._room[self._count : last] = rows
+        self._count = last
+
+
+def _padded(count: int, size: int) -> UInt8Array:
+    """(count, W) zeros: rows of `size` bytes and as many more as make whole words of 8 bytes."""
+    return np.zeros((count, -(-size // 8) * 8), np.uint8)
+
+
+_MULTIPLIERS = np.random.default_rng(0).integers(0, 2**63, -(-_BOX_BYTES // 8), dtype=np.uint64) * np.uint64(2)
+_MULTIPLIERS += np.uint64(1)
+
+
+def _codes(padded: UInt8Array) -> UInt64Array:
+    """A code of each row: a sum of products modulo 2^64, equal for two different rows once in 2^63 or less."""
+    words = padded.view(np.uint64)
+    return words @ _MULTIPLIERS[: words.shape[1]]
+
+
+def _numbered(codes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
+    """The indices of the codes, entered in `known` where they are new; and the places where new ones first occur."""
+    new: list[int] = []
+    indices = np.empty(len(codes), np.int64)
+    for place, code in enumerate(codes.tolist()):
+        index = known.get(code)
+        if index is None:
+            index = known[code] = len(known)
+            new.append(place)
+        indices[place] = index
+    return indices, np.array(new, np.int64)

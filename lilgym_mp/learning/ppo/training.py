@@ -204,7 +204,7 @@ class Run:
             with self._precision():
                 policy, values = policy_of(self.model, learning.rollout.states(some), learning.legal(some))
             actions = learning.actions[some]
-            learnt = Learnt(policy.log_prob(actions), policy.entropy(), values)
+            learnt = Learnt(*policy.evaluate_actions(actions), values)
             loss = losses(recipe, learnt, learning.experience(some), entropy)
             if not torch.isfinite(loss.total):
                 raise TrainingError(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from torch import Tensor
 from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import LOOKS, look_of
-from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
 NOT_NEEDED = -1
@@ -165,39 +165,43 @@ class Policy:
         """`types` (N, 3) and `heads` (N, size) each; `legal` (N, actions) leaves nothing else its probability."""
         self.layout = layout
         self.types = torch.log_softmax(types, -1)
-        self.heads = [torch.log_softmax(head, -1) for head in heads]
+        self._heads = heads
         self.masked = None if legal is None else _masked(self.joint(), legal)
+
+    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """(N,) log-probabilities of N actions, and (N,) entropies.
+
+        The entropy is exact: the type's, and each head's as often as it is needed.
+        """
+        if self.masked is not None:
+            return self.masked.gather(1, actions[:, None]).squeeze(1), _entropy(self.masked)
+        kinds, choices = _tensors(self.layout, actions.device)
+        kind, choice = kinds[actions], choices[actions]
+        log_prob = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
+        entropy = _entropy(self.types)
+        probabilities = self.types.exp()
+        for index, (head, logits) in enumerate(zip(self.layout.heads, self._heads, strict=True)):
+            chosen = choice[:, index]
+            found, of_head = log_prob_and_entropy(logits, chosen.clamp(min=0))
+            log_prob = log_prob + torch.where(chosen == NOT_NEEDED, torch.zeros_like(found), found)
+            entropy = entropy + probabilities[:, list(head.types)].sum(1) * of_head
+        return log_prob.masked_fill(kind == NOT_NEEDED, -torch.inf), entropy
 
     def log_prob(self, actions: Tensor) -> Tensor:
         """(N,) of N actions."""
-        if self.masked is not None:
-            return self.masked.gather(1, actions[:, None]).squeeze(1)
-        kinds, choices = _tensors(self.layout, actions.device)
-        kind, choice = kinds[actions], choices[actions]
-        total = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
-        for index, head in enumerate(self.heads):
-            chosen = choice[:, index]
-            found = head.gather(1, chosen.clamp(min=0)[:, None]).squeeze(1)
-            total = total + torch.where(chosen == NOT_NEEDED, torch.zeros_like(found), found)
-        return total.masked_fill(kind == NOT_NEEDED, -torch.inf)
+        return self.evaluate_actions(actions)[0]
 
     def entropy(self) -> Tensor:
-        """(N,) exact: the type's, and each head's as often as it is needed."""
-        if self.masked is not None:
-            return _entropy(self.masked)
-        total = _entropy(self.types)
-        probabilities = self.types.exp()
-        for head, found in zip(self.layout.heads, self.heads, strict=True):
-            total = total + probabilities[:, list(head.types)].sum(1) * _entropy(found)
-        return total
+        """(N,) as `evaluate_actions` has it."""
+        return self.evaluate_actions(torch.full((len(self.types),), STOP, device=self.types.device))[1]
 
     def joint(self) -> Tensor:
         """(N, actions) log-probability of every action."""
         kinds, choices = _tensors(self.layout, self.types.device)
         total = self.types[:, kinds.clamp(min=0)]
-        for index, head in enumerate(self.heads):
+        for index, logits in enumerate(self._heads):
             needed = choices[:, index] != NOT_NEEDED
-            found = head[:, choices[:, index].clamp(min=0)]
+            found = torch.log_softmax(logits, -1)[:, choices[:, index].clamp(min=0)]
             total = total + torch.where(needed, found, torch.zeros_like(found))
         return total.masked_fill(kinds == NOT_NEEDED, -torch.inf)
 
@@ -207,16 +211,23 @@ class Policy:
 
     def sample(self, rng: np.random.Generator) -> Int64Array:
         """(N,) actions drawn."""
+        count = len(self.types)
         if self.masked is not None:
-            return _drawn(_array(self.masked), rng)
-        types = _drawn(_array(self.types), rng)
-        return self.layout.actions(types, [_drawn(_array(head), rng) for head in self.heads])
+            return _drawn(_array(self.masked), rng.random(count))
+        types = _drawn(_array(self.types), rng.random(count))
+        choices: list[Int64Array] = []
+        for head, logits in zip(self.layout.heads, self._heads, strict=True):
+            drawn, thresholds = np.zeros(count, np.int64), rng.random(count)
+            needed = np.isin(types, head.types)
+            drawn[needed] = _drawn(_array(logits)[needed], thresholds[needed])
+            choices.append(drawn)
+        return self.layout.actions(types, choices)
 
     def likeliest(self) -> Int64Array:
         """(N,) the likeliest type with its likeliest arguments; with a mask, the likeliest legal action."""
         if self.masked is not None:
             return _array(self.masked).argmax(1)
-        return self.layout.actions(_array(self.types).argmax(1), [_array(head).argmax(1) for head in self.heads])
+        return self.layout.actions(_array(self.types).argmax(1), [_array(logits).argmax(1) for logits in self._heads])
 
     def stop_probability(self) -> Tensor:
         """(N,)."""
@@ -238,11 +249,49 @@ def _array(tensor: Tensor) -> Float32Array:
     return tensor.detach().float().cpu().numpy()
 
 
-def _drawn(log_probabilities: Float32Array, rng: np.random.Generator) -> Int64Array:
-    """(N,) places, drawn from (N, size)."""
-    sums = np.exp(log_probabilities).cumsum(1)
-    thresholds = rng.random(len(sums)) * sums[:, -1]
-    return (sums <= thresholds[:, None]).sum(1)
+def _drawn(logits: Float32Array, thresholds: Float64Array) -> Int64Array:
+    """(N,) places, drawn from (N, size) by numbers from 0 to 1 (N,)."""
+    sums = np.exp(logits - logits.max(1, keepdims=True, initial=-np.inf)).cumsum(1)
+    return (sums <= (thresholds * sums[:, -1])[:, None]).sum(1)
+
+
+CHUNK = 64  # rows of logits at once, so that they stay in the processor's cache
+
+
+class _LogProbAndEntropy(torch.autograd.Function):
+    """Row by row, calculated again for the gradients: cheaper than to write it to memory and read it."""
+
+    @staticmethod
+    def forward(ctx: Any, logits: Tensor, choices: Tensor) -> tuple[Tensor, Tensor]:
+        log_probs, entropies = logits.new_empty(len(logits)), logits.new_empty(len(logits))
+        for rows in _chunks(logits):
+            logs = torch.log_softmax(logits[rows], 1)
+            log_probs[rows] = logs.gather(1, choices[rows, None]).squeeze(1)
+            entropies[rows] = _entropy(logs)
+        ctx.save_for_backward(logits, choices, entropies)
+        return log_probs, entropies
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
+        logits, choices, entropies = ctx.saved_tensors
+        of_log_probs, of_entropies = (gradient[:, None] for gradient in gradients)
+        found = torch.empty_like(logits)
+        for rows in _chunks(logits):
+            logs = torch.log_softmax(logits[rows], 1)
+            weights = (logs + entropies[rows, None]).mul_(of_entropies[rows]).add_(of_log_probs[rows])
+            part = torch.mul(logs.exp_(), weights, out=found[rows]).neg_()
+            part.scatter_add_(1, choices[rows, None], of_log_probs[rows])
+        return found, None
+
+
+def _chunks(logits: Tensor) -> list[slice]:
+    size = CHUNK if logits.device.type == "cpu" else len(logits)
+    return [slice(first, first + size) for first in range(0, len(logits), size)]
+
+
+def log_prob_and_entropy(logits: Tensor, choices: Tensor) -> tuple[Tensor, Tensor]:
+    """(N,) log-probabilities of choices (N,) and (N,) entropies, from logits (N, size)."""
+    return _LogProbAndEntropy.apply(logits, choices)
 
 
 @cache

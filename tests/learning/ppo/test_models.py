@@ -38,10 +38,11 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_states__give_the_images_back_and_keep_each_box_once(name: str):
+def test_states__give_the_images_back_and_keep_each_box_and_patch_once(name: str):
     states, images = seen(name, 40)
     assert (states.images() == images).all()
-    assert len(np.unique(states.boxes.reshape(len(states.boxes), -1), axis=0)) == len(states.boxes)
+    for rows in (states.boxes().reshape(len(states.box_codes), -1), states.patches):
+        assert len(np.unique(rows, axis=0)) == len(rows)
 
 
 def test_states__of_some_rows_have_their_statements_and_boxes_alone():
@@ -129,9 +130,9 @@ def test_ours__reads_statement_target_and_every_box(ours: OurNetwork):
     before = types(states)
     assert not torch.allclose(before, types(states._replace(targets=1 - states.targets)))
     assert not torch.allclose(before, types(states._replace(statements=STATEMENTS[::-1])))
-    other = states.boxes.copy()
+    other = states.patches_of.copy()
     other[states.boxes_of[0, 2]] = 0
-    assert not torch.allclose(before, types(states._replace(boxes=other)))
+    assert not torch.allclose(before, types(states._replace(patches_of=other)))
 
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])

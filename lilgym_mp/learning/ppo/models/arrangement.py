@@ -11,37 +11,43 @@ from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.scene import BOX_COUNT
 
 
-class Arrangement(NamedTuple):
-    """N states of S statements: P boxes of each statement at most, and M scenes."""
+class ByStatement(NamedTuple):
+    """R rows, each of one of S statements, as a table of the statements with P places each."""
 
-    pair_boxes: Int64Array  # (S, P) the distinct boxes of each statement, the first of all in vacant places
-    pair_counts: Int64Array  # (S,) how many boxes each statement has
-    pairs_of: Int64Array  # (N, 3) places of each state's boxes in the S * P
-    scenes: Int64Array  # (S, M, 3) the same by statement, 0 in vacant places
-    rows: Int64Array  # (N,) where each state is among the S * M
+    counts: Int64Array  # (S,) rows of each statement
+    padded: Int64Array  # (S, P) the rows of each statement in order, 0 in vacant places
+    places: Int64Array  # (R,) where each row is among the S * P
+
+
+class Arrangement(NamedTuple):
+    """N states of S statements, and R pairs of a statement and a box."""
+
+    boxes: Int64Array  # (R,) of each pair
+    pairs: ByStatement
+    pairs_of: Int64Array  # (N, 3) each state's pairs
+    states: ByStatement
 
 
 def arrange(states: States) -> Arrangement:
-    count, box_count = len(states.statements), len(states.boxes)
+    count, box_count = len(states.statements), len(states.box_codes)
     codes = states.statement_of[:, None] * box_count + states.boxes_of
-    pairs, places = np.unique(codes, return_inverse=True)
+    pairs, pairs_of = np.unique(codes, return_inverse=True)
     owners, boxes = np.divmod(pairs, box_count)
-    pair_ranks, pair_counts = _ranks(owners, count)
-    most_pairs = int(pair_counts.max())
-    pair_boxes = np.zeros((count, most_pairs), np.int64)
-    pair_boxes[owners, pair_ranks] = boxes
-    pairs_of = (owners * most_pairs + pair_ranks)[places.reshape(-1, BOX_COUNT)]
-    order = np.argsort(states.statement_of, kind="stable")
-    ranks = np.empty(len(order), np.int64)
-    ranks[order], counts = _ranks(states.statement_of[order], count)
-    most = int(counts.max())
-    scenes = np.zeros((count, most, BOX_COUNT), np.int64)
-    scenes[states.statement_of, ranks] = pairs_of
-    return Arrangement(pair_boxes, pair_counts, pairs_of, scenes, states.statement_of * most + ranks)
+    return Arrangement(
+        boxes,
+        _by_statement(owners, count),
+        pairs_of.reshape(-1, BOX_COUNT),
+        _by_statement(states.statement_of, count),
+    )
 
 
-def _ranks(owners: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
-    """For sorted owners, how many of the same stand before each; and how many each of `count` owners has."""
-    counts = np.bincount(owners, minlength=count)
-    starts = counts.cumsum() - counts
-    return np.arange(len(owners)) - starts[owners], counts
+def _by_statement(statement_of: Int64Array, count: int) -> ByStatement:
+    order = np.argsort(statement_of, kind="stable")
+    counts = np.bincount(statement_of, minlength=count)
+    firsts, most = counts.cumsum() - counts, int(counts.max())
+    owners = statement_of[order]
+    places = np.empty(len(order), np.int64)
+    places[order] = owners * most + np.arange(len(order)) - firsts[owners]
+    padded = np.zeros(count * most, np.int64)
+    padded[places] = np.arange(len(order))
+    return ByStatement(counts, padded.reshape(count, most), places)

@@ -23,7 +23,7 @@ from lilgym_mp.learning.imitation.agent import Shape, load_agent
 from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import STOP_HEAD, action_layout
-from lilgym_mp.learning.imitation.network import MOST_STEPS, Inputs
+from lilgym_mp.learning.imitation.network import FEWEST_PLACES, MOST_STEPS, Inputs
 from lilgym_mp.learning.model_file import ModelFileError
 from lilgym_mp.learning.ppo.models.arrangement import arrange
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
@@ -56,19 +56,19 @@ class ImitationModel(Model):
     def forward(self, states: States) -> Prediction:
         device = next(self.critic.parameters()).device
         arranged = arrange(states)
-        count, most = arranged.pair_boxes.shape
-        boxes = Boxes(
-            self._boxes(states)[arranged.pair_boxes],
-            np.arange(most) < arranged.pair_counts[:, None],
-            arranged.scenes % most,  # places among the statement's own boxes
-            most,
+        pairs = arranged.pairs
+        count, most = pairs.padded.shape
+        scenes = (pairs.places % most)[arranged.pairs_of][arranged.states.padded]  # (S, M, 3) of the statement's boxes
+        present = np.arange(most) < pairs.counts[:, None]
+        boxes = Boxes(self._boxes(states)[arranged.boxes][pairs.padded], present, scenes, most)
+        words = padded([self._numbering.numbers(one) for one in states.statements], FEWEST_PLACES)
+        inputs = Inputs(
+            words=torch.from_numpy(words).to(device),
+            **box_inputs(self._table, boxes, np.zeros(count, np.int64), device),
         )
-        words = torch.from_numpy(padded([self._numbering.numbers(one) for one in states.statements])).to(device)
-        inputs = Inputs(words=words, **box_inputs(self._table, boxes, np.zeros(count, np.int64), device))
-        targets = np.zeros(arranged.scenes.shape[0] * arranged.scenes.shape[1], np.int64)
-        targets[arranged.rows] = states.targets
-        outputs = self.network(inputs, torch.from_numpy(targets).view(count, -1).to(device))
-        rows, wanted = torch.from_numpy(arranged.rows).to(device), torch.from_numpy(states.targets).to(device)
+        targets = states.targets[arranged.states.padded]  # (S, M)
+        outputs = self.network(inputs, torch.from_numpy(targets).to(device))
+        rows, wanted = torch.from_numpy(arranged.states.places).to(device), torch.from_numpy(states.targets).to(device)
 
         def of_states(by_statement: Tensor) -> Tensor:
             return by_statement.flatten(0, 1).index_select(0, rows)
@@ -88,9 +88,10 @@ class ImitationModel(Model):
         new = [place for place, code in enumerate(codes) if code not in self._read]
         if new:
             pictures = np.broadcast_to(draw(Scene.empty(), "half"), (-(-len(new) // BOX_COUNT), *IMAGE_SHAPE)).copy()
+            boxes = states.boxes()
             for index, place in enumerate(new):
                 image, box = divmod(index, BOX_COUNT)
-                pictures[image, :, box * PITCH : box * PITCH + SIDE] = states.boxes[place]
+                pictures[image, :, box * PITCH : box * PITCH + SIDE] = boxes[place]
             scenes = read_scenes(pictures, self.shape.appearance)
             found = [box for scene in scenes for box in scene.boxes]
             self._read.update((codes[place], self._table.index(box)) for place, box in zip(new, found, strict=False))

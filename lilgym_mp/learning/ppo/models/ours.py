@@ -18,27 +18,27 @@ from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import LOOKS
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Attention, Feedforward, Text, word_mask
-from lilgym_mp.learning.ppo.models.arrangement import arrange
+from lilgym_mp.learning.imitation.network import (
+    FEWEST_PLACES,
+    LONGEST_STATEMENT,
+    Attention,
+    Feedforward,
+    Packing,
+    Read,
+    Text,
+    word_mask,
+)
+from lilgym_mp.learning.ppo.models.arrangement import ByStatement, arrange
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
-from lilgym_mp.learning.ppo.states import SIDE, States
+from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.learning.ppo.type_first import box_cells, joint_layout
 from lilgym_mp.scene import BOX_COUNT, Colour
 
-PATCH = 10  # pixels a side
-PATCHES = SIDE // PATCH  # along each side of a box
 CHANNELS = 32  # features of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
 CHUNK = 256  # states whose cells are calculated at once, so that they stay in the processor's cache
 SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
 MOST_REMEMBERED = 20_000  # statements; and boxes, of which 8,192 take 30 MB
-
-
-class Read(NamedTuple):
-    """S statements as the layers attend to them."""
-
-    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each pair layer, then for scenes
-    mask: Tensor  # (S, 1, 1, T) added to scores
 
 
 class Boxes(NamedTuple):
@@ -105,19 +105,16 @@ class OurNetwork(Model):
         read = self._read(states.statements)
         boxes = self._encoded(states)
         arranged = arrange(states)
-        pair_boxes, pairs_of, scenes, rows = (
-            torch.from_numpy(array).to(device)
-            for array in (arranged.pair_boxes, arranged.pairs_of, arranged.scenes, arranged.rows)
-        )
+        of_pairs, pairs_of = (torch.from_numpy(array).to(device) for array in (arranged.boxes, arranged.pairs_of))
+        packing = _packing(arranged.pairs, device)
         targets = torch.from_numpy(states.targets).to(device)
-        pairs = boxes.vectors.index_select(0, pair_boxes.flatten()).view(*pair_boxes.shape, -1)  # (S, P, d)
+        pairs = boxes.vectors.index_select(0, of_pairs)  # (R, d)
         for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
-            pairs = feedforward(reading(pairs, key_value, read.mask))
-        pairs = pairs.flatten(0, 1)
-        scene = self._scenes(pairs, scenes, read).index_select(0, rows)  # (N, d)
+            pairs = feedforward(reading(pairs, key_value, read.mask, packing))
+        scene = self._scenes(pairs, pairs_of, read, _packing(arranged.states, device))  # (N, d)
         judged = self.judge(scene + self.target(targets))
-        of_state = pairs.index_select(0, pairs_of.flatten()).view(-1, BOX_COUNT, pairs.shape[-1])
-        acting = self.act_feedforward(self.act_box(of_state) + self.act_scene(judged)[:, None])  # (N, 3, d)
+        acting = _chosen(self.act_box(pairs), pairs_of) + self.act_scene(judged)[:, None]
+        acting = self.act_feedforward(acting)  # (N, 3, d)
         types = self.types(judged)
         reached = self.truth(scene).squeeze(1) * (2 * targets - 1)
         types = torch.cat([types[:, :1] + reached[:, None], types[:, 1:]], 1)
@@ -126,23 +123,24 @@ class OurNetwork(Model):
             types.float(), (adds.float(), removes.float()), torch.tanh(self.value(judged).float()).squeeze(1)
         )
 
-    def _scenes(self, pairs: Tensor, scenes: Tensor, read: Read) -> Tensor:
-        """(S * M, d) of M scenes of each statement: `scenes` (S, M, 3) are their places in `pairs`."""
-        parts = self.part(pairs).index_select(0, scenes.flatten()).view(*scenes.shape, -1)
-        whole = self.scene_in(F.relu(parts + self.part_place).sum(2))
-        return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask)).flatten(0, 1)
+    def _scenes(self, pairs: Tensor, pairs_of: Tensor, read: Read, packing: Packing) -> Tensor:
+        """(N, d) of N scenes, each of three of the pairs (R, d)."""
+        parts = _chosen(self.part(pairs), pairs_of)
+        whole = self.scene_in(F.relu(parts + self.part_place).sum(1))
+        return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask, packing))
 
     def _encoded(self, states: States) -> Boxes:
         """The boxes encoded; without gradients each is encoded once and remembered until `forget`."""
         device = self.value.weight.device
         if torch.is_grad_enabled():
-            return self.boxes(torch.from_numpy(states.boxes).to(device))
+            return self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches, states.patches_of)))
         if len(self._box_rows) > MOST_REMEMBERED:
             self.forget()
         codes = states.box_codes.tolist()
         new = [place for place, code in enumerate(codes) if code not in self._box_rows]
         if new:
-            encoded = self.boxes(torch.from_numpy(states.boxes[new]).to(device))
+            used, patches_of = distinct(states.patches_of[new], len(states.patches))
+            encoded = self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches[used], patches_of)))
             first, last = len(self._box_rows), len(self._box_rows) + len(new)
             self._box_bank = bank = _roomy(self._box_bank, last, encoded)
             for part, found in zip(bank, encoded, strict=True):
@@ -164,24 +162,27 @@ class OurNetwork(Model):
             for row, statement in enumerate(new):
                 count = int((read.mask[row, 0, 0] == 0).sum())
                 self._remembered[statement] = [key_value[row, :count] for key_value in read.key_values]
-        known = [self._remembered[one] for one in statements]
-        key_values = tuple(
-            nn.utils.rnn.pad_sequence(list(parts), batch_first=True) for parts in zip(*known, strict=True)
-        )
-        lengths = torch.tensor([len(parts[0]) for parts in known], device=key_values[0].device)
-        places = torch.arange(key_values[0].shape[1], device=lengths.device)
-        return Read(key_values, word_mask(places[None] < lengths[:, None]))
+        return Read.of_remembered([self._remembered[one] for one in statements])
 
     def _read_anew(self, statements: tuple[str, ...]) -> Read:
         rows = [self.vocabulary.encode(one, LONGEST_STATEMENT) for one in statements]
         words = np.stack(rows)
-        words = words[:, : max(1, int((words != 0).sum(1).max()))]
+        words = words[:, : max(FEWEST_PLACES, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], 1)  # a statement without words is an unknown one
         numbers = torch.from_numpy(words).to(self.value.weight.device)
         mask = word_mask(numbers)
         x = self.text(numbers)
         readers = (*self.readings, self.scene_reading)
         return Read(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+
+
+def _packing(rows: ByStatement, device: torch.device) -> Packing:
+    return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.places).to(device))
+
+
+def _chosen(rows: Tensor, places: Tensor) -> Tensor:
+    """(N, 3, d) from (R, d) rows and (N, 3) places."""
+    return rows.index_select(0, places.flatten()).unflatten(0, places.shape)
 
 
 def _roomy(bank: Boxes | None, count: int, like: Boxes) -> Boxes:
@@ -196,22 +197,21 @@ def _roomy(bank: Boxes | None, count: int, like: Boxes) -> Boxes:
 
 
 class BoxEncoder(nn.Module):
-    """A box's pixels to a vector, and to one for each of its 5 x 5 patches."""
+    """A box's pixels to a vector, and to one for each of its 5 x 5 patches, distinct ones read once."""
 
     def __init__(self, width: int, channels: int) -> None:
         super().__init__()
-        self.patch = nn.Linear(PATCH * PATCH * 3, channels)
+        self.patch = nn.Linear(PATCH_BYTES, channels)
         self.around = nn.Conv2d(channels, channels, 3, padding=1)
         self.whole = nn.Linear(PATCHES**2 * channels, width)
         self.feedforward = Feedforward(width)
 
-    def forward(self, boxes: Tensor) -> Boxes:
-        """(U, 50, 50, 3) uint8."""
-        cut = boxes.view(-1, PATCHES, PATCH, PATCHES, PATCH, 3).permute(0, 1, 3, 2, 4, 5).contiguous()
-        pixels = cut.float().sub_(MIDDLE_GREY).div_(HALF_RANGE).view(len(boxes), PATCHES, PATCHES, -1)
-        patches = F.relu(self.patch(pixels))
-        patches = patches + F.relu(self.around(patches.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
-        return Boxes(self.feedforward(self.whole(patches.flatten(1))), patches)
+    def forward(self, patches: Tensor, patches_of: Tensor) -> Boxes:
+        """From Q patches (Q, 300) uint8, and which of these U boxes have (U, 25)."""
+        pixels = patches.float().sub_(MIDDLE_GREY).div_(HALF_RANGE)
+        read = F.embedding(patches_of.unflatten(1, (PATCHES, PATCHES)), F.relu(self.patch(pixels)))  # (U, 5, 5, C)
+        read = read + F.relu(self.around(read.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
+        return Boxes(self.feedforward(self.whole(read.flatten(1))), read)
 
 
 class TowerArguments(nn.Module):
