@@ -424,7 +424,7 @@ def random_pair(
 ) -> tuple[str, str]:
     """Statement and program, of which all that may be exchanged is exchanged at random. Raises ProgramError."""
     may = facts(statement, program)
-    changing = _SHAPE_ORDERS if may.squares else _SHAPE_ORDERS[:2] if may.shapes else _SHAPE_ORDERS[:1]
+    changing = SHAPE_ORDERS if may.squares else SHAPE_ORDERS[:2] if may.shapes else SHAPE_ORDERS[:1]
     exchangeable = may.numbers if not may.compares or len(may.named_numbers) < 2 else ()
     augmentation = Augmentation(
         _shuffled(tuple(Colour), rng) if colours and may.colours else IDENTITY.colours,
@@ -435,7 +435,8 @@ def random_pair(
     return augmentation.statement(statement), augmentation.program(program)
 
 
-_SHAPE_ORDERS = sorted(permutations(Shape), key=lambda order: (order[Shape.SQUARE] != Shape.SQUARE, order))
+# Those that leave squares alone come first, and of these the one that changes nothing.
+SHAPE_ORDERS = sorted(permutations(Shape), key=lambda order: (order[Shape.SQUARE] != Shape.SQUARE, order))
 
 
 def _shuffled(values: tuple[Value, ...], rng: np.random.Generator) -> tuple[Value, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import SupportsIndex, cast
 
 import numpy as np
@@ -103,6 +104,21 @@ def checked_grid(grid: object) -> Grid:
     return columns, rows
 
 
+def _decoded(grid: Grid, index: int) -> Action:
+    if index == 0:
+        return STOP
+    columns, rows = grid
+    cell, look = cell_and_look(index, columns * rows)
+    column, row = divmod(cell, rows)
+    return RemoveItem(column, row) if look == REMOVES else AddItem(column, row, *LOOKS[look])
+
+
+@cache
+def _actions(grid: Grid) -> tuple[Action, ...]:
+    """All actions of a grid."""
+    return tuple(_decoded(grid, index) for index in range(action_count(grid[0] * grid[1])))
+
+
 @dataclass(frozen=True, slots=True)
 class Scatter:
     """1 + 28 actions a cell: STOP, ADD(x, y, shape, colour, size) in that order, REMOVE(x, y)."""
@@ -127,8 +143,7 @@ class Scatter:
         object.__setattr__(self, "cell_count", columns * rows)
         firsts = (box * BOX_PITCH // width * rows for box in range(BOX_COUNT))
         object.__setattr__(self, "box_cells", tuple(range(f, f + BOX_SIDE // width * rows) for f in firsts))
-        kept = self.action_count if self.action_count <= LARGEST_TABLE else 0
-        object.__setattr__(self, "_table", tuple(map(self._decoded, range(kept))))
+        object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= LARGEST_TABLE else ())
 
     @property
     def name(self) -> str:
@@ -143,14 +158,7 @@ class Scatter:
         return None
 
     def decode(self, index: int) -> Action:
-        return self._table[index] if self._table else self._decoded(index)
-
-    def _decoded(self, index: int) -> Action:
-        if index == 0:
-            return STOP
-        cell, look = cell_and_look(index, self.cell_count)
-        column, row = divmod(cell, self.grid[1])
-        return RemoveItem(column, row) if look == REMOVES else AddItem(column, row, *LOOKS[look])
+        return self._table[index] if self._table else _decoded(self.grid, index)
 
     def encode(self, action: Action) -> int:
         match action:

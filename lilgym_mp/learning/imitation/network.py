@@ -270,7 +270,8 @@ class ScatterHeads(nn.Module):
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""
         wanted = self.wanted(boxes).unflatten(-1, (self.looks, CELL_CHANNELS))
-        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + legal[..., self.kinds]
+        of_kinds = legal.gather(-1, self.kinds.expand(*legal.shape[:-1], -1))
+        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + of_kinds
         removes = (cells @ self.wanted_remove(boxes)[..., None]).squeeze(-1) + legal[..., -1]
         return adds.flatten(2), removes.flatten(2)
 

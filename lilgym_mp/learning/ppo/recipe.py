@@ -58,6 +58,9 @@ class PPORecipe:
     nlvr_reward: bool = _setting(False, "reward STOP in scenes of the corpus alone (Scratch), as the paper's ablation")
     permute_boxes: bool = _setting(False, "begin with the boxes in any order (FlipIt)")
     recolour: bool = _setting(True, "exchange colours at random, in words and scenes alike")
+    exchange_shapes: bool = _setting(
+        False, "exchange shapes, and left and right, at random as well, for as many tasks more (Scatter)"
+    )
     empty_starts: float = _setting(
         0.25, "share of episodes from the empty scene in a FlipIt run; above 0 the agent plays Scratch as well", 0, 0.9
     )
@@ -65,6 +68,8 @@ class PPORecipe:
     validate_every: int = _setting(100_000, "steps between validations", 1)
     patience: int = _setting(0, "validations without a better one after which training ends; 0: never")
     sampled: bool = _setting(True, "validate with actions drawn instead of the likeliest")
+    dropout: float = _setting(0.0, "of the network's vectors while learning (the model `ours`)", 0, 0.9)
+    unknown_words: float = _setting(0.0, "share of words made unknown while learning (the model `ours`)", 0, 0.9)
     envs: int = _setting(512, "environments side by side", 1)
     same_statement: int = _setting(16, "environments that play the same statement at a time", 1)
     rollout: int = _setting(4096, "actions of all environments together between two updates", 1)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.augmentation import COLOUR_EXCHANGES
+from lilgym_mp.augmentation import COLOUR_EXCHANGES, SHAPE_ORDERS, Augmentation
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_tasks
 from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.permutation import with_permuted_boxes
@@ -51,7 +52,9 @@ def training_tasks(settings: Settings, recipe: PPORecipe) -> TrainingTasks:
             empty = _without(load_tasks(settings.corpus, settings.appearance, SCRATCH, TRAINING_SPLIT), held_out)
     if recipe.permute_boxes:
         played = with_permuted_boxes(played)
-    tasks = [*_named(played, "", recipe), *(_named(empty, "empty:", recipe) if empty is not None else ())]
+    tasks = list(_named(played, "", settings.appearance, recipe))
+    if empty is not None:
+        tasks += _named(empty, "empty:", settings.appearance, recipe)
     # Exchanging colours makes statements that are held out of others.
     tasks = [task for task in tasks if task.statement not in held_out]
     if not tasks:
@@ -75,18 +78,31 @@ def _without(tasks: TaskSet, held_out: set[str]) -> TaskSet:
     return TaskSet((task for task in tasks if task.statement not in held_out), tasks.provenance)
 
 
-def _named(tasks: TaskSet, prefix: str, recipe: PPORecipe) -> Iterator[Task]:
-    """The tasks with `prefix` before their ids, and what exchanging colours makes of each where the recipe does so."""
-    for number, exchange in enumerate(COLOUR_EXCHANGES if recipe.recolour else COLOUR_EXCHANGES[:1]):
+def _named(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) -> Iterator[Task]:
+    """The tasks with `prefix` before their ids, and what the recipe's exchanges make of each."""
+    for suffix, exchange_for in _exchanges(recipe):
         met: set[tuple[object, ...]] = set()
         for task in tasks:
-            new = exchange.task(task) if number else task
-            if new is None or (number and (new.statement, new.start) == (task.statement, task.start)):
+            new = exchange_for(task.statement).task(task, appearance) if suffix else task
+            if new is None or (suffix and (new.statement, new.start) == (task.statement, task.start)):
                 continue
-            if (key := (new.statement, new.target, new.start)) in met and number:
+            if (key := (new.statement, new.target, new.start)) in met and suffix:
                 continue
             met.add(key)
-            yield replace(new, id=f"{prefix}{task.id}{f'#{number}' if number else ''}")
+            yield replace(new, id=f"{prefix}{task.id}{suffix}")
+
+
+def _exchanges(recipe: PPORecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
+    """What is exchanged for a statement, the same for all of its tasks, with an ending of their ids."""
+    for number, colours in enumerate(COLOUR_EXCHANGES if recipe.recolour else COLOUR_EXCHANGES[:1]):
+        yield (f"#{number}" if number else ""), lambda _, colours=colours: colours
+        if recipe.exchange_shapes:
+            yield f"#{number}s", lambda statement, colours=colours: _with_shapes(colours, statement)
+
+
+def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
+    rng = np.random.default_rng([*colours.colours, crc32(statement.encode())])
+    return replace(colours, shapes=SHAPE_ORDERS[rng.integers(1, len(SHAPE_ORDERS))], mirrored=bool(rng.integers(2)))
 
 
 class TaskDraw:

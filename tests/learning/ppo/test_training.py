@@ -27,9 +27,11 @@ from lilgym_mp.learning.ppo.rollout import Player, Rollout
 from lilgym_mp.learning.ppo.tasks import TaskDraw, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, saved_arguments, train_ppo
 from lilgym_mp.learning.training_run import TrainingRunError
+from lilgym_mp.scene import Scene, Shape
 from tests.own_corpus import write_own_corpus
 
 TOWER = Settings("TowerScratch")
+EMPTY = Scene.empty()
 SMALL = PPORecipe(
     envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
 )
@@ -127,7 +129,11 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3}]
+    "changes",
+    [
+        {"dropout": 0.2, "unknown_words": 0.2},
+        {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3},
+    ],
 )
 def test_resume__learns_the_same_as_a_run_that_was_not_interrupted(tmp_path: Path, own: str, changes: dict[str, Any]):
     recipe = replace(SMALL, validate_every=32, **changes)
@@ -242,6 +248,30 @@ def test_tasks__the_paper_has_those_of_the_corpus_alone_and_boxes_may_be_permute
     assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
     more = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0, permute_boxes=True))
     assert len(more.tasks) > len(plain.tasks)
+
+
+def test_tasks__with_other_shapes_are_about_as_many_again_in_scatter_and_alike_for_each_statement(own: str):
+    settings = Settings("ScatterFlipIt", corpus=own)
+    plain, more = (
+        training_tasks(settings, make_recipe("ours", "ScatterFlipIt", held_out=0, exchange_shapes=exchange)).tasks
+        for exchange in (False, True)
+    )
+    added = [task for task in more if task.id.endswith("s")]
+    assert set(plain) == set(more) - set(added)
+    assert len(more) > 1.8 * len(plain)  # what has neither shapes nor items stays as it is
+    squares: dict[tuple[str, str], set[Shape]] = {}  # what the corpus's squares became, by statement and colours
+    for task in added:
+        assert task.start == EMPTY or not task.solved_by(task.start)
+        if task.id.startswith("empty:"):
+            continue
+        name, colours = task.id.split("#")
+        shapes = {item.shape for item in task.start.items()}
+        squares.setdefault((plain.by_id(name).statement, colours), set()).update(shapes)
+    assert set().union(*squares.values()) == set(Shape)
+    assert all(len(shapes) <= 1 for shapes in squares.values())
+    tower = Settings("TowerFlipIt", corpus=own)
+    tower_tasks = training_tasks(tower, make_recipe("ours", "TowerFlipIt", held_out=0, exchange_shapes=True)).tasks
+    assert {item.shape for task in tower_tasks for item in task.start.items()} == {Shape.SQUARE}
 
 
 def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
