@@ -156,6 +156,9 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "mask": False,  # [P]
         "permute_boxes": False,  # [P] the start scenes are those of the corpus
         "recolour": False,  # [P]
+        "exchange_shapes": False,  # [P]
+        "dropout": 0.0,  # [ours] of the model `ours` alone, as the next
+        "unknown_words": 0.0,  # [ours]
         "empty_starts": 0.0,  # [P] a model for each configuration
         "held_out": 0.05,  # [P] a part of train; how much is ours
         "validate_every": 40_960,  # [ours]
