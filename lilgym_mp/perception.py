@@ -621,10 +621,11 @@ class _HiddenSearch:
         if left > limit * max(KIND_PIXELS) ** 2 or self._steps >= MOST_SEARCH_STEPS:
             return None
         self._steps += 1
-        for hiding in self._choices(counts, unseen, anchored=anchored)[:CHOICES_A_STEP]:
+        choices = self._choices(counts, unseen, anchored=anchored)
+        if limit == 1:
+            choices = [hiding for hiding in choices if int(hiding.shown.sum()) == left]
+        for hiding in choices[:CHOICES_A_STEP]:
             item = hiding.item
-            if limit == 1 and int(hiding.shown.sum()) < left:
-                continue
             rest, hidden = counts.copy(), unseen.copy()
             rest[item.colour][_blocks(item, self._shrink)] -= hiding.shown
             hidden[_native(item)] |= _drawn(item.kind)

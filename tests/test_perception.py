@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.appearances import APPEARANCES
@@ -164,8 +164,17 @@ def test_scatter__items_that_leave_their_box_are_read(image_size: str, item: Ite
     check_read([Scene.of(*boxes)], "scatter", image_size)
 
 
+@settings(max_examples=100)
+@given(item=items(overhang=19))
+@example(item=square(62, -8, LARGE, Y))
+@example(item=circle(-6, -11, LARGE, Y))
+def test_scatter__any_item_draws_what_is_read_of_it(item: Item):
+    image = draw(scene([], [item]), "half")
+    assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
+
+
 @settings(max_examples=15)
-@given(drawn_items=st.lists(items(overhang=19), max_size=2))
+@given(drawn_items=st.lists(items(overhang=10), min_size=2, max_size=2))
 def test_scatter__any_two_items_draw_what_is_read_of_them(drawn_items: list[Item]):
     image = draw(scene([], drawn_items), "half")
     assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
