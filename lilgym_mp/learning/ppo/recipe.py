@@ -68,8 +68,6 @@ class PPORecipe:
     validate_every: int = _setting(100_000, "steps between validations", 1)
     patience: int = _setting(0, "validations without a better one after which training ends; 0: never")
     sampled: bool = _setting(True, "validate with actions drawn instead of the likeliest")
-    dropout: float = _setting(0.0, "of the network's vectors while learning (the model `ours`)", 0, 0.9)
-    unknown_words: float = _setting(0.0, "share of words made unknown while learning (the model `ours`)", 0, 0.9)
     envs: int = _setting(512, "environments side by side", 1)
     same_statement: int = _setting(16, "environments that play the same statement at a time", 1)
     rollout: int = _setting(4096, "actions of all environments together between two updates", 1)
@@ -157,8 +155,6 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "permute_boxes": False,  # [P] the start scenes are those of the corpus
         "recolour": False,  # [P]
         "exchange_shapes": False,  # [P]
-        "dropout": 0.0,  # [ours] of the model `ours` alone, as the next
-        "unknown_words": 0.0,  # [ours]
         "empty_starts": 0.0,  # [P] a model for each configuration
         "held_out": 0.05,  # [P] a part of train; how much is ours
         "validate_every": 40_960,  # [ours]

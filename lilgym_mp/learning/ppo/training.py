@@ -187,11 +187,9 @@ class Run:
         self.model.train()
         self.model.forget()
         found: list[Losses] = []
-        with torch.random.fork_rng(devices=[self._device] if self._device.type == "cuda" else []):
-            torch.manual_seed(int(self._rng.integers(2**62)))  # so that a resumed run has the same dropout
-            for _ in range(recipe.epochs):
-                for rows in learning.batches(recipe, self._rng):
-                    found.append(self._step(learning, rows, entropy))
+        for _ in range(recipe.epochs):
+            for rows in learning.batches(recipe, self._rng):
+                found.append(self._step(learning, rows, entropy))
         self._standing.steps += recipe.rollout
         return self._report(found, began)
 

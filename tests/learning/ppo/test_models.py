@@ -95,18 +95,6 @@ def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: OurNetwo
         torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
 
 
-@pytest.mark.parametrize("noise", ["dropout", "unknown_words"])
-def test_ours__noise_is_for_learning_alone(noise: str):
-    torch.manual_seed(0)
-    model = OurNetwork(Tower(), Vocabulary.from_statements(STATEMENTS), **{noise: 0.5})
-    states, _ = seen()
-    learning = [model(states).types for _ in range(2)]
-    assert not torch.allclose(*learning)
-    model.eval()
-    playing = [model(states).types for _ in range(2)]
-    torch.testing.assert_close(*playing)
-
-
 def test_ours__remembers_statements_until_told_to_forget(ours: OurNetwork):
     states, _ = seen()
     with torch.no_grad():

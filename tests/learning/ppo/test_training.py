@@ -131,7 +131,7 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
 @pytest.mark.parametrize(
     "changes",
     [
-        {"dropout": 0.2, "unknown_words": 0.2},
+        {},
         {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3},
     ],
 )

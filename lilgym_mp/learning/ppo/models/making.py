@@ -42,19 +42,16 @@ def make_model(
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
-        make = _ours(recipe, appearance, statements, details)
+        make = _ours(appearance, statements, details)
     if recipe.critic == "separate":
         return SeparateCritic(make(True, False), make(False, True))
     return make(True, True)
 
 
-def _ours(
-    recipe: PPORecipe, appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None
-) -> Make:
+def _ours(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
-    noise = {"dropout": recipe.dropout, "unknown_words": recipe.unknown_words}
-    return lambda acts, judges: OurNetwork(appearance, words, **sizes, **noise)
+    return lambda acts, judges: OurNetwork(appearance, words, **sizes)
 
 
 def _imitated(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:

@@ -18,7 +18,7 @@ from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import LOOKS
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.corpus.tokens import PAD, UNKNOWN
+from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation.network import (
     FEWEST_PLACES,
     LONGEST_STATEMENT,
@@ -61,17 +61,12 @@ class OurNetwork(Model):
         heads: int = 4,
         text_layers: int = 2,
         pair_layers: int = 2,
-        dropout: float = 0.0,
-        unknown_words: float = 0.0,
     ) -> None:
-        """`dropout` and `unknown_words`, the share of words made unknown, count in training only."""
         super().__init__()
         self.vocabulary = vocabulary
-        self.unknown_words = unknown_words
-        self.dropout = nn.Dropout(dropout)
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.layout = joint_layout(appearance)
-        self.text = Text(len(vocabulary), width, heads, text_layers, dropout)
+        self.text = Text(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
         self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
@@ -116,7 +111,7 @@ class OurNetwork(Model):
         targets = torch.from_numpy(states.targets).to(device)
         pairs = boxes.vectors.index_select(0, of_pairs)  # (R, d)
         for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
-            pairs = self.dropout(feedforward(reading(pairs, key_value, read.mask, packing)))
+            pairs = feedforward(reading(pairs, key_value, read.mask, packing))
         scene = self._scenes(pairs, pairs_of, read, _packing(arranged.states, device))  # (N, d)
         judged = self.judge(scene + self.target(targets))
         acting = _chosen(self.act_box(pairs), pairs_of) + self.act_scene(judged)[:, None]
@@ -176,9 +171,6 @@ class OurNetwork(Model):
         words = words[:, : max(FEWEST_PLACES, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # a statement without words is an unknown one
         numbers = torch.from_numpy(words).to(self.value.weight.device)
-        if self.training and self.unknown_words:
-            unknown = torch.rand(numbers.shape, device=numbers.device) < self.unknown_words
-            numbers = torch.where(unknown & (numbers != PAD), UNKNOWN, numbers)
         mask = word_mask(numbers)
         x = self.text(numbers)
         readers = (*self.readings, self.scene_reading)
