@@ -149,12 +149,12 @@ def _codes(padded: UInt8Array) -> UInt64Array:
 
 def _numbered(codes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
     """The indices of the codes, entered in `known` where they are new; and the places where new ones first occur."""
+    listed = codes.tolist()
+    indices = list(map(known.get, listed))
     new: list[int] = []
-    indices = np.empty(len(codes), np.int64)
-    for place, code in enumerate(codes.tolist()):
-        index = known.get(code)
-        if index is None:
-            index = known[code] = len(known)
+    for place in [place for place, index in enumerate(indices) if index is None]:
+        if listed[place] not in known:
+            known[listed[place]] = len(known)
             new.append(place)
-        indices[place] = index
-    return indices, np.array(new, np.int64)
+        indices[place] = known[listed[place]]
+    return np.array(indices, np.int64), np.array(new, np.int64)

@@ -175,21 +175,39 @@ class Policy:
         """
         if self.masked is not None:
             return self.masked.gather(1, actions[:, None]).squeeze(1), _entropy(self.masked)
-        kinds, choices = _tensors(self.layout, actions.device)
-        kind, choice = kinds[actions], choices[actions]
-        log_prob = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
         entropy = _entropy(self.types)
         probabilities = self.types.exp()
-        for index, (head, logits) in enumerate(zip(self.layout.heads, self._heads, strict=True)):
-            chosen = choice[:, index]
-            found, of_head = log_prob_and_entropy(logits, chosen.clamp(min=0))
-            log_prob = log_prob + torch.where(chosen == NOT_NEEDED, torch.zeros_like(found), found)
+        log_probs: list[Tensor] = []
+        for head, logits, chosen in self._chosen(actions):
+            log_prob, of_head = log_prob_and_entropy(logits, chosen)
+            log_probs.append(log_prob)
             entropy = entropy + probabilities[:, list(head.types)].sum(1) * of_head
-        return log_prob.masked_fill(kind == NOT_NEEDED, -torch.inf), entropy
+        return self._joined(actions, log_probs), entropy
 
     def log_prob(self, actions: Tensor) -> Tensor:
         """(N,) of N actions."""
-        return self.evaluate_actions(actions)[0]
+        if self.masked is not None:
+            return self.masked.gather(1, actions[:, None]).squeeze(1)
+        heads = self._chosen(actions)
+        return self._joined(
+            actions,
+            [logits.gather(1, chosen[:, None]).squeeze(1) - logits.logsumexp(1) for _, logits, chosen in heads],
+        )
+
+    def _chosen(self, actions: Tensor) -> list[tuple[Head, Tensor, Tensor]]:
+        """Each head, its logits, and (N,) what N actions choose of it; anything where they need nothing."""
+        choices = _tensors(self.layout, actions.device)[1][actions].clamp(min=0)
+        heads = zip(self.layout.heads, self._heads, strict=True)
+        return [(head, logits, choices[:, index]) for index, (head, logits) in enumerate(heads)]
+
+    def _joined(self, actions: Tensor, of_heads: Sequence[Tensor]) -> Tensor:
+        """(N,) log-probabilities of N actions: of the type, and of what the heads that it needs choose."""
+        kinds, choices = _tensors(self.layout, actions.device)
+        kind = kinds[actions]
+        total = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
+        for index, found in enumerate(of_heads):
+            total = total + torch.where(choices[actions, index] == NOT_NEEDED, torch.zeros_like(found), found)
+        return total.masked_fill(kind == NOT_NEEDED, -torch.inf)
 
     def entropy(self) -> Tensor:
         """(N,) as `evaluate_actions` has it."""

@@ -11,7 +11,14 @@ from torch import Tensor
 
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter, Tower
-from lilgym_mp.learning.ppo.type_first import Layout, Policy, factored_layout, joint_layout
+from lilgym_mp.learning.ppo.type_first import (
+    CHUNK,
+    Layout,
+    Policy,
+    factored_layout,
+    joint_layout,
+    log_prob_and_entropy,
+)
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
 
 STATES = 3
@@ -88,11 +95,14 @@ def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(ap
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
     actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
-    log_probabilities, wanted = policy.log_prob(actions), every.gather(1, actions[:, None]).squeeze(1).log()
+    log_probabilities, entropies = policy.evaluate_actions(actions)
+    wanted = every.gather(1, actions[:, None]).squeeze(1).log()
     torch.testing.assert_close(log_probabilities, wanted)
+    torch.testing.assert_close(policy.log_prob(actions), wanted)
     positive = every.clamp(min=1e-300)
-    entropies, wanted_entropies = policy.entropy(), -(every * positive.log()).sum(1)
+    wanted_entropies = -(every * positive.log()).sum(1)
     torch.testing.assert_close(entropies, wanted_entropies)
+    torch.testing.assert_close(policy.entropy(), wanted_entropies)
     weights = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64)
     for ours, theirs in ((log_probabilities, wanted), (entropies, wanted_entropies)):
         found = torch.autograd.grad((ours * weights).sum(), [types, *heads], retain_graph=True, allow_unused=True)
@@ -100,6 +110,22 @@ def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(ap
         for one, other, parameter in zip(found, expected, [types, *heads], strict=True):
             zeros = torch.zeros_like(parameter)
             torch.testing.assert_close(zeros if one is None else one, zeros if other is None else other)
+
+
+def test_log_prob_and_entropy__of_many_rows_are_those_of_autograd():
+    generator = torch.Generator().manual_seed(0)
+    logits = torch.randn(3 * CHUNK // 2, 7, generator=generator, dtype=torch.float64).requires_grad_()
+    choices = torch.randint(7, (len(logits),), generator=generator)
+    logs = logits.log_softmax(1)
+    wanted = logs.gather(1, choices[:, None]).squeeze(1), -(logs.exp() * logs).sum(1)
+    found = log_prob_and_entropy(logits, choices)
+    weights = torch.randn(2, len(logits), generator=generator, dtype=torch.float64)
+    for one, other in zip(found, wanted, strict=True):
+        torch.testing.assert_close(one, other)
+    gradients = [
+        torch.autograd.grad((weights[0] * one + weights[1] * other).sum(), logits)[0] for one, other in (found, wanted)
+    ]
+    torch.testing.assert_close(*gradients)
 
 
 @EACH
