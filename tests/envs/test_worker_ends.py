@@ -228,8 +228,8 @@ def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
     command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
     assert "KeyboardInterrupt" in done.stderr
-    # What shows that a line is a worker's; this process's own traceback may quote a line that names spawn_main, or end in
-    # a named tuple's lambda, of line 1 of a text too.
+    # What shows that a line is a worker's; this process's own traceback may quote a line that names spawn_main, or
+    # end in a named tuple's lambda, of line 1 of a text too.
     theirs = r'^Process \w|, in spawn_main|"<string>", line 1, in <module>|forkserver'
     cut_short = "EOFError: Ran out of input" in done.stderr  # while it was told what to do: docs/reliability.md
     assert (start_method == "spawn" and cut_short) or not re.search(theirs, done.stderr, re.MULTILINE), done.stderr
