@@ -21,7 +21,7 @@ endif
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test lint style types imports docs pictures test-matrix bench clean
+.PHONY: help install demo test test-long lint style types imports docs pictures test-matrix bench clean
 
 help:  ## this list
 	@echo "make TARGET [PYTHON=python3.11] [ARGS=...] [TORCH_INDEX=URL]"
@@ -49,8 +49,11 @@ $(STAMP): pyproject.toml constraints.txt
 demo: install  ## train an agent for a few minutes and evaluate it
 	$(BIN)/lilgym-mp demo $(ARGS)
 
-test: install  ## every test, with ruff and the import contract among them
-	@$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+test: install  ## the tests, with ruff and the import contract among them; about three minutes
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not long' $(ARGS)
+
+test-long: install  ## the other tests: commands and documents run at length, the site built
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m long $(ARGS)
 
 lint: style types imports  ## ruff, pyright and the import contract
 

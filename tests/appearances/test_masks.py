@@ -15,7 +15,7 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.rules import RULE_SETS, Dynamics, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
-SCENES = 2000
+SCENES = 600
 SCATTER = Scatter()
 BOX_COLUMNS = (range(5), range(7, 12), range(14, 19))
 BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
@@ -30,30 +30,30 @@ def dynamics_of(appearance: str, rules: str, grid: Grid = SCATTER.grid) -> Dynam
 
 @cache
 def scenes_for(appearance: str, rules: str) -> list[Scene]:
-    """2,000 scenes: the empty one, 199 start scenes, the others from random play under these rules."""
+    """The empty scene, start scenes and, nine in ten, scenes from random play under these rules."""
     scenes = scenes_of(dynamics_of(appearance, rules), SCENES, start_share=0.1)
     assert len(scenes) == SCENES
     return scenes
 
 
 @BY_RULES
-def test_tower_mask__is_exact_for_every_action_of_2000_scenes(rules: str):
+def test_tower_mask__is_exact_for_every_action_of_many_scenes(rules: str):
     dynamics = dynamics_of("tower", rules)
     assert not [scene for scene in scenes_for("tower", rules) if wrong_actions(dynamics, scene)]
 
 
 @BY_RULES
-def test_scatter_mask__is_exact_for_every_action_of_25_scenes(rules: str):
+def test_scatter_mask__is_exact_for_every_action_of_some_scenes(rules: str):
     dynamics = dynamics_of("scatter", rules)
-    scenes = random.Random(0).sample(scenes_for("scatter", rules), 25)
+    scenes = random.Random(0).sample(scenes_for("scatter", rules), 12)
     assert not [scene for scene in scenes if wrong_actions(dynamics, scene)]
 
 
 @BY_RULES
-def test_scatter_mask__is_exact_for_every_cell_and_kind_of_2000_scenes(rules: str):
+def test_scatter_mask__is_exact_for_every_cell_and_kind_of_many_scenes(rules: str):
     """Validity hangs on the box alone and not on the colour, which the test above holds for every action.
 
-    So each different box of the 2,000 scenes is tried once, where it was met first: every cell with every shape and
+    So each different box of the scenes is tried once, where it was met first: every cell with every shape and
     size in one colour, the next colour each time, and every removal. What that says of a scene's boxes must be what
     the scene's mask says of all 2,661 actions: the same for every colour, nothing on separators, always STOP.
     """
@@ -125,6 +125,6 @@ def test_scenes_tried__meet_every_reason_to_be_invalid(appearance: str, reasons:
     dynamics = dynamics_of(appearance, rules)
     decode, apply = dynamics.appearance.decode, dynamics.appearance.apply
     actions = [decode(number) for number in range(1, dynamics.appearance.action_count)]
-    scenes = scenes_for(appearance, rules)[::100]
+    scenes = scenes_for(appearance, rules)[::30]
     met = {apply(scene, action, dynamics.rules.placement).invalid for scene in scenes for action in actions}
     assert met == {None, *reasons}

@@ -194,6 +194,7 @@ def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
     assert made[0].fault.startswith("ended by SIGKILL: $ lilgym-mp evaluate")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a killed command leaves its runs alone")
 def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
     process = begun(tmp_path, "10_000_000")
@@ -250,6 +251,7 @@ def is_alive(pid: int) -> bool:
     return status(pid)[:1] not in ([], ["Z"])
 
 
+@pytest.mark.long
 def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
     process = begun(tmp_path, "640")
     process.send_signal(signal.SIGINT)
@@ -306,6 +308,7 @@ def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
     assert minutes(3601) == "60:01"
 
 
+@pytest.mark.long
 def test_experiment__smoke_file_runs_once_goes_on_and_is_reported_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

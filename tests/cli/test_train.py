@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -32,10 +33,25 @@ def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
-@pytest.fixture
-def own(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small corpus of our own."""
-    return write_own_corpus(tmp_path / "own.jsonl")
+    return write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl")
+
+
+@pytest.fixture(scope="module")
+def trained_run(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of PPO on the small corpus, not to be written."""
+    place = tmp_path_factory.mktemp("trained") / "run"
+    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(place), "--steps", "64", *SMALL]
+    assert main([*command, "--mask", "--recolour"]) == 0
+    return place
+
+
+@pytest.fixture
+def run(trained_run: Path, tmp_path: Path) -> Path:
+    """A copy of that run."""
+    return shutil.copytree(trained_run, tmp_path / "run")
 
 
 @pytest.fixture
@@ -62,8 +78,8 @@ def test_train__says_where_everything_is(lilgym: LilGym, tmp_path: Path, own: Pa
     assert f"lilgym-mp evaluate {tmp_path / 'run'}" in said
 
 
-def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path: Path):
-    options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
+def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path: Path, own: Path):
+    options = ["--corpus", str(own), "--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
     trained(lilgym, tmp_path, *options, "--recipe", "paper", "--mask")
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
     assert (written["recipe_name"], written["recipe"]["mask"], written["recipe"]["critic"]) == (
@@ -77,34 +93,32 @@ def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path:
     assert (written["recipe"]["schedule"], written["recipe"]["seed"]) == ("constant", 4)
 
 
-def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, tmp_path: Path):
-    trained(lilgym, tmp_path)
-    said = lilgym("train", "ppo", "--resume", "--out", tmp_path, "--steps", 128)
+def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, run: Path):
+    said = lilgym("train", "ppo", "--resume", "--out", run, "--steps", 128)
     assert "128 steps, after 64 before" in said
     assert "after 128 steps" in said
 
 
 def test_train__resuming_another_configuration_is_refused_naming_both(
-    lilgym: LilGym, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, capsys: pytest.CaptureFixture[str]
 ):
-    trained(lilgym, tmp_path)
-    before = (tmp_path / "checkpoint.pt").read_bytes()
-    assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(tmp_path)]) == USAGE_ERROR
+    before = (run / "checkpoint.pt").read_bytes()
+    assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR
     assert "has configuration TowerScratch, but TowerFlipIt was asked for" in capsys.readouterr().err
-    assert (tmp_path / "checkpoint.pt").read_bytes() == before
+    assert (run / "checkpoint.pt").read_bytes() == before
 
 
 def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert (
-        main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "640", *SMALL, "--held-out", "0"]) == 0
-    )
+    short = ["--rollout", "4", "--batch-size", "4", "--held-out", "0", "--corpus", str(own)]
+    assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "80", *SMALL, *short]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
-    assert lines[-1].startswith("640 of 640 steps, ")
+    assert lines[-1].startswith("80 of 80 steps, ")
 
 
+@pytest.mark.long
 def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Path):
     """Ctrl-C in a terminal goes to the whole process group."""
     place = tmp_path / "run"
@@ -157,11 +171,10 @@ def rows(said: str) -> list[list[str]]:
     return [[cell.strip() for cell in cells] for cells in lines if len(cells) > 8][2:]
 
 
-def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_path: Path, own: Path):
-    trained(lilgym, tmp_path / "run", "--recolour", "--corpus", str(own))
-    said = lilgym("evaluate", tmp_path / "run", "--corpus", own, "--json", tmp_path / "results.json")
+def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
+    said = lilgym("evaluate", run, "--corpus", own, "--json", tmp_path / "results.json")
     table = rows(said)
-    ppo = f"ppo ({tmp_path / 'run'})"
+    ppo = f"ppo ({run})"
     assert [row[0] for row in table] == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert {tuple(row[1:3]) for row in table} == {("TowerScratch", "3")}
     assert "rewards alone" in said
@@ -174,10 +187,10 @@ def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_pat
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path):
-    trained(lilgym, tmp_path / "run")
+def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
     for name in ("one.json", "two.json"):
-        lilgym("evaluate", tmp_path / "run", "--sampled", "--seed", 3, "--split", "test", "--json", tmp_path / name)
+        command = ["evaluate", run, "--corpus", own, "--sampled", "--seed", 3, "--split", "test"]
+        lilgym(*command, "--json", tmp_path / name)
     one, two = (json.loads((tmp_path / name).read_text())["results"] for name in ("one.json", "two.json"))
     for row in (*one, *two):
         del row["cpu_seconds"]
@@ -185,9 +198,10 @@ def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path):
 
 
 def test_evaluate__overwrites_nothing_unless_told_to(
-    lilgym: LilGym, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    lilgym: LilGym, tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
 ):
-    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--json", str(tmp_path / "r.json")]
+    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", str(own)]
+    command += ["--json", str(tmp_path / "r.json")]
     lilgym(*command)
     assert main(command) == USAGE_ERROR
     assert "exists; --force overwrites it" in capsys.readouterr().err
@@ -195,35 +209,32 @@ def test_evaluate__overwrites_nothing_unless_told_to(
 
 
 def test_evaluate__under_another_configuration_is_refused_naming_both(
-    lilgym: LilGym, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, capsys: pytest.CaptureFixture[str]
 ):
-    trained(lilgym, tmp_path)
-    assert main(["evaluate", str(tmp_path), "--configuration", "ScatterScratch"]) == USAGE_ERROR
+    assert main(["evaluate", str(run), "--configuration", "ScatterScratch"]) == USAGE_ERROR
     assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
 
 
-def test_evaluate__other_rules_are_allowed_and_told(lilgym: LilGym, tmp_path: Path):
-    trained(lilgym, tmp_path)
-    assert "rules release" in lilgym("evaluate", tmp_path, "--rules", "release")
+def test_evaluate__other_rules_are_allowed_and_told(lilgym: LilGym, run: Path, own: Path):
+    assert "rules release" in lilgym("evaluate", run, "--corpus", own, "--rules", "release")
 
 
-def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym):
-    table = rows(lilgym("evaluate", "--policy", "random-type", "random-unmasked"))
+def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym, own: Path):
+    table = rows(lilgym("evaluate", "--policy", "random-type", "random-unmasked", "--corpus", own))
     assert len(table) == 8
     assert {row[1] for row in table} == {"TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"}
 
 
-def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, tmp_path: Path):
+def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, run: Path, own: Path):
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.model_file import load_model, save_model
 
-    trained(lilgym, tmp_path)
-    description, tensors = load_model(tmp_path / AGENT_FILE)
+    description, tensors = load_model(run / AGENT_FILE)
     tensors["types.bias"][0] = 1000.0
-    save_model(tmp_path / AGENT_FILE, description, tensors)
-    said = lilgym("evaluate", tmp_path)
-    assert f"note: ppo ({tmp_path}), greedy stops at once in every episode of TowerScratch" in said
-    assert f"note: ppo ({tmp_path}), sampled stops at once in every episode of TowerScratch" in said
+    save_model(run / AGENT_FILE, description, tensors)
+    said = lilgym("evaluate", run, "--corpus", own)
+    assert f"note: ppo ({run}), greedy stops at once in every episode of TowerScratch" in said
+    assert f"note: ppo ({run}), sampled stops at once in every episode of TowerScratch" in said
 
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
@@ -247,6 +258,7 @@ def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent
     assert "what comes of it: " in said
 
 
+@pytest.mark.long
 def test_demo__leaves_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     place = tmp_path / "demo"
     said = lilgym("demo", "--out", place, "--parser-steps", 80, "--minutes", 0.1)
@@ -280,12 +292,11 @@ def test_demo__a_second_one_takes_another_directory(tmp_path: Path):
     assert next_free(tmp_path / "demo") == tmp_path / "demo-3"
 
 
-def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path):
+def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
     from lilgym_mp.evaluation.episodes import read_episodes
 
-    trained(lilgym, tmp_path / "run", "--mask")
     ways = ["--mask", "as-trained", "off", "--name", "mine"]
-    command = ["evaluate", tmp_path / "run", *ways, "--record", tmp_path / "kept"]
+    command = ["evaluate", run, "--corpus", own, *ways, "--record", tmp_path / "kept"]
     assert "sampled, mask off" in lilgym(*command, "--policy", "random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {

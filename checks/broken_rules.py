@@ -1,0 +1,296 @@
+"""Whether the tests notice broken rules: one rule after another is broken in a copy of the project, and tests are run.
+
+Each of BREAKS changes one place of the code and names the tests that must fail for it. They are run until the first
+failure. With LILGYM_DATA and LILGYM_GOLDEN, tests of official tasks and recorded behaviour are among them.
+Run from the root of a checkout: python -m checks.broken_rules [--only "reward of a step"]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+LEFT_OUT = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
+_FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?::[^\s\[]+|\S+\.py)", re.MULTILINE)
+
+
+class Break(NamedTuple):
+    """A rule, and how it is broken: `right`, which occurs once in the file, becomes `wrong`."""
+
+    rule: str
+    file: str
+    right: str
+    wrong: str
+    tests: tuple[str, ...]
+
+
+APPEARANCES, ENVS, GAME = "lilgym_mp/appearances", "lilgym_mp/envs", "lilgym_mp/envs/proposer_verifier"
+LEARNING, PROGRAMS = "lilgym_mp/learning", "lilgym_mp/programs"
+BREAKS = (
+    Break("reward of a step", "lilgym_mp/rules.py", "STEP_COST = 0.1", "STEP_COST = 0.2", ("tests/test_rules.py",)),
+    Break(
+        "STOP is judged by the target",
+        "lilgym_mp/task.py",
+        "compile_program(self.program)(scene) == self.target",
+        "compile_program(self.program)(scene)",
+        ("tests/test_task.py", "tests/test_rules.py"),
+    ),
+    Break(
+        "the horizon's last action",
+        "lilgym_mp/rules.py",
+        "result = self._of_edit[invalid is None][steps >= self.horizon]",
+        "result = self._of_edit[invalid is None][steps > self.horizon]",
+        ("tests/test_rules.py",),
+    ),
+    Break(
+        "flags of an invalid action under the release's rules",
+        "lilgym_mp/rules.py",
+        "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=False, truncated=True)",
+        "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=True, truncated=False)",
+        ("tests/fidelity", "tests/test_rules.py"),
+    ),
+    Break(
+        "an item snaps to the first of several as near",
+        f"{APPEARANCES}/placement.py",
+        "if code < smallest:",
+        "if code <= smallest:",
+        ("tests/appearances/test_scatter.py",),
+    ),
+    Break(
+        "distance over which items snap",
+        f"{APPEARANCES}/placement.py",
+        "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
+        "frame_x = 0\n    if placement_tables().closest(kind, x, y, [closest])[0] > SNAP_REACH:\n        return x, y",
+        ("tests/appearances/test_scatter.py",),
+    ),
+    Break(
+        "nearest points are truncated in the image under the release's rules",
+        f"{APPEARANCES}/placement.py",
+        "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
+        "frame_x = 0",
+        ("tests/appearances", "tests/fidelity"),
+    ),
+    Break(
+        "items that touch do not overlap",
+        f"{APPEARANCES}/placement.py",
+        "closest(kind, x, y, items)[0] != OVERLAPPING",
+        "closest(kind, x, y, items)[0] > OVERLAPPING + 1",
+        ("tests/appearances/test_scatter.py",),
+    ),
+    Break(
+        "order of the search in a cell",
+        f"{APPEARANCES}/placement.py",
+        "divmod((free & -free).bit_length() - 1, pitch)",
+        "divmod(free.bit_length() - 1, pitch)",
+        ("tests/appearances/test_scatter.py",),
+    ),
+    Break(
+        "mask of one cell to remove from",
+        f"{APPEARANCES}/legality.py",
+        "            here |= covers\n        return found",
+        "            here |= covers\n        found[-1, -1] = False\n        return found",
+        ("tests/appearances/test_masks.py",),
+    ),
+    Break(
+        "mask of one kind of item in one cell",
+        f"{APPEARANCES}/legality.py",
+        "    in_cell[:, 0, 0] = True",
+        "    in_cell[:8, 0, 0] = True",
+        ("tests/appearances/test_masks.py",),
+    ),
+    Break(
+        "an empty tower has nothing to remove",
+        f"{APPEARANCES}/tower.py",
+        "heights[action.box] > 0",
+        "heights[action.box] >= 0",
+        ("tests/appearances/test_tower.py", "tests/appearances/test_masks.py"),
+    ),
+    Break(
+        "the compiled core snaps to the first of several as near",
+        f"{ENVS}/cores/kernels.py",
+        "            if code < smallest:",
+        "            if code <= smallest:",
+        ("tests/envs/test_cores.py",),
+    ),
+    Break(
+        "later items are drawn over earlier ones",
+        "lilgym_mp/render/drawing.py",
+        "        for item in box.items:\n            _paint",
+        "        for item in reversed(box.items):\n            _paint",
+        ("tests/render", "tests/fidelity/test_images.py"),
+    ),
+    Break(
+        "autoreset at the next step",
+        f"{ENVS}/engine.py",
+        "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):",
+        "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting) > 1:",
+        ("tests/envs/test_batched.py",),
+    ),
+    Break(
+        "the last observation of an episode",
+        f"{ENVS}/engine.py",
+        "buffers.last_image[number] = buffers.image[number]",
+        "buffers.last_image[number] = buffers.image[0]",
+        ("tests/envs/test_batched.py",),
+    ),
+    Break(
+        "tasks that an environment of a worker evaluates",
+        f"{ENVS}/engine.py",
+        "place = self._first + number",
+        "place = number",
+        ("tests/envs/test_workers.py",),
+    ),
+    Break(
+        "a word's comparison",
+        f"{PROGRAMS}/functions/items.py",
+        "all(y.top <= x.top for y in x.box.members)",
+        "all(y.top < x.top for y in x.box.members)",
+        ("tests/programs/test_functions.py", "tests/programs/test_words.py"),
+    ),
+    Break(
+        "a word counts distinct objects",
+        f"{PROGRAMS}/functions/collections.py",
+        "return len({identity(x) for x in s})",
+        "return len(s)",
+        ("tests/programs",),
+    ),
+    Break(
+        "canonical form of comparisons",
+        f"{PROGRAMS}/canonical.py",
+        '(">=", bound + 1) if operator == ">"',
+        '(">=", bound) if operator == ">"',
+        ("tests/programs/test_canonical.py",),
+    ),
+    Break(
+        "what a verifier pays for accepting what is false",
+        f"{GAME}/rewards.py",
+        "return -event.costs.false_accept if judgement.accepted else -event.costs.false_reject",
+        "return -event.costs.false_reject if judgement.accepted else -event.costs.false_accept",
+        ("tests/envs/proposer_verifier",),
+    ),
+    Break(
+        "an augmentation permutes the boxes of scenes",
+        "lilgym_mp/augmentation.py",
+        "return Scene((left, middle, right)).permuted(self.boxes)",
+        "return Scene((left, middle, right))",
+        ("tests/test_augmentation.py",),
+    ),
+    Break(
+        "place of an item that is read from a picture",
+        "lilgym_mp/perception.py",
+        "return Item(x, row * shrink + look.odd_y, look.shape",
+        "return Item(x, row * shrink, look.shape",
+        ("tests/test_perception.py",),
+    ),
+    Break(
+        "a step further than the shortest solution",
+        "lilgym_mp/solver/tower.py",
+        "for edits in range(min(most_edits, MOST_NEAR_EDITS) + 1):",
+        "for edits in range(2, min(most_edits, MOST_NEAR_EDITS) + 1):",
+        ("tests/solver/test_tower.py", "tests/solver/test_expert.py"),
+    ),
+    Break(
+        "cap of the ratio in PPO's loss",
+        f"{LEARNING}/ppo/objective.py",
+        "torch.where(capped, float(np.log(ratio_cap)), torch.inf)",
+        "torch.where(capped, torch.inf, torch.inf)",
+        ("tests/learning/ppo/test_objective.py",),
+    ),
+    Break(
+        "advantages end with their episode",
+        f"{LEARNING}/ppo/objective.py",
+        "goes_on = ~ended[step]",
+        "goes_on = np.ones_like(ended[step])",
+        ("tests/learning/ppo/test_objective.py",),
+    ),
+    Break(
+        "STOP is forced where it succeeds",
+        f"{LEARNING}/ppo/rollout.py",
+        "actions[forced] = STOP",
+        "actions[~forced] = STOP",
+        ("tests/learning/ppo/test_training.py",),
+    ),
+    Break(
+        "loss of sets of actions in imitation",
+        f"{LEARNING}/imitation/losses.py",
+        "torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)",
+        "types[..., 0] + added",
+        ("tests/learning/imitation",),
+    ),
+    Break(
+        "the mask of stop forcing",
+        "wrappers/stop_forcing.py",
+        "legal[success] = False",
+        "legal[~success] = False",
+        ("tests/wrappers/test_stop_forcing.py",),
+    ),
+    Break(
+        "return of an evaluated episode",
+        "lilgym_mp/evaluation/runs.py",
+        "        rewards += reward\n",
+        "        rewards = reward\n",
+        ("tests/evaluation",),
+    ),
+)
+
+
+@contextmanager
+def broken(copy: Path, chosen: Break) -> Iterator[None]:
+    """`copy` of the project with that rule broken. Raises ValueError where the place to change is not there once."""
+    path = copy / chosen.file
+    text = path.read_text()
+    if text.count(chosen.right) != 1:
+        raise ValueError(f"{chosen.rule}: {chosen.right!r} must occur once in {chosen.file}")
+    path.write_text(text.replace(chosen.right, chosen.wrong))
+    try:
+        yield
+    finally:
+        path.write_text(text)
+
+
+def first_failure(copy: Path, tests: tuple[str, ...]) -> str | None:
+    """The first of the tests that fails in the copy, without its parameters; None where all pass."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    done = subprocess.run(
+        command, cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True, check=False
+    )
+    if done.returncode == 0:
+        return None
+    found = _FAILED.search(done.stdout)
+    return found[1] if found else f"pytest ended with {done.returncode}: {(done.stdout + done.stderr)[-500:]}"
+
+
+def main() -> int:
+    """Prints a table row for each broken rule; the exit code says whether each was noticed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--only", nargs="+", metavar="RULE", choices=[one.rule for one in BREAKS])
+    only = parser.parse_args().only
+    missed = 0
+    with tempfile.TemporaryDirectory() as directory:
+        copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=LEFT_OUT)
+        print("| broken rule | noticed by | seconds |\n|---|---|---:|")
+        for chosen in BREAKS:
+            if only and chosen.rule not in only:
+                continue
+            began = perf_counter()
+            with broken(copy, chosen):
+                noticed = first_failure(copy, chosen.tests)
+            missed += noticed is None
+            print(f"| {chosen.rule} | {noticed or 'NOBODY'} | {perf_counter() - began:.0f} |", flush=True)
+    print(f"{missed} not noticed")
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
