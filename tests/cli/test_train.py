@@ -79,7 +79,18 @@ def test_train__says_where_everything_is(lilgym: LilGym, tmp_path: Path, own: Pa
 
 
 def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path: Path, own: Path):
-    options = ["--corpus", str(own), "--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
+    options = [
+        "--corpus",
+        str(own),
+        "--schedule",
+        "constant",
+        "--learning-rate",
+        "0.003",
+        "--seed",
+        "4",
+        "--rules",
+        "release",
+    ]
     trained(lilgym, tmp_path, *options, "--recipe", "paper", "--mask")
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
     assert (written["recipe_name"], written["recipe"]["mask"], written["recipe"]["critic"]) == (
@@ -99,9 +110,7 @@ def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, run: Pat
     assert "after 128 steps" in said
 
 
-def test_train__resuming_another_configuration_is_refused_naming_both(
-    run: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_train__resuming_another_configuration_is_refused_naming_both(run: Path, capsys: pytest.CaptureFixture[str]):
     before = (run / "checkpoint.pt").read_bytes()
     assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR
     assert "has configuration TowerScratch, but TowerFlipIt was asked for" in capsys.readouterr().err
@@ -208,9 +217,7 @@ def test_evaluate__overwrites_nothing_unless_told_to(
     lilgym(*command, "--force")
 
 
-def test_evaluate__under_another_configuration_is_refused_naming_both(
-    run: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_evaluate__under_another_configuration_is_refused_naming_both(run: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["evaluate", str(run), "--configuration", "ScatterScratch"]) == USAGE_ERROR
     assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
 

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from lilgym_mp.analysis import statistics
 from lilgym_mp.analysis.charts import write_charts
 from lilgym_mp.analysis.phenomena import PHENOMENA, SyntacticPhenomenon, syntactic_phenomena
 from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
@@ -83,8 +84,9 @@ def official(official_data: Path) -> CorpusStatistics:
 
 
 def test_official_page__shows_what_the_command_counts(
-    official: CorpusStatistics, official_data: Path, capsys: pytest.CaptureFixture[str]
+    official: CorpusStatistics, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
+    monkeypatch.setattr(statistics, "corpus_statistics", {"lilgym": official}.__getitem__)  # counted once
     assert main(["data", "stats", "lilgym"]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)

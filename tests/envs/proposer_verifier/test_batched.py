@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, Tu
 from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW
 
 PROPOSER, VERIFIER = AGENTS
-GAMES, STEPS, SEED = 3, 60, 11
+GAMES, STEPS, SEED = 3, 40, 11
 VIEWS = {PROPOSER: {"history": 2}, VERIFIER: {"scene": "structured", "history": 1}}
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "views": VIEWS, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
@@ -90,8 +91,7 @@ def test_batch__without_copies_equals_single_games(protocol: str):
     assert_equals_single_games({"protocol": protocol}, copy=False)
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize(("protocol", "appearance"), list(zip(PROTOCOLS, cycle(["tower", "scatter"]), strict=False)))
 def test_batch__of_so_many_games_that_compiled_code_steps_them_equals_single_games(
     protocol: str, appearance: str, monkeypatch: pytest.MonkeyPatch
 ):
