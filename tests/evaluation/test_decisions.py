@@ -18,6 +18,7 @@ from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
 from lilgym_mp.evaluation.policies import WithoutMask, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
+from tests.own_corpus import write_own_corpus
 
 TOWER = make_appearance("tower", (19, 5))
 SCATTER = make_appearance("scatter", (19, 5))
@@ -25,7 +26,9 @@ ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
 
 
 def recorded(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
-    plan = EvaluationPlan(Settings(configuration), "dev", record_decisions=True)
+    directory.mkdir(exist_ok=True)
+    own = write_own_corpus(directory / "own.jsonl")
+    plan = EvaluationPlan(Settings(configuration, corpus=str(own)), "dev", record_decisions=True)
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=judges)
     return read_episodes(recorder.write(directory, play(built_in(name), plan, seen)))

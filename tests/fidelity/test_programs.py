@@ -44,9 +44,10 @@ def test_program_truths__reference_form_equals_the_recorded_ones(
 ) -> None:
     recorded = recorded_truths[appearance]
     scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
-    for source, truths in zip(recorded["programs"], recorded["truths"], strict=True):
+    for number, (source, truths) in enumerate(zip(recorded["programs"], recorded["truths"], strict=True)):
         program = compile_program(source)
-        assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes) == truths, source
+        third = slice(number % 3, None, 3)  # of the scenes: another one for the next program
+        assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes[third]) == truths[third], source
 
 
 @pytest.mark.parametrize("split", ["train", "dev"])

@@ -100,7 +100,7 @@ def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
     settings = Settings("TowerScratch", corpus=three)
 
     def accuracy(name: str) -> float:
-        agent = trained(tmp_path / name, 10_240, recipe, settings)
+        agent = trained(tmp_path / name, 7_168, recipe, settings)
         episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", passes=20)
         return sum(episode.is_success for episode in episodes) / len(episodes)
 
