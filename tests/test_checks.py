@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from checks.broken_rules import BREAKS, ROOT, Break, broken, first_failure
 from checks.corrupt_files import MISDEEDS, corrupt_corpora
 from checks.kills import matrix
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 def test_kills__are_told_and_leave_nobody_behind() -> None:
     ends = matrix(count=9, interrupts=1, seed=5)
@@ -33,6 +35,32 @@ def test_corrupt_corpora__are_told_in_printable_words() -> None:
             assert f"{misdeed}: told" in found
 
 
+@pytest.mark.parametrize("chosen", BREAKS, ids=lambda chosen: chosen.rule)
+def test_broken_rules__are_each_broken_in_one_place_by_code_that_compiles(chosen: Break) -> None:
+    text = (ROOT / chosen.file).read_text()
+    assert text.count(chosen.right) == 1
+    compile(text.replace(chosen.right, chosen.wrong), chosen.file, "exec")
+    assert all((ROOT / tests).exists() for tests in chosen.tests)
+
+
+def test_broken_rules__are_noticed_and_mended(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    (copy / "rules").mkdir(parents=True)
+    (copy / "rules" / "cost.py").write_text("COST = 1\n")
+    (copy / "test_cost.py").write_text(
+        "from rules.cost import COST\n\ndef test_cost__is_one():\n    assert COST == 1\n"
+    )
+    chosen = Break("cost", "rules/cost.py", "COST = 1", "COST = 2", ("test_cost.py",))
+    with broken(copy, chosen):
+        assert first_failure(copy, chosen.tests) == "test_cost.py::test_cost__is_one"
+    assert first_failure(copy, chosen.tests) is None
+    with (
+        pytest.raises(ValueError, match="cost: 'COST = 3' must occur once"),
+        broken(copy, chosen._replace(right="COST = 3")),
+    ):
+        pass
+
+
 def test_children__heed_an_interrupt_that_the_shell_had_ignored():
     """As under `nohup make test &`."""
     code = """
@@ -43,6 +71,5 @@ pytest_configure()
 child = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
 subprocess.run([sys.executable, "-c", child], check=True)
 """
-    root = Path(__file__).resolve().parents[1]
-    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
