@@ -9,8 +9,9 @@ items or by the picture's border, as happens under the released rules, the items
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from itertools import combinations, product
+from threading import Lock
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -41,7 +42,8 @@ from lilgym_mp.scene import (
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # pixels by which an item may leave its box; further out it might be the next box's
-KEPT_BYTES = 32 << 20  # of pixels of boxes that are remembered, for each image size: 3,195 boxes at half size
+KEPT_BYTES = 32 << 20  # of pixels of boxes that are remembered, for each image size: some 3,300 boxes at half size
+TOGETHER = 64  # pictures that are read at once
 MOST_TRIALS = 3000  # placements tried for one colour of a box before it is given up
 MOST_SEARCH_STEPS = 300  # and items placed in a search for hidden ones
 MOST_HIDDEN_ITEMS = 6  # such a search looks for
@@ -66,10 +68,14 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
 
 
 def read_scenes(images: Iterable[UInt8Array], appearance: str) -> list[Scene]:
-    """`read_scene` of each of `images`, such as an array (n, 50, 190, 3). The fault of one names its index."""
+    """`read_scene` of each of `images`; quickest for an array (n, 50, 190, 3). The fault of one names its index."""
     read = _reader(appearance)
+    if read is _scatter and isinstance(images, np.ndarray):
+        array = cast("UInt8Array", images)
+        if array.dtype == np.uint8 and array.shape[1:] in _sizes():
+            return _scatters(array)
     scenes: list[Scene] = []
-    for index, image in enumerate(images):
+    for index, image in enumerate(cast("Iterable[UInt8Array]", images)):
         try:
             scenes.append(read(_checked(image)))
         except PerceptionError as fault:
@@ -480,11 +486,65 @@ def _are_apart(items: Sequence[Item], shrink: int) -> bool:
     return True
 
 
+class _BoxesByPixels:
+    """The boxes that were read last in a region of pictures."""
+
+    def __init__(self, index: int, shrink: int) -> None:
+        region, height = _regions(shrink)[index], IMAGE_HEIGHT // shrink
+        self._index, self._shrink = index, shrink
+        self._bytes = 3 * len(region.tables) * height
+        words = -(-self._bytes // 8)
+        self._factors = np.random.default_rng(0).integers(1 << 63, size=words, dtype=np.uint64) * 2 + 1
+        self._most = KEPT_BYTES // BOX_COUNT // (8 * words)
+        self._pixels = np.zeros((0, words), np.uint64)  # (room, words) of each box
+        self._boxes: list[Box] = []
+        self._places: dict[int, int] = {}  # among them, by hash
+        self._lock = Lock()
+
+    def read(self, images: UInt8Array) -> list[Box | PerceptionError]:
+        """Each picture's box, or why it cannot be read; up to the first of those."""
+        pixels = np.zeros((len(images), 8 * self._pixels.shape[1]), np.uint8)
+        columns = _regions(self._shrink)[self._index].columns
+        count, height, width, _ = images.shape
+        rows = images.reshape(count, height, 3 * width)[:, :, 3 * columns.start : 3 * columns.stop]
+        pixels[:, : self._bytes].reshape(rows.shape)[...] = rows  # a view: each row of `pixels` is without gaps
+        words = pixels.view(np.uint64)
+        hashes: list[int] = np.einsum("ij,j->i", words, self._factors).tolist()
+        with self._lock:
+            places = [self._places.get(value, 0) for value in hashes]
+            known = (self._pixels[places] == words).all(axis=1) if self._boxes else np.zeros(len(images), np.bool_)
+            found: list[Box | PerceptionError] = []
+            kept = self._boxes
+            for row, (place, is_known) in enumerate(zip(places, known.tolist(), strict=True)):
+                found.append(kept[place] if is_known else self._new(pixels[row], words[row], hashes[row]))
+                if isinstance(found[-1], PerceptionError):
+                    break
+        return found
+
+    def _new(self, pixels: UInt8Array, words: NDArray[np.uint64], value: int) -> Box | PerceptionError:
+        place = self._places.get(value)
+        if place is not None and np.array_equal(self._pixels[place], words):  # read since, in the same call
+            return self._boxes[place]
+        try:
+            box = _box(pixels[: self._bytes].tobytes(), self._index, self._shrink)
+        except PerceptionError as fault:
+            return fault
+        if len(self._boxes) >= self._most:
+            self._boxes, self._places = [], {}
+        place = len(self._boxes)
+        if place >= len(self._pixels):
+            more = np.zeros((min(self._most, 64 + 2 * place) - place, self._pixels.shape[1]), np.uint64)
+            self._pixels = np.concatenate([self._pixels, more])
+        self._pixels[place] = words
+        self._boxes.append(box)
+        self._places[value] = place
+        return box
+
+
 @cache
-def _boxes_by_pixels(shrink: int) -> Callable[[bytes, int], Box]:
-    """`_box`, which remembers the boxes it read last."""
-    region_bytes = 3 * REGION_SIDE * BOX_SIDE // shrink**2
-    return lru_cache(maxsize=KEPT_BYTES // region_bytes)(partial(_box, shrink=shrink))
+def _boxes_by_pixels(shrink: int) -> Sequence[_BoxesByPixels]:
+    """By region."""
+    return [_BoxesByPixels(index, shrink) for index in range(BOX_COUNT)]
 
 
 def _numbers(pixels: bytes, index: int, shrink: int) -> list[int]:
@@ -728,9 +788,28 @@ def _in_order(drawn: Sequence[Item]) -> list[Item]:
 
 
 def _scatter(image: UInt8Array) -> Scene:
-    shrink = _sizes()[image.shape]
-    read = _boxes_by_pixels(shrink)
-    left, middle, right = (
-        read(image[:, region.columns].tobytes(), index) for index, region in enumerate(_regions(shrink))
-    )
+    found = [region.read(image[None])[0] for region in _boxes_by_pixels(_sizes()[image.shape])]
+    return _scene(found)
+
+
+def _scatters(images: UInt8Array) -> list[Scene]:
+    scenes: list[Scene] = []
+    for first in range(0, len(images), TOGETHER):
+        some = images[first : first + TOGETHER]
+        columns = [region.read(some) for region in _boxes_by_pixels(_sizes()[images.shape[1:]])]
+        for index, found in enumerate(zip(*columns, strict=False)):
+            try:
+                scenes.append(_scene(found))
+            except PerceptionError as fault:
+                raise PerceptionError(f"image {first + index}: {fault}") from None
+    return scenes
+
+
+def _scene(found: Sequence[Box | PerceptionError]) -> Scene:
+    boxes: list[Box] = []
+    for box in found:
+        if isinstance(box, PerceptionError):
+            raise box
+        boxes.append(box)
+    left, middle, right = boxes
     return Scene((left, middle, right))

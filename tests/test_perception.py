@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from lilgym_mp import perception
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.appearances.placement import clear_templates
 from lilgym_mp.corpus import load_tasks
@@ -216,6 +217,17 @@ def test_read_scenes__names_the_image_at_fault():
     images[1, 3, 4] = 1
     with pytest.raises(PerceptionError, match=r"image 1: pixel \(row 3, column 4\) is \[1, 1, 1\]"):
         read_scenes(images, "scatter")
+
+
+def test_read_scenes__reads_more_boxes_than_it_remembers(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(perception, "KEPT_BYTES", 200_000)  # six boxes of each region at half size
+    perception._boxes_by_pixels.cache_clear()
+    try:
+        scenes = [scene([circle(4 * index, 10)], [square(30, 3 * index, colour=B)]) for index in range(20)]
+        images = np.stack([draw(shown, "half") for shown in (*scenes, *scenes[::-1], *scenes[:3] * 2)])
+        assert read_scenes(images, "scatter") == [*scenes, *scenes[::-1], *scenes[:3] * 2]
+    finally:
+        perception._boxes_by_pixels.cache_clear()
 
 
 def test_a_box_seen_before__is_the_same_box():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,9 @@ from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore, save_model
-from lilgym_mp.perception import read_scene
+from lilgym_mp.perception import read_scenes
 from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import BOX_COUNT
 
 KIND = "imitation"
 VERSION = 1
@@ -113,6 +114,9 @@ class ImitationAgent:
         save_model(path, self._description, self.network.state_dict())
 
 
+_Asked = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxes and targets of a call
+
+
 class _ImagePolicy:
     """The network on images: each is read into its boxes, each distinct box of which is described once."""
 
@@ -128,7 +132,7 @@ class _ImagePolicy:
         self._sampled = sampled
         self._player = self._fresh()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
-        self._latest = np.zeros((0, 0), np.float32)  # (B, heads) log-probabilities of the latest call
+        self._latest: _Asked = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
 
     def _fresh(self) -> Player:
         agent = self._agent
@@ -139,16 +143,22 @@ class _ImagePolicy:
         if len(self._player.table) > MOST_BOXES:
             self._player = self._fresh()
         player = self._player
-        scenes = [read_scene(image, self._appearance.name) for image in observations.images]
-        found = player.log_probabilities(observations.statements, player.table.indices(scenes), observations.targets)
-        self._latest, self.stop_probabilities = found, np.exp(found[:, STOP_HEAD])
-        heads = decide(found, observations.steps, self._horizon, self._rule, rng if self._sampled else None)
+        boxes = player.table.indices(read_scenes(observations.images, self._appearance.name))
+        self._latest = asked = observations.statements, boxes, observations.targets
+        if self._sampled:
+            found = player.log_probabilities(*asked)
+            log_stops = found[:, STOP_HEAD]
+            heads = decide(found, observations.steps, self._horizon, self._rule, rng)
+        else:
+            heads, log_stops = player.likeliest(*asked, observations.steps, self._horizon, self._rule)
+        self.stop_probabilities = np.exp(log_stops)
         return player.layout.action_of[heads]
 
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
-        """The network's own probabilities, before its rule for when to stop."""
-        probabilities = np.zeros((len(self._latest), self._appearance.action_count), np.float32)
-        probabilities[:, self._player.layout.action_of] = np.exp(self._latest)
+        """The network's own probabilities in the latest call, before its rule for when to stop."""
+        found = self._player.log_probabilities(*self._latest)
+        probabilities = np.zeros((len(found), self._appearance.action_count), np.float32)
+        probabilities[:, self._player.layout.action_of] = np.exp(found)
         return PolicyOutput(probabilities)
 
 

@@ -73,7 +73,9 @@ class Packing(NamedTuple):
 class BoxesRead(NamedTuple):
     """U boxes of each of S statements, V of them with their cells (Scatter)."""
 
-    vectors: Tensor  # (S, U, d)
+    sums: Tensor  # (S, U, 2 d) what each box gives to a scene
+    again: Tensor  # (S, U, d) and, once the scene is known, gives again
+    acts: Tensor  # (S, U, d) and gives to what is to be done in it
     cells: Tensor | None  # (S, V, 25, C) what the cells are like
     legal: Tensor | None  # (S, V, 25, 10) logits of what is valid there: an ADD of each kind, a REMOVE
 
@@ -112,20 +114,25 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
 
     def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
-        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) what `self.key_value` makes of words,
-        `mask` as in `Read`."""
+        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) what `self.key_value` makes of words, or
+        that by heads (S, 2, heads, T, d / heads); `mask` as in `Read`."""
         query = self.query(self.norm(x))
         if packing is not None:
             query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
         batch, count, width = query.shape
         query = query.view(batch, count, self.heads, -1).transpose(1, 2)
-        key, value = key_value.view(batch, -1, 2, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        key, value = (self.by_heads(key_value) if key_value.dim() == 3 else key_value).unbind(1)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
         found = torch.matmul(scores.softmax(-1).to(value.dtype), value)
         found = found.transpose(1, 2).reshape(batch, count, width)
         if packing is not None:
             found = found.flatten(0, 1).index_select(0, packing.places)
         return x + self.out(found)
+
+    def by_heads(self, key_value: Tensor) -> Tensor:
+        """(S, 2, heads, T, d / heads) from (S, T, 2 d)."""
+        batch, places, width = key_value.shape
+        return key_value.view(batch, places, 2, self.heads, width // (2 * self.heads)).permute(0, 2, 3, 1, 4)
 
 
 class Relating(nn.Module):
@@ -234,6 +241,7 @@ class ScatterHeads(nn.Module):
     """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
 
     kinds: Tensor  # (27,) the kind of each look
+    offered_kinds: Tensor  # (28,) that, and REMOVE's place after the kinds
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -250,6 +258,7 @@ class ScatterHeads(nn.Module):
         self.look = nn.Linear(width, self.looks)
         kinds = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
         self.register_buffer("kinds", torch.tensor(kinds), persistent=False)
+        self.register_buffer("offered_kinds", torch.tensor([*kinds, KIND_COUNT]), persistent=False)
 
     def cell_vectors(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """(S, V, 25, C) what the cells are like, (S, V, 25, 10) logits of what is valid there."""
@@ -266,6 +275,32 @@ class ScatterHeads(nn.Module):
         found = torch.cat([cells[..., GEOMETRY_CHANNELS:], places], -1)
         hidden = F.relu(self.mix(found) + self.box(box[:, :boxes])[..., None, :])
         return self.out(hidden), legal
+
+    def joined(self) -> tuple[Tensor, Tensor]:
+        """Weights and biases (28 (C + 1), d), (28 (C + 1),) of all that the looks and, after them, REMOVE ask of cells
+        in one linear layer: C channels, and what is the same in every cell."""
+
+        def rows(wanted: Tensor, look: Tensor, remove: Tensor) -> Tensor:
+            asked = torch.cat([wanted.unflatten(0, (self.looks, CELL_CHANNELS)), look[:, None]], 1).flatten(0, 1)
+            return torch.cat([asked, remove, torch.zeros_like(remove[:1])])
+
+        layers = self.wanted, self.look, self.wanted_remove
+        weights, biases = [layer.weight for layer in layers], [layer.bias for layer in layers]
+        return rows(*weights), rows(*biases)
+
+    def offered(self, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., 25, C + 1), (..., 25, 28) what `of_offered` wants to know of cells."""
+        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.offered_kinds)
+
+    def of_offered(
+        self, boxes: Tensor, cells: Tensor, legal: Tensor, joined: tuple[Tensor, Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """What `forward` gives, in fewer operations, from `joined` and what `offered` gives; may overwrite `legal`."""
+        asked = F.linear(boxes, *joined).view(-1, self.looks + 1, CELL_CHANNELS + 1)
+        valid, cells, asked = legal.flatten(0, 2), cells.flatten(0, 2), asked.transpose(1, 2)
+        found = valid.baddbmm_(cells, asked) if asked.dtype == valid.dtype else valid + cells @ asked
+        found = found.view(legal.shape)
+        return found[..., :-1].flatten(2), found[..., -1].flatten(2)
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""
@@ -350,40 +385,52 @@ class ImitationNetwork(nn.Module):
             x = layer(x, key_value, read.mask, inputs)
         box = in_boxes(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
         box = box.unflatten(0, inputs.by_box.shape[:2])
-        box = self.box_feedforward(self.box_reading(box, read.key_values[-2], read.mask))
+        box = self.box_feedforward(self.box_reading(box, read.key_values[len(self.item_layers)], read.mask))
+        given = self.box_sum(box), self.box_again(box), self.act_box(box)
         if self.scatter is None:
-            return BoxesRead(box, None, None)
-        return BoxesRead(box, *self.scatter.cell_vectors(x, box, inputs))
+            return BoxesRead(*given, None, None)
+        return BoxesRead(*given, *self.scatter.cell_vectors(x, box, inputs))
 
     def judged(self, read: Read, boxes: BoxesRead, scenes: Tensor, targets: Tensor) -> Outputs:
         """What the network says of `scenes` (S, N, 3), made of the boxes; `targets` (S, A) as in `forward`."""
-        sums = self.box_sum(boxes.vectors)
-        scene = self.scene_in(F.relu(chosen(sums, scenes).sum(2)))
-        scene = self.scene_feedforward(self.scene_reading(scene, read.key_values[-1], read.mask))
-        again = chosen(self.box_again(boxes.vectors), scenes) + self.scene_to_box(scene)[:, :, None]
-        scene = scene + self.again_sum(F.relu(again).sum(2))
-        scene = self.dropout(self.scene_again(scene))
-        truth = self.truth(scene).squeeze(-1)
+        scene, truth = self.understood(chosen(boxes.sums, scenes), chosen(boxes.again, scenes), read)
         acting = scenes[:, : targets.shape[1]]
-        seen = scene[:, : targets.shape[1]] + self.target(targets).to(scene.dtype)
-        each = chosen(self.act_box(boxes.vectors), acting) + self.act_scene(seen)[:, :, None]
-        each = self.act_feedforward(each)  # (S, A, 3, d)
-        whole = each.sum(2)
+        each = self.to_act(scene[:, : targets.shape[1]], chosen(boxes.acts, acting), targets)
         if self.scatter is not None:
             assert boxes.cells is not None
             assert boxes.legal is not None
-            adds, removes = self.scatter(each, chosen(boxes.cells, acting), chosen(boxes.legal, acting))
+            heads = self.scatter(each, chosen(boxes.cells, acting), chosen(boxes.legal, acting))
         else:
             assert self.tower is not None
-            adds, removes = self.tower(each)
+            heads = self.tower(each)
+        outputs = self.outputs(truth, each, heads)
+        return outputs if boxes.legal is None else outputs._replace(legal=boxes.legal.float())
+
+    def outputs(self, truth: Tensor, each: Tensor, heads: tuple[Tensor, Tensor]) -> Outputs:
+        """What is said of (S, N) scenes, from `each` (S, A, 3, d) of their boxes and the logits of ADDs and REMOVEs."""
+        whole, (adds, removes) = each.sum(2), heads
         return Outputs(
             truth.float(),
             self.types(whole).float(),
             adds.float(),
             removes.float(),
             self.steps(whole).float(),
-            None if boxes.legal is None else boxes.legal.float(),
+            None,
         )
+
+    def understood(self, sums: Tensor, again: Tensor, read: Read) -> tuple[Tensor, Tensor]:
+        """(S, N, d) scenes and (S, N) the logits of their truth, from what their boxes give: `sums` (S, N, 3, 2 d) and
+        `again` (S, N, 3, d)."""
+        scene = self.scene_in(F.relu(sums.sum(2)))
+        scene = self.scene_feedforward(self.scene_reading(scene, read.key_values[-1], read.mask))
+        scene = scene + self.again_sum(F.relu(again + self.scene_to_box(scene)[:, :, None]).sum(2))
+        scene = self.dropout(self.scene_again(scene))
+        return scene, self.truth(scene).squeeze(-1)
+
+    def to_act(self, scene: Tensor, acts: Tensor, targets: Tensor) -> Tensor:
+        """(S, A, 3, d) the boxes of each scene (S, A, d) under its target, from what they give: `acts` (S, A, 3, d)."""
+        seen = scene + self.target(targets).to(scene.dtype)
+        return self.act_feedforward(acts + self.act_scene(seen)[:, :, None])
 
 
 def chosen(vectors: Tensor, scenes: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ from lilgym_mp.learning.imitation.layout import action_layout
 from lilgym_mp.learning.imitation.lessons import Explorer
 from lilgym_mp.learning.imitation.losses import log_policy
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
-from lilgym_mp.learning.imitation.playing import Player
+from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 
@@ -64,6 +64,28 @@ def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance:
         wanted = torch.from_numpy(targets)[None]
         at_once = log_policy(player.network.eval()(inputs, wanted), wanted)[0]
     np.testing.assert_allclose(np.stack(step_by_step), at_once.numpy(), atol=1e-4)
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
+@pytest.mark.parametrize("threshold", [-9.0, 0.0, 9.0])
+def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Scatter, threshold: float, reduced: bool):
+    player, explorer = player_of(appearance)
+    player.reduced_precision = reduced
+    scene = Scene.empty()
+    scenes = [scene := explorer.edited(scene) for _ in range(40)]
+    said = [*STATEMENTS, "There is a blue block, " * 5]
+    asked = [said[index % 4] for index in range(40)], player.table.indices(scenes), np.arange(40) % 2
+    rule, steps = StopRule(threshold), np.arange(40) % 12
+    log_probabilities = player.log_probabilities(*asked)
+    heads, log_stops = player.likeliest(*asked, steps, 12, rule)
+    np.testing.assert_allclose(log_stops, log_probabilities[:, 0])
+    wanted = decide(log_probabilities, steps, 12, rule, None)
+    stops = wanted == 0
+    assert (heads[stops] == 0).all()
+    assert (heads[~stops] > 0).all()
+    rows = np.arange(40)
+    np.testing.assert_allclose(log_probabilities[rows, heads], log_probabilities[rows, wanted], atol=1e-5)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
