@@ -33,6 +33,7 @@ SHORTER = {  # parts of the tutorials' commands that take long, and what the tes
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
 }
+LONG = ("imitation", "train_and_evaluate")  # tutorials whose code trains agents and evaluates them
 NEEDS = {  # by document: the modules that its code needs beside the package
     "train_and_evaluate.md": ("stable_baselines3",),
     "masks_and_stop_forcing.md": ("sb3_contrib",),
@@ -46,7 +47,10 @@ NEEDS = {  # by document: the modules that its code needs beside the package
 @pytest.mark.parametrize(
     "path",
     [
-        *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+        *(
+            pytest.param(path, marks=pytest.mark.long if path.stem in LONG else ())
+            for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+        ),
         *(ROOT / "docs" / f"{name}.md" for name in ("index", "troubleshooting")),
     ],
     ids=lambda path: path.stem,

@@ -209,7 +209,7 @@ def accounting(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> py
 
 
 def test_account__tells_what_was_skipped_for_lack_of_data(accounting: pytest.Pytester):
-    result = accounting.runpytest_subprocess("-rs")
+    result = accounting.runpytest_inprocess("-rs")
     result.assert_outcomes(skipped=4)
     result.stdout.fnmatch_lines(
         [
@@ -223,7 +223,7 @@ def test_account__tells_what_was_skipped_for_lack_of_data(accounting: pytest.Pyt
 def test_account__tells_what_ran(accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path))
     monkeypatch.setenv("LILGYM_GOLDEN", str(tmp_path))
-    result = accounting.runpytest_subprocess()
+    result = accounting.runpytest_inprocess()
     result.assert_outcomes(passed=3, skipped=1)
     result.stdout.fnmatch_lines(
         ["1 ran with the official data, 1 skipped", "2 ran with the golden recordings, 0 skipped"]
@@ -235,6 +235,6 @@ def test_account__refuses_a_directory_that_is_not_there(
     accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
 ):
     monkeypatch.setenv(variable, str(tmp_path / "nowhere"))
-    result = accounting.runpytest_subprocess()
+    result = accounting.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines([f"*{variable}=*nowhere is not a directory*"])

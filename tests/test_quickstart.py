@@ -38,6 +38,7 @@ def test_quickstarts__train_shortly_unless_in_full():
     assert not any("--minutes 10" in line.code or "lilgym " in line.code for line in short.lines)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_readme_commands__run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("stable_baselines3", reason="needs the extra sb3")

@@ -54,17 +54,20 @@ def pages() -> ModuleType:
     return load_script("write_environment_pages")
 
 
+@pytest.mark.long
 def test_site__has_a_page_for_every_document(site: Path) -> None:
     documents = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
     assert [page for page in documents if not (site / page).exists()] == []
     assert {"changelog.html", "contributing.html"} <= {path.name for path in site.iterdir()}
 
 
+@pytest.mark.long
 def test_site__fetches_nothing_from_elsewhere(site: Path) -> None:
     fetched = {found for page in site.rglob("*.html") for found in FETCHED.findall(page.read_text())}
     assert {link for link in fetched if "canonical" not in link} == set()
 
 
+@pytest.mark.long
 def test_site__api_pages_show_docstrings(site: Path) -> None:
     text = (site / "api" / "environments.html").read_text()
     assert "Add and remove items until the statement has the target value" in text
@@ -107,6 +110,7 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser: Any, site: Path, *, dark: bool):
     shown = [site / page for page in LOOKED_AT]
@@ -120,6 +124,7 @@ def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser
         assert watched.faults == []
 
 
+@pytest.mark.long
 def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
     with watched_page(browser, 1400) as watched:
         watched.page.goto((site / "index.html").as_uri())
