@@ -43,7 +43,7 @@ from lilgym_mp.task import Task
 from tests.own_corpus import write_own_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
-SMALL = ParserRecipe(steps=60, batch_size=16, width=32, generated=0.5, generated_pairs=200, held_out=5, warm_up=5)
+SMALL = ParserRecipe(steps=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
 
 
 @pytest.fixture(autouse=True)

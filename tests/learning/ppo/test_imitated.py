@@ -76,10 +76,11 @@ def test_imitation__a_state_is_seen_alike_whatever_is_beside_it(imitation_run: P
         np.testing.assert_allclose(many[3].numpy(), one[0].numpy(), atol=1e-4)
 
 
-def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, tmp_path: Path):
+def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, tmp_path: Path, own: str):
     name, _ = begun_from(imitation_run)
     recipe = make_recipe("ours", name, model="imitation", **SHORT)
-    agent = train_ppo(Settings(name), recipe, tmp_path / "run", steps=2 * recipe.rollout, weights=imitation_run)
+    settings = Settings(name, corpus=own)
+    agent = train_ppo(settings, recipe, tmp_path / "run", steps=2 * recipe.rollout, weights=imitation_run)
     assert "rewards alone" in agent.description.supervision
     assert "begun from imitation: programs of train statements" in agent.description.supervision
     again = open_agent(tmp_path / "run")
