@@ -180,6 +180,20 @@ BREAKS = (
         ("tests/envs/proposer_verifier",),
     ),
     Break(
+        "words of a game of a batch cost something",
+        f"{GAME}/game_arrays.py",
+        "self.rewards[role] -= game.message_cost * (word > SILENCE)",
+        "self.rewards[role] -= game.message_cost * (word >= SILENCE)",
+        ("tests/envs/proposer_verifier/test_batched.py",),
+    ),
+    Break(
+        "the intent is the proposer's alone",
+        f"{GAME}/views.py",
+        "if role is Role.PROPOSER and game.rewards.draws_intent:",
+        "if game.rewards.draws_intent:",
+        ("tests/test_web_game.py", "tests/envs/proposer_verifier"),
+    ),
+    Break(
         "an augmentation permutes the boxes of scenes",
         "lilgym_mp/augmentation.py",
         "return Scene((left, middle, right)).permuted(self.boxes)",
@@ -222,6 +236,13 @@ BREAKS = (
         ("tests/learning/ppo/test_training.py",),
     ),
     Break(
+        "random numbers of a run that goes on",
+        f"{LEARNING}/ppo/training.py",
+        'self._rng.bit_generator.state = json.loads(state["random"])',
+        'json.loads(state["random"])',
+        ("tests/learning/ppo/test_training.py",),
+    ),
+    Break(
         "loss of sets of actions in imitation",
         f"{LEARNING}/imitation/losses.py",
         "torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)",
@@ -236,11 +257,32 @@ BREAKS = (
         ("tests/wrappers/test_stop_forcing.py",),
     ),
     Break(
+        "last observations for Stable-Baselines3",
+        "lilgym_mp/sb3.py",
+        'told[number]["terminal_observation"] = last[number]',
+        'told[number]["terminal_observation"] = last[ended[0]]',
+        ("tests/test_sb3.py",),
+    ),
+    Break(
+        "a reply that says not to do something",
+        "wrappers/replies.py",
+        "bool(asked or _NEGATION.search(clause) or",
+        "bool(asked or",
+        ("tests/wrappers/test_text.py",),
+    ),
+    Break(
         "return of an evaluated episode",
         "lilgym_mp/evaluation/runs.py",
         "        rewards += reward\n",
         "        rewards = reward\n",
         ("tests/evaluation",),
+    ),
+    Break(
+        "deviation over runs in a report",
+        "lilgym_mp/report/numbers.py",
+        "stdev(values) if len(values) > 1",
+        "stdev([*values, mean(values)]) if len(values) > 1",
+        ("tests/report",),
     ),
 )
 
