@@ -71,6 +71,7 @@ def test_tower__another_item_beside_the_tower_is_refused_by_its_pixel():
 
 
 @IMAGE_SIZES
+@settings(max_examples=50)
 @given(shown=SCENES["scatter"])
 def test_scatter__legal_scenes_are_read_and_draw_the_same(image_size: str, shown: Scene):
     image = draw(shown, image_size)
@@ -110,7 +111,7 @@ def test_legal_items__never_share_a_drawn_pixel():
 @pytest.mark.parametrize("shape", Shape)
 def test_scatter__every_single_item_is_read_as_itself(image_size: str, shape: Shape):
     for size in Size:
-        corners = range(0, 101 - size.pixels, 7)
+        corners = range(0, 101 - size.pixels, 11)
         ends = [*corners, 100 - size.pixels]
         for colour, x, y in product(Colour, ends, ends):
             shown = scene([], [], [Item(x, y, shape, colour, size)])
@@ -165,7 +166,7 @@ def test_scatter__items_that_leave_their_box_are_read(image_size: str, item: Ite
     check_read([Scene.of(*boxes)], "scatter", image_size)
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(item=items(overhang=19))
 @example(item=square(62, -8, LARGE, Y))
 @example(item=circle(-6, -11, LARGE, Y))
@@ -260,6 +261,7 @@ def test_unknown_appearance__names_the_choices():
 
 
 @IMAGE_SIZES
+@settings(max_examples=50)
 @given(place=st.tuples(st.integers(0, 49), st.integers(0, 189)), pixel=st.tuples(*[st.integers(0, 255)] * 3))
 def test_one_changed_pixel__is_refused_or_drawn(image_size: str, place: tuple[int, int], pixel: tuple[int, int, int]):
     image = draw(scene([circle(10, 10)], [square(40, 40, LARGE, K)], [triangle(50, 50, LARGE, B)]), image_size)

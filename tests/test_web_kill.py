@@ -17,7 +17,7 @@ from tests.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx", reason="the browser suite's tests need httpx")
 
-STATEMENTS, SENDERS, ENOUGH = 300, 4, 40
+STATEMENTS, SENDERS, ENOUGH = 160, 4, 30
 BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}
 SCENE = {"label": "true", "structured_rep": [[BLOCK], [], []]}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
@@ -18,22 +21,33 @@ from lilgym_mp.evaluation.recording import Recorder
 from tests.web_app import Browser, server
 
 API = "/api/watch/recordings"
+BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
 
 
-def record(directory: Path, name: str, configuration: str = "TowerFlipIt", *, decisions: bool = True) -> Path:
-    plan = EvaluationPlan(Settings(configuration), "dev", record_decisions=decisions)
+def record(
+    directory: Path, name: str, configuration: str = "TowerFlipIt", *, corpus: str = "builtin", decisions: bool = True
+) -> Path:
+    plan = EvaluationPlan(Settings(configuration, corpus=corpus), "dev", record_decisions=decisions)
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=configuration.startswith("Tower"))
     return recorder.write(directory, play(built_in(name), plan, seen))
+
+
+def thinned_corpus(path: Path) -> Path:
+    """Writes every third statement of the builtin corpus, and gives the path."""
+    _, *lines = gzip.decompress(BUILTIN.read_bytes()).splitlines()
+    write_corpus(path, "thin", "MIT", map(json.loads, lines[::3]))
+    return path
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with recordings of two policies in one configuration, of another one, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
-    record(place / "tower", "random-legal")
-    record(place / "tower", "expert")
-    record(place / "scatter", "random-unmasked", "ScatterFlipIt")
+    thin = str(thinned_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl"))
+    record(place / "tower", "random-legal", corpus=thin)
+    record(place / "tower", "expert", corpus=thin)
+    record(place / "scatter", "random-type", "ScatterFlipIt", corpus=thin)
     record(place / "old", "random-legal", "TowerScratch", decisions=False)
     return place
 

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.appearances import Scatter
@@ -60,6 +60,7 @@ def test_masks__are_exact_where_those_of_starts_would_take_too_much_memory(monke
     assert_masks_are_exact([scene([square(0, 0, LARGE)]), scene()], (19, 5), "paper")
 
 
+@settings(max_examples=50)
 @given(
     grid=st.sampled_from(GRIDS[:3]),
     rules=st.sampled_from(list(RULE_SETS)),

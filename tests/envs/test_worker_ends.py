@@ -20,10 +20,12 @@ import numpy as np
 import pytest
 
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
-from tests.envs.test_workers import SCATTER, START_METHODS, TOWER, assert_gone, is_running
+from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
+LONG_FORKSERVER = pytest.param("forkserver", marks=pytest.mark.long)
+LONG_INTERRUPTS = [("fork", 0.1), ("fork", 0.8), ("spawn", 0.1), ("spawn", 0.4), ("spawn", 0.8)]
 THREADS = f"""
 import threading
 from lilgym_mp.envs.workers import WorkerVectorEnv
@@ -77,7 +79,7 @@ def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
-@pytest.mark.parametrize("start_method", START_METHODS)
+@pytest.mark.parametrize("start_method", ["fork", LONG_FORKSERVER, "spawn"])
 def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method: str) -> None:
     make(start_method=start_method).close()  # what Python keeps open for processes is open from here on
     before = descriptors()
@@ -130,6 +132,7 @@ def test_a_bad_seed__is_refused_and_closes_nothing(seed: object) -> None:
     env.close()
 
 
+@pytest.mark.long
 def test_threads__may_each_start_workers_at_the_same_time() -> None:
     command = [sys.executable, "-W", "ignore", "-c", THREADS]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
@@ -220,7 +223,10 @@ def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch: pytest
         assert descriptors() == before
 
 
-@pytest.mark.parametrize(("start_method", "seconds"), [("fork", 0.1), ("fork", 0.4), ("spawn", 0.4), ("spawn", 0.8)])
+@pytest.mark.parametrize(
+    ("start_method", "seconds"),
+    [("fork", 0.4), ("spawn", 0.6), *(pytest.param(*each, marks=pytest.mark.long) for each in LONG_INTERRUPTS)],
+)
 def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
     start_method: str, seconds: float
 ) -> None:
@@ -254,7 +260,9 @@ def test_a_daemonic_process__is_told_that_it_may_start_none(num_workers: int | s
     daemon.join()
 
 
-@pytest.mark.parametrize(("start_method", "spare"), [("fork", 2), ("fork", 30), ("spawn", 30)])
+@pytest.mark.parametrize(
+    ("start_method", "spare"), [("fork", 2), ("spawn", 30), pytest.param("fork", 30, marks=pytest.mark.long)]
+)
 def test_too_few_descriptors__are_told_and_none_is_lost(start_method: str, spare: int) -> None:
     program = f"""
 import os, resource

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 
 import gymnasium as gym
@@ -208,7 +207,15 @@ def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) 
 
 @pytest.mark.parametrize(
     ("how", "start_method"),
-    [*product(["Ctrl-C", "killed"], START_METHODS), ("exception", "forkserver")],
+    [
+        ("Ctrl-C", "fork"),
+        ("killed", "spawn"),
+        ("exception", "forkserver"),
+        *(
+            pytest.param(*each, marks=pytest.mark.long)
+            for each in (("Ctrl-C", "forkserver"), ("Ctrl-C", "spawn"), ("killed", "fork"), ("killed", "forkserver"))
+        ),
+    ],
 )
 def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how: str, start_method: str) -> None:
     script = tmp_path / "loop.py"

@@ -38,12 +38,12 @@ def value(source: str, scene: Scene) -> bool | None:
 
 
 def check(corpus: str) -> int:
-    """Checks every other training program of the corpus; gives how many there were."""
+    """Checks every third training program of the corpus; gives how many there were."""
     count = 0
     for appearance in ("tower", "scatter"):
         probes = scenes(appearance)
         sets = load_all_tasks(corpus, [appearance], splits=["train"])
-        for source in sorted({task.program for tasks in sets for task in tasks})[::2]:
+        for source in sorted({task.program for tasks in sets for task in tasks})[::3]:
             tree = parse(source)
             assert parse(source_of(tree)) == tree, source
             form = canonical_form(tree)
@@ -61,12 +61,12 @@ def check(corpus: str) -> int:
 
 
 def test_builtin__canonical_programs_are_equal_in_truth_and_have_tokens():
-    assert check("builtin") > 750
+    assert check("builtin") > 500
 
 
 @pytest.mark.usefixtures("official_data")
 def test_official__canonical_programs_are_equal_in_truth_and_have_tokens():
-    assert check("lilgym") > 900
+    assert check("lilgym") > 600
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
@@ -38,6 +38,7 @@ from tests.scenes import (
 
 YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
 BOX_RGB, SEPARATOR_RGB = (211, 211, 211), (128, 128, 128)
+FEWER = settings(max_examples=40)  # each draws several pictures
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
 
 
@@ -143,11 +144,13 @@ def test_draw__a_circle_is_symmetric_and_reaches_every_side_but_no_corner(size: 
     assert rows[0][0] == "."
 
 
+@FEWER
 @given(LOOSE_SCENES)
 def test_draw__equals_pillow_drawing_onto_the_whole_image(shown: Scene):
     assert np.array_equal(draw(shown), by_pillow(shown))
 
 
+@FEWER
 @given(LOOSE_SCENES)
 def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene):
     half = draw(shown, "half")
@@ -222,6 +225,7 @@ def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
 
 
 @IMAGE_SIZES
+@FEWER
 @given(shown=scenes_in_a_row())
 def test_canvas__shows_after_any_scenes_what_drawing_anew_gives(image_size: str, shown: list[Scene]):
     canvas = Canvas(image_size)
@@ -233,6 +237,7 @@ SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
 
 
 @SHRINKS
+@FEWER
 @given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
 def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: Box):
     lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
@@ -240,6 +245,7 @@ def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: B
 
 
 @SHRINKS
+@FEWER
 @given(box=scatter_boxes())
 def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
     image_size = {1: "native", 2: "half"}[shrink]
@@ -252,6 +258,7 @@ def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
 
 
 @IMAGE_SIZES
+@FEWER
 @given(first=LOOSE_SCENES, second=SCENES["scatter"])
 def test_canvas__scenes_begun_again_and_again_look_the_same(image_size: str, first: Scene, second: Scene):
     canvas = Canvas(image_size)
@@ -368,6 +375,7 @@ def test_text__in_colours_tells_shapes_and_colours_apart():
     assert "\x1b[1;34m#\x1b[0m" in text(scene([square(0, 0, colour=B)]), [])
 
 
+@FEWER
 @given(LOOSE_SCENES)
 def test_text__any_scene_fits_the_frame(shown: Scene):
     lines = text(shown, [], coloured=False).splitlines()

@@ -27,7 +27,7 @@ SEEN_BOX_BY_BOX = (
 @pytest.mark.parametrize("program", SEEN_BOX_BY_BOX)
 @pytest.mark.parametrize("boxes", [tower_boxes, scatter_boxes()], ids=["tower", "scatter"])
 @given(data=st.data())
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_face__settles_the_truth(program: str, boxes: st.SearchStrategy[Box], data: st.DataObject):
     face = face_of(program)
     assert face is not None

@@ -46,7 +46,7 @@ def test_both_learn__plays_and_reports(run: Run):
 
 
 def test_self_play__plays_and_reports(run: Run):
-    printed = run("self_play_sneaky_and_helpful.py", "--steps", "256", "--games", "4", "--reports", "1")
+    printed = run("self_play_sneaky_and_helpful.py", "--steps", "128", "--games", "4", "--reports", "1")
     assert "soundness" in printed
 
 

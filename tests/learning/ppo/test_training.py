@@ -95,12 +95,12 @@ def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
     tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch
 ):
     recipe = replace(
-        SMALL, envs=32, rollout=256, batch_size=128, epochs=2, learning_rate=1e-3, stop_forcing=True, entropy=0.05
+        SMALL, envs=32, rollout=256, batch_size=128, epochs=2, learning_rate=2e-3, stop_forcing=True, entropy=0.05
     )
     settings = Settings("TowerScratch", corpus=three)
 
     def accuracy(name: str) -> float:
-        agent = trained(tmp_path / name, 7_168, recipe, settings)
+        agent = trained(tmp_path / name, 5_120, recipe, settings)
         episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", passes=20)
         return sum(episode.is_success for episode in episodes) / len(episodes)
 
