@@ -15,7 +15,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
@@ -86,38 +86,57 @@ MAX_ALL_TEXT = 2_000_000  # characters of all parts of it, whose texts hold each
 MAX_NODES = 5_000  # nodes generated for one program
 
 
-def fast_form(tree: Node) -> Callable[[Scene], bool] | None:
-    """The fast form of a program, None where it has none. It raises UnsureError when it cannot tell."""
+class Expression(NamedTuple):
+    """A generated expression of the boxes b0, b1, b2 or, a kernel's, of the box b."""
+
+    text: str
+    hoisted: Mapping[str, str]  # by name: the expression that it stands for
+    names: dict[str, Any]  # functions of a box, by the names that the expressions call them by
+
+    def lines(self, indent: str) -> str:
+        return "".join(f"{indent}{name} = {text}\n" for name, text in self.hoisted.items())
+
+
+def truth_expression(tree: Node) -> Expression | None:
+    """A program's truth as an expression, None where there is none."""
     try:
         generator = _Generator(_Work(), kernel=False)
-        return _compiled(_scene_source(generator, tree), generator.names, "truth")
+        value = generator.code(tree, {})
+        return generator.expression(value.text) if isinstance(value, Truth) else None
     except (Uncovered, RecursionError, MemoryError, SyntaxError):
         return None
 
 
-def _scene_source(generator: _Generator, tree: Node) -> str:
-    value = generator.code(tree, {})
-    if not isinstance(value, Truth):
-        uncovered("not a truth")
-    text = value.text
+def fast_form(tree: Node) -> Callable[[Scene], bool] | None:
+    """The fast form of a program, None where it has none. It raises UnsureError when it cannot tell."""
+    expression = truth_expression(tree)
+    try:
+        return expression and _compiled(_scene_source(expression), expression.names, "truth")
+    except (Uncovered, RecursionError, MemoryError, SyntaxError):
+        return None
+
+
+def _scene_source(expression: Expression) -> str:
+    text = expression.text
     if " for " not in text:
         text = re.sub(r"(kernel\d+)\((b\d)\)", r"(v if (v := \2.memo.get(\1_key)) is not None else \1(\2))", text)
-    lines = "".join(generator.hoist_lines("    "))
     boxes = ", ".join(BOXES)
-    return f"def truth(scene):\n    {boxes} = scene.boxes\n{lines}    return bool({text})\n"
+    return f"def truth(scene):\n    {boxes} = scene.boxes\n{expression.lines('    ')}    return bool({text})\n"
 
 
-def _shared_kernel(lines: str, text: str, names: dict[str, Any]) -> _Kernel:
-    """The kernel with that source; programs share it."""
-    key = f"program kernel {lines}{text}"
+def _shared_kernel(expression: Expression) -> Kernel:
+    """The kernel with that expression; programs share it."""
+    lines = expression.lines("        ")
+    key = f"program kernel {lines}{expression.text}"
     kernel = _KERNELS.get(key)
     if kernel is None:
         source = (
             f"def kernel({LOCAL_BOX}):\n    value = {LOCAL_BOX}.memo.get(key)\n    if value is None:\n"
             f"        check_size({LOCAL_BOX})\n{lines}"
-            f"        value = {LOCAL_BOX}.memo[key] = {text}\n    return value\n"
+            f"        value = {LOCAL_BOX}.memo[key] = {expression.text}\n    return value\n"
         )
-        kernel = _KERNELS[key] = _Kernel(key, _compiled(source, {**names, "key": key}, "kernel"))
+        expression.names["key"] = key
+        kernel = _KERNELS[key] = Kernel(key, _compiled(source, expression.names, "kernel"), expression)
     return kernel
 
 
@@ -213,7 +232,7 @@ class _Generator:
             value = write(inner)
             steps, self.work.steps_left = before - self.work.steps_left, before
             text = value.text if isinstance(value, Truth) else value.mask
-            kernel = _shared_kernel("".join(inner.hoist_lines("        ")), text, inner.names)
+            kernel = _shared_kernel(inner.expression(text))
             name = f"kernel{len(self.work.kernels)}"
             self.names |= {name: kernel.function, f"{name}_key": kernel.key, f"{name}_kept": kernel}
             known = self.work.kernels[key] = (name, value.total, steps)
@@ -229,9 +248,8 @@ class _Generator:
             return text
         return self.hoisted.setdefault(text, f"{name}_{box}")
 
-    def hoist_lines(self, indent: str) -> Iterator[str]:
-        for text, name in self.hoisted.items():
-            yield f"{indent}{name} = {text}\n"
+    def expression(self, text: str) -> Expression:
+        return Expression(text, {name: hoisted for hoisted, name in self.hoisted.items()}, self.names)
 
     def is_closed(self, parameter: str, body: Node) -> bool:
         traits = self.work.traits(body)
@@ -683,14 +701,15 @@ def _as_lambda(node: Node) -> tuple[str, Node]:
     return "x", Call(node.word, (Variable("x"), *(None for _ in node.word.parameters[1:])))
 
 
-class _Kernel:
-    """A kernel's function of a box, and the key of its value in `box.memo`."""
+class Kernel:
+    """A kernel's function of a box, the key of its value in `box.memo`, and the expression that it is made of."""
 
-    __slots__ = ("__weakref__", "function", "key")
+    __slots__ = ("__weakref__", "expression", "function", "key")
 
-    def __init__(self, key: str, function: Callable[[Box], Any]) -> None:
+    def __init__(self, key: str, function: Callable[[Box], Any], expression: Expression) -> None:
         self.key = key
         self.function = function
+        self.expression = expression
 
 
-_KERNELS: WeakValueDictionary[str, _Kernel] = WeakValueDictionary()  # by source: programs share them
+_KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # by source: programs share them

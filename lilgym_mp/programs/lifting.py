@@ -10,10 +10,10 @@ import itertools
 from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from lilgym_mp.programs.views import BoxView, ItemView
-from lilgym_mp.programs.words import Word
+from lilgym_mp.programs.words import Reach, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
 MAX_BOX_ITEMS = 24  # beyond, programs are run in their reference form, which counts its steps
@@ -61,13 +61,35 @@ def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask
     key = " ".join(("program test", word.name, *map(str, constants)))
     if word.reach == "look":
         return _by_look(key, test)
-    return _by_item(key, test) if word.reach == "item" else _by_box(key, test)
+    return _by_box(key, test) if word.reach == "box" else _by_item(key, test, word.reach)
 
 
 @cache
 def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
     """The mask of a box's items that have the value: attribute is color, shape or size."""
     return _by_look(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
+
+
+class ItemTest(NamedTuple):
+    """What a lifted function asks of each item by itself."""
+
+    passes: Callable[[Item], bool]
+    reach: Reach  # "look", "place" or "item"
+
+
+def item_test(lifted: Lifted) -> ItemTest | None:
+    """What a lifted function asks of each item, None where it asks about the box."""
+    return _ITEM_TESTS.get(lifted)
+
+
+_ITEM_TESTS: dict[Lifted, ItemTest] = {}
+
+
+def _alone(test: Test, reach: Reach) -> ItemTest:
+    def passes(item: Item) -> bool:
+        return test(ItemView(item, _NOWHERE, 0))
+
+    return ItemTest(passes, reach)
 
 
 class _Rows(dict[int, Mask]):
@@ -115,8 +137,10 @@ def _by_look(key: str, test: Test) -> Callable[[Box], Mask]:
     passing = frozenset(item for item in looks if test(ItemView(item, _NOWHERE, 0)))
     for field, value in {(field, item[field]) for item in passing for field in LOOK_FIELDS}:
         if passing == frozenset(item for item in looks if item[field] == value):
-            return _by_field(key, field, int(value))
-    return _by_item(key, test)
+            lifted = _by_field(key, field, int(value))
+            _ITEM_TESTS[lifted] = _alone(test, "look")
+            return lifted
+    return _by_item(key, test, "look")
 
 
 def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
@@ -137,7 +161,7 @@ def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
     return lifted
 
 
-def _by_item(key: str, test: Test) -> Callable[[Box], Mask]:
+def _by_item(key: str, test: Test, reach: Reach) -> Callable[[Box], Mask]:
     table = _Table(test)
 
     def lifted(box: Box) -> Mask:
@@ -154,6 +178,7 @@ def _by_item(key: str, test: Test) -> Callable[[Box], Mask]:
             box.memo[key] = mask
         return mask
 
+    _ITEM_TESTS[lifted] = _alone(test, reach)
     return lifted
 
 

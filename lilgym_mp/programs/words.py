@@ -19,7 +19,7 @@ from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.views import BoxView, Color, ItemView, Shape, Side, Size
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Reach = Literal["look", "item", "box", "scene"]
+Reach = Literal["look", "place", "item", "box", "scene"]
 GROUPS = (
     "sets",
     "item tests",
@@ -221,8 +221,8 @@ class Growth(NamedTuple):
 class Word:
     """A word of the language; calling it checks the arguments first.
 
-    `reach` says what the value for an item depends on: its look (colour, shape, size), its place too, its box, or
-    the whole scene.
+    `reach` says what the value for an item depends on: its look (colour, shape, size), its place (and size), both, its
+    box, or the whole scene.
     `steps_each` is what an element of the arguments costs. `growth` tells how large the result is where it can
     exceed the arguments.
     """

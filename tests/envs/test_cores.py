@@ -6,7 +6,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import product
 from types import SimpleNamespace
 
@@ -265,12 +264,15 @@ def test_batch__without_numba_plays_the_same_and_warns_once() -> None:
 
 
 def test_kernels__are_compiled_anew_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    def njit(function: Callable[..., int] | None = None, cache: bool = False) -> object:
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return ("compiled", function)
+    def njit(**options: bool) -> Callable[..., object]:
+        def compiled(function: Callable[..., int]) -> object:
+            if options.pop("cache", False):
+                raise RuntimeError("cannot cache function: no locator available")
+            return ("compiled", function)
 
-    monkeypatch.setattr(kernels, "njit", lambda *args, **named: partial(njit, **named) if not args else njit(*args))
+        return compiled
+
+    monkeypatch.setattr(kernels, "njit", njit)
     assert kernels._kernel(max) == ("compiled", max)
 
 

@@ -55,7 +55,7 @@ def steps_allowed(source: str) -> int | None:
     """The bound on the reference form's steps with which a program got its fast form."""
     work = code_generation._Work()
     try:
-        code_generation._scene_source(code_generation._Generator(work, kernel=False), parse(source))
+        code_generation._Generator(work, kernel=False).code(parse(source), {})
     except code_generation.Uncovered:
         return None
     return costs.STEP_LIMIT - work.steps_left

@@ -97,7 +97,7 @@ class Core(ABC):
     def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]:
         """The current scenes of environments (k,)."""
 
-    def _solved(self, env_ids: Int64Array) -> list[bool]:
+    def _solved(self, env_ids: Int64Array) -> Sequence[bool] | BoolArray:
         """(k,) whether STOP succeeds in environments (k,)."""
         pairs = zip(self._buffers.task[env_ids].tolist(), self._scenes_of(env_ids), strict=True)
         return [self._tasks[task].solved_by(scene) for task, scene in pairs]

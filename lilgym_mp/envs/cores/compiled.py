@@ -10,12 +10,13 @@ from itertools import product
 import numpy as np
 
 from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, LOOKS, look_of
-from lilgym_mp.arrays import Int64Array
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
-from lilgym_mp.envs.cores.kernels import NO_ITEM, Painting, Scenes, Starts, compiling
+from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, Painting, Scenes, Starts, compiling
+from lilgym_mp.envs.cores.truths import Boxes, Truths
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.render import draw, image_shape, shrink_of
 from lilgym_mp.render.canvas import LARGEST_PATCH
@@ -42,6 +43,7 @@ class CompiledCore(Core):
             versions=np.zeros(rows, np.int64),
             weighted=np.zeros((rows, side, side), np.uint8),
             images=buffers.image.reshape(len(buffers.image), -1),
+            outside=np.zeros(len(buffers.image), np.bool_),
         )
         self._starts = Starts(
             items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
@@ -49,8 +51,14 @@ class CompiledCore(Core):
         )
         self._has_start = [False] * len(tasks)  # whether `_starts` holds the task's start scene
         self._written_items = np.full(rows, NEVER_SEEN)  # versions that `buffers.items` shows
+        self._stacks = np.zeros(rows, np.int64)  # of a tower, by row
+        self._truths = Truths(tasks, self._boxes())
+        self._targets = np.array([task.target for task in tasks], np.int64)
+        none = self._every[:0]
         with compiling(kernels.begin):
-            kernels.begin(self._painting, self._current, self._starts, self._every[:0], self._every[:0])
+            kernels.begin(self._painting, self._current, self._starts, none, none)
+        with compiling(kernels.write_truths):
+            self._truths.write(self._current, self._stacks, none, none, none)
 
     def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for task in tasks.tolist():
@@ -72,6 +80,20 @@ class CompiledCore(Core):
         written = self._buffers.items.reshape(len(self._written_items), *self._buffers.items.shape[2:])
         with compiling(kernels.write_items):
             kernels.write_items(self._current, _LOOK_FIELDS, EMPTY, self._written_items, written)
+
+    def _solved(self, env_ids: Int64Array) -> BoolArray:
+        tasks = self._buffers.task.take(env_ids)
+        truths = np.empty(len(env_ids), np.int64)
+        unknown = self._truths.write(self._current, self._stacks, env_ids, tasks, truths)
+        solved = truths == self._targets.take(tasks)
+        if unknown:
+            by_scene = truths == UNKNOWN
+            solved[by_scene] = super()._solved(env_ids[by_scene])
+        return solved
+
+    @abstractmethod
+    def _boxes(self) -> Boxes:
+        """How the boxes answer what programs ask of them."""
 
     @abstractmethod
     def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]: ...

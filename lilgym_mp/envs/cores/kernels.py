@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
+from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 
 from lilgym_mp.appearances import numbering
 from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, REMOVES
@@ -24,7 +25,9 @@ from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, TIED, GridTables
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH
+from lilgym_mp.programs.instructions import Operation
+from lilgym_mp.programs.lifting import MAX_BOX_ITEMS
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 
 NO_ITEM = -1
 OUTSIDE = -2  # sentinel instead of a reason: the scalar rules must make this edit, see `ScatterCore`
@@ -32,22 +35,52 @@ TIE = -3  # sentinel instead of a reason: several pairs of points are nearest, t
 KIND_OF_LOOK = np.array(LOOK_KINDS)
 NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 BITS = 62  # of a number that are used for rows
+UNKNOWN = -(2**40)  # instead of a truth: only the program itself can tell
+(
+    _CONSTANT,
+    _LENGTH,
+    _LOOKS,
+    _PLACES,
+    _TABLE,
+    _ONLY,
+    _BIT_COUNT,
+    _NOT,
+    _INVERT,
+    _NEGATIVE,
+    _AND_THEN,
+    _OR_ELSE,
+    _BIT_AND,
+    _BIT_OR,
+    _SHIFT_LEFT,
+    _SHIFT_RIGHT,
+    _ADD,
+    _SUBTRACT,
+    _REMAINDER,
+    _EQUAL,
+    _UNEQUAL,
+    _LESS,
+    _LESS_OR_EQUAL,
+) = map(int, Operation)
+SIZE_COUNT = len(Size)
 LONG_WAIT = 2.0  # seconds of compiling after which a message says so
 
 
 _LOG = logging.getLogger("lilgym_mp")
+# Kernels allocate nothing: without numba's runtime they count no references to the arrays that they are passed, which
+# took most of their time. A numba without the option counts.
+_OPTIONS = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def _kernel(function: Callable[..., Any]) -> Any:
     """To be called from Python: compiled on first use and, where numba can write files, once after installation."""
     try:
-        return njit(cache=True)(function)
+        return njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # no directory to keep compiled code in
-        return njit(function)
+        return njit(**_OPTIONS)(function)
 
 
 # Part of kernels. Called instead of inlined, they would be passed hundreds of numbers, which describe all the arrays.
-_inlined: Any = njit(forceinline=True)
+_inlined: Any = njit(forceinline=True, **_OPTIONS)
 
 
 @cache
@@ -114,6 +147,7 @@ class Scenes(NamedTuple):
     versions: Int64Array  # (3 N,) grows with every change of the box: by 1 when an item is added, else by 2
     weighted: UInt8Array  # (3 N, side, side) weighted counts of coloured pixels, as in `render.Palette`
     images: UInt8Array  # (N, height * width * 3)
+    outside: BoolArray  # (N,) environments whose scenes these arrays do not hold
 
 
 class Starts(NamedTuple):
@@ -250,7 +284,6 @@ def edit_scatters(
     tables: GridTables,
     painting: Painting,
     scenes: Scenes,
-    outside: BoolArray,
     env_ids: Int64Array,
     actions: Int64Array,
     applies: BoolArray,
@@ -259,7 +292,7 @@ def edit_scatters(
 ) -> int:
     """Takes actions (k,) in environments (k,), and writes `Core._edit`, OUTSIDE or TIE into `reasons` (k,).
 
-    OUTSIDE is every edit of environments that are `outside` (N,). For a TIE, `ties` (k, 3) has x and y of the new item
+    OUTSIDE is every edit of scenes that the arrays do not hold. For a TIE, `ties` (k, 3) has x and y of the new item
     and the slot of the item that it snaps to. Gives how many of OUTSIDE and TIE there are.
     """
     unresolved = 0
@@ -267,7 +300,7 @@ def edit_scatters(
         reasons[k] = NO_REASON
         if actions[k] == 0:
             continue
-        if outside[env_ids[k]]:
+        if scenes.outside[env_ids[k]]:
             reasons[k] = OUTSIDE
         else:
             cell, look = cell_and_look(actions[k], tables.cell_count)
@@ -408,12 +441,14 @@ def _remove(tables: GridTables, painting: Painting, scenes: Scenes, row: int, ce
 
 
 @_kernel
-def write_masks(tables: GridTables, places: CellPlaces, scenes: Scenes, seen: Int64Array, masks: BoolArray) -> None:
+def write_masks(
+    tables: GridTables, places: CellPlaces, scenes: Scenes, seen: Int64Array, words: Any, masks: BoolArray
+) -> None:
     """`Scatter.legal_mask` of boxes that changed since they were `seen` (3 N,), into `masks` (N, actions).
 
-    An added item changes only the cells that it reaches, any other change those of the whole box.
+    An added item changes only the cells that it reaches, any other change those of the whole box. `words` (words,)
+    uint64: room to work in.
     """
-    words = np.empty(places.empty.shape[2], np.uint64)
     for row in range(len(seen)):
         if seen[row] == scenes.versions[row]:
             continue
@@ -468,3 +503,109 @@ def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: in
             if (words[word] != 0) == (places.edits[word] != REMOVABLE):
                 legal |= places.edits[word]
     return legal
+
+
+class Programs(NamedTuple):
+    """Truths of programs as `programs.instructions`, and what they ask of boxes."""
+
+    rows: Int64Array  # (instructions, 3) operation, a, b; program after program
+    ends: Int64Array  # (programs + 1,) where each program's instructions end, 0 first
+    places: Int64Array  # (3, 100, 100) by size, x and y of an item: a bit for each test that it passes
+    tables: Int64Array  # (tables, 121) what boxes have by stack, or UNKNOWN
+
+
+@_kernel
+def write_truths(
+    programs: Programs,
+    scenes: Scenes,
+    stacks: Int64Array,
+    env_ids: Int64Array,
+    chosen: Int64Array,
+    values: Int64Array,
+    truths: Int64Array,
+) -> int:
+    """Writes into `truths` (k,) whether the chosen programs (k,) are true in environments (k,): 0, 1 or UNKNOWN.
+
+    UNKNOWN too where `chosen` is negative or the arrays do not hold the scene. Gives the number of UNKNOWN.
+    `stacks`: (3 N,) by row, of towers; `values` (MOST_INSTRUCTIONS,): room to work in.
+    """
+    unknown = 0
+    for k in range(len(env_ids)):
+        first_row = env_ids[k] * BOX_COUNT
+        truths[k] = UNKNOWN
+        unknown += 1
+        if chosen[k] < 0 or scenes.outside[env_ids[k]]:
+            continue
+        most = 0
+        for box in range(BOX_COUNT):
+            most = max(most, scenes.counts[first_row + box])
+        if most > MAX_BOX_ITEMS:
+            continue
+        first, last = programs.ends[chosen[k]], programs.ends[chosen[k] + 1]
+        is_known = True
+        for index in range(last - first):
+            row = first + index
+            operation, a, b = programs.rows[row, 0], programs.rows[row, 1], programs.rows[row, 2]
+            if operation == _CONSTANT:
+                value = a
+            elif operation == _LENGTH:
+                value = scenes.counts[first_row + b]
+            elif operation == _LOOKS:
+                value = 0
+                for slot in range(scenes.counts[first_row + b]):
+                    value |= ((a >> (scenes.items[first_row + b, slot] & 255)) & 1) << slot
+            elif operation == _PLACES:
+                value = 0
+                for slot in range(scenes.counts[first_row + b]):
+                    x, y, look = item_fields(scenes.items[first_row + b, slot])
+                    value |= ((programs.places[look % SIZE_COUNT, x, y] >> a) & 1) << slot
+            elif operation == _TABLE:
+                value = programs.tables[a, stacks[first_row + b]]
+                is_known &= value != UNKNOWN
+            elif operation == _ONLY:
+                value = 0
+                is_known &= values[a] != 0 and values[a] & (values[a] - 1) == 0
+                while value < BITS and not (values[a] >> value) & 1:
+                    value += 1
+            elif operation == _BIT_COUNT:
+                value, left = 0, values[a]
+                while left > 0:
+                    left &= left - 1
+                    value += 1
+            elif operation == _NOT:
+                value = int(values[a] == 0)
+            elif operation == _INVERT:
+                value = ~values[a]
+            elif operation == _NEGATIVE:
+                value = -values[a]
+            elif operation == _AND_THEN:
+                value = values[b] if values[a] != 0 else values[a]
+            elif operation == _OR_ELSE:
+                value = values[a] if values[a] != 0 else values[b]
+            elif operation == _BIT_AND:
+                value = values[a] & values[b]
+            elif operation == _BIT_OR:
+                value = values[a] | values[b]
+            elif operation == _SHIFT_LEFT:
+                value = values[a] << values[b]
+            elif operation == _SHIFT_RIGHT:
+                value = values[a] >> values[b]
+            elif operation == _ADD:
+                value = values[a] + values[b]
+            elif operation == _SUBTRACT:
+                value = values[a] - values[b]
+            elif operation == _REMAINDER:
+                value = values[a] % values[b]
+            elif operation == _EQUAL:
+                value = int(values[a] == values[b])
+            elif operation == _UNEQUAL:
+                value = int(values[a] != values[b])
+            elif operation == _LESS:
+                value = int(values[a] < values[b])
+            else:
+                value = int(values[a] <= values[b])
+            values[index] = value
+        if is_known:
+            truths[k] = int(values[last - first - 1] != 0)
+            unknown -= 1
+    return unknown

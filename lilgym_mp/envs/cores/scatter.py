@@ -21,6 +21,7 @@ from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.compiled import NEVER_SEEN, CompiledCore, item_of
 from lilgym_mp.envs.cores.kernels import OUTSIDE, TIE, compiling
 from lilgym_mp.envs.cores.tables import grid_tables, tied_move
+from lilgym_mp.envs.cores.truths import ItemBoxes
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.render.drawing import stamp
@@ -42,8 +43,8 @@ class ScatterCore(CompiledCore):
         self._scenes = [Scene.empty()] * count  # as of the versions in `_scene_versions`
         self._scene_versions = np.full((count, BOX_COUNT), NEVER_SEEN)
         self._versions_by_env = self._current.versions.reshape(count, BOX_COUNT)
-        self._outside = np.zeros(count, np.bool_)  # environments whose scenes are kept in `_scenes` alone
         self._starts_outside = np.zeros(len(tasks), np.bool_)  # tasks that start so, as far as they have been played
+        self._outside = self._current.outside  # (N,) environments whose scenes are kept in `_scenes` alone
         self._canvases: dict[int, Canvas] = {}  # of `_outside`
         self._written_masks: Int64Array | None = None  # versions that `buffers.mask` shows
         self._start_masks: _StartMasks | None = None
@@ -52,17 +53,23 @@ class ScatterCore(CompiledCore):
 
     def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         super()._begin(env_ids, tasks)
-        self._scene_versions[env_ids] = self._versions_by_env.take(env_ids, 0)
-        outside = self._outside[env_ids] = self._starts_outside[tasks]
-        for env_id, task in zip(env_ids.tolist(), tasks.tolist(), strict=True):
-            self._scenes[env_id] = self._tasks[task].start
-        for env_id in self._canvases.keys() & set(env_ids.tolist()):
-            del self._canvases[env_id]
-        for env_id in env_ids[outside].tolist():
-            self._leave_arrays(env_id)
+        self._scene_versions[env_ids] = NEVER_SEEN
+        starts_outside = self._starts_outside.take(tasks)
+        if self._canvases or np.count_nonzero(starts_outside):
+            self._begin_outside(env_ids, tasks, starts_outside)
         if self._start_masks is not None and self._written_masks is not None:
             begun = self._start_masks.show(env_ids, tasks, self._versions_by_env, self._buffers.mask)
             self._written_masks.reshape(-1, BOX_COUNT)[begun] = self._versions_by_env[begun]
+
+    def _begin_outside(self, env_ids: Int64Array, tasks: Int64Array, starts_outside: BoolArray) -> None:
+        """Leaves the arrays where `starts_outside` (k,), and returns to them elsewhere."""
+        self._outside[env_ids] = starts_outside
+        for env_id in env_ids.tolist():
+            self._canvases.pop(env_id, None)
+        for env_id, task in zip(env_ids[starts_outside].tolist(), tasks[starts_outside].tolist(), strict=True):
+            self._scenes[env_id] = self._tasks[task].start
+            self._scene_versions[env_id] = self._versions_by_env[env_id]
+            self._leave_arrays(env_id)
 
     def _start_scene(self, task: int) -> Scene:
         start = super()._start_scene(task)
@@ -79,9 +86,7 @@ class ScatterCore(CompiledCore):
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
         tables, painting, current = self._tables, self._painting, self._current
         reasons, ties = np.empty(len(env_ids), np.int64), np.empty((len(env_ids), 3), np.int64)
-        unresolved = kernels.edit_scatters(
-            tables, painting, current, self._outside, env_ids, actions, applies, reasons, ties
-        )
+        unresolved = kernels.edit_scatters(tables, painting, current, env_ids, actions, applies, reasons, ties)
         if unresolved:
             for k in (reasons == TIE).nonzero()[0].tolist():
                 cell, look = cell_and_look(int(actions[k]), tables.cell_count)
@@ -122,6 +127,9 @@ class ScatterCore(CompiledCore):
         for env_id, box, count, there in zip(env_ids.tolist(), boxes.tolist(), counts.tolist(), numbers, strict=True):
             scenes[env_id] = scenes[env_id].with_box(box, Box(tuple(map(_item_of, there[:count]))))
 
+    def _boxes(self) -> ItemBoxes:
+        return ItemBoxes()
+
     def write_masks(self) -> None:
         appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._buffers.mask
         if self._written_masks is None:
@@ -131,8 +139,9 @@ class ScatterCore(CompiledCore):
             if len(self._tasks) * mask.shape[1] <= MOST_BYTES_OF_START_MASKS:
                 self._start_masks = _StartMasks(len(self._tasks), mask.shape[1])
         places = cell_places(*appearance.cell, searches=appearance.searches(placement))
+        words = np.empty(places.empty.shape[2], np.uint64)
         with compiling(kernels.write_masks):
-            kernels.write_masks(self._tables, places, self._current, self._written_masks, mask)
+            kernels.write_masks(self._tables, places, self._current, self._written_masks, words, mask)
         if self._start_masks is not None:
             self._start_masks.keep(self._versions_by_env, mask)
         for env_id in self._outside.nonzero()[0].tolist():

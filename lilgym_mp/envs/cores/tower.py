@@ -11,6 +11,7 @@ from lilgym_mp.envs.buffers import REASON_NUMBERS, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.compiled import CompiledCore, number_of
 from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
+from lilgym_mp.envs.cores.truths import StackBoxes
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
 
@@ -19,9 +20,8 @@ class TowerCore(CompiledCore):
     """Scenes are made of the appearance's shared boxes."""
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+        tables = self._tables = tower_tables()
         super().__init__(dynamics, tasks, buffers, image_size)
-        tables = tower_tables()
-        self._tables = tables
         self._edits = TowerEdits(
             boxes=tables.action_box,
             edits=tables.action_edit,
@@ -30,7 +30,6 @@ class TowerCore(CompiledCore):
             heights=tables.heights,
             reasons=np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS]),
         )
-        self._stacks = np.zeros(BOX_COUNT * len(buffers.action), np.int64)  # by row
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
         self._start_stacks = np.array([[tables.numbers[box.items] for box in task.start.boxes] for task in tasks])
         with compiling(kernels.edit_towers):
@@ -51,6 +50,9 @@ class TowerCore(CompiledCore):
         boxes = self._tables.boxes
         stacks = self._by_env[env_ids].tolist()
         return [Scene((boxes[left], boxes[middle], boxes[right])) for left, middle, right in stacks]
+
+    def _boxes(self) -> StackBoxes:
+        return StackBoxes(self._tables.boxes)
 
     def write_masks(self) -> None:
         left, middle, right = self._tables.heights[self._by_env].T

@@ -92,43 +92,43 @@ def is_third(x: AnItem) -> bool:
     return x.bottom == 2 * LEVEL_HEIGHT and x.box.is_tower()
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` reaches the wall of its box on that side."""
     return _near_wall(x, side, 0)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_closely_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from the wall of its box on that side."""
     return _near_wall(x, side, MARGIN)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_close_to_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from the wall of its box on that side."""
     return _near_wall(x, side, WIDE_MARGIN)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` touches exactly two walls, one of them on that side."""
     return _near_corner(x, 0, side)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_closely_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, MARGIN, side)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_closely_touching_specific_corner(x: AnItem, side_a: ASide, side_b: ASide) -> bool:
     """Whether `x` is at most 4 pixels from exactly two walls, those on both sides among them."""
     return _near_corner(x, MARGIN, side_a, side_b)
 
 
-@word("walls")
+@word("walls", reach="place")
 def is_close_to_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, WIDE_MARGIN, side)

@@ -1,0 +1,136 @@
+"""Whether tasks' programs are true of the scenes in a compiled core's arrays, without making the scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from lilgym_mp.appearances.numbering import LOOKS
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.cores import kernels
+from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
+from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.instructions import MOST_INSTRUCTIONS, Instruction, Operation, Unwritten, instructions
+from lilgym_mp.programs.lifting import ItemTest, Lifted, UnsureError, item_test
+from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
+from lilgym_mp.task import Task
+
+NOT_MET, NONE = -1, -2  # instead of the index of a task's program: not asked for yet, without instructions
+
+
+class Boxes(Protocol):
+    """How a core's boxes answer functions of a box."""
+
+    places: Int64Array  # `kernels.Programs.places`
+    tables: Int64Array  # `kernels.Programs.tables`
+
+    def ask(self, function: Lifted, box: int) -> Instruction:
+        """`programs.instructions.AskBox`."""
+        ...
+
+
+class Truths:
+    """The truths of the tasks' programs; instructions are written when a program is first asked for."""
+
+    def __init__(self, tasks: TaskSet, boxes: Boxes) -> None:
+        self._tasks = tasks
+        self._boxes = boxes
+        self._by_task = np.full(len(tasks), NOT_MET)  # indices of programs
+        self._by_source: dict[str, int] = {}
+        self._values = np.empty(MOST_INSTRUCTIONS, np.int64)
+        self._programs = Programs(np.empty((0, 3), np.int64), np.zeros(1, np.int64), boxes.places, boxes.tables)
+
+    def write(
+        self, scenes: Scenes, stacks: Int64Array, env_ids: Int64Array, tasks: Int64Array, truths: Int64Array
+    ) -> int:
+        """Writes into `truths` (k,) 0, 1 or UNKNOWN for programs of tasks (k,) in environments (k,).
+
+        Gives the number of UNKNOWN.
+        """
+        chosen = self._by_task.take(tasks)
+        unknown = kernels.write_truths(self._programs, scenes, stacks, env_ids, chosen, self._values, truths)
+        if unknown and NOT_MET in chosen:
+            self._meet(tasks[chosen == NOT_MET].tolist())
+            chosen = self._by_task.take(tasks)
+            unknown = kernels.write_truths(self._programs, scenes, stacks, env_ids, chosen, self._values, truths)
+        return unknown
+
+    def _meet(self, tasks: list[int]) -> None:
+        for index in tasks:
+            task = self._tasks[index]
+            if type(task).solved_by is not Task.solved_by:  # success is no matter of the program alone
+                self._by_task[index] = NONE
+                continue
+            if task.program not in self._by_source:
+                self._by_source[task.program] = self._write_instructions(task.program)
+            self._by_task[index] = self._by_source[task.program]
+
+    def _write_instructions(self, source: str) -> int:
+        """The index of the program in `_programs`, or NONE."""
+        written = instructions(compile_program(source).tree, self._boxes.ask)
+        if written is None:
+            return NONE
+        rows = np.concatenate([self._programs.rows, np.array(written, np.int64)])
+        ends = np.append(self._programs.ends, len(rows))
+        self._programs = Programs(rows, ends, self._boxes.places, self._boxes.tables)
+        return len(ends) - 2
+
+
+class ItemBoxes:
+    """Boxes that are rows of items: they answer what is asked of each item by itself."""
+
+    def __init__(self) -> None:
+        self.places = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)
+        self.tables = np.empty((0, 0), np.int64)
+        self._place_tests: dict[Lifted, int] = {}  # the bit of each in `places`
+
+    def ask(self, function: Lifted, box: int) -> Instruction:
+        test = item_test(function)
+        if test is not None and test.reach == "look":
+            looks = sum(1 << look for look, fields in enumerate(LOOKS) if test.passes(Item(0, 0, *fields)))
+            return Instruction(Operation.LOOKS, looks, box)
+        if test is None or test.reach != "place":
+            raise Unwritten
+        if function not in self._place_tests:
+            self._keep(function, test)
+        return Instruction(Operation.PLACES, self._place_tests[function], box)
+
+    def _keep(self, function: Lifted, test: ItemTest) -> None:
+        bit = len(self._place_tests)
+        if bit == BITS:
+            raise Unwritten
+        for size in Size:
+            places = range(BOX_SIDE - size.pixels + 1)
+            passing = [[test.passes(Item(x, y, Shape.SQUARE, Colour.BLACK, size)) for y in places] for x in places]
+            self.places[size, : len(places), : len(places)] |= np.array(passing, np.int64) << bit
+        self._place_tests[function] = bit
+
+
+class StackBoxes:
+    """Boxes that are stacks of a tower: every function of a box is a table of them."""
+
+    def __init__(self, boxes: Sequence[Box]) -> None:
+        self.places = np.zeros((0, 0, 0), np.int64)
+        self.tables = np.empty((0, len(boxes)), np.int64)
+        self._boxes = boxes
+        self._indices: dict[Lifted, int] = {}  # in `tables`
+
+    def ask(self, function: Lifted, box: int) -> Instruction:
+        if function not in self._indices:
+            values = [_value(function, each) for each in self._boxes]
+            self.tables = np.concatenate([self.tables, np.array([values], np.int64)])
+            self._indices[function] = len(self._indices)
+        return Instruction(Operation.TABLE, self._indices[function], box)
+
+
+def _value(function: Lifted, box: Box) -> int:
+    try:
+        value = function(box)
+    except UnsureError:
+        return UNKNOWN
+    if not isinstance(value, int):  # rows of a relation
+        raise Unwritten
+    return value

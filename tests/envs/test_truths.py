@@ -1,0 +1,181 @@
+"""Whether STOP succeeds is found in compiled code without making scenes; the programs themselves say the same."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.appearances.tower import tower_tables
+from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.corpus.tasks import Provenance
+from lilgym_mp.envs.buffers import Buffers, buffer_specs
+from lilgym_mp.envs.cores.base import Core
+from lilgym_mp.envs.cores.scatter import ScatterCore
+from lilgym_mp.envs.cores.tower import TowerCore
+from lilgym_mp.envs.cores.truths import ItemBoxes, StackBoxes
+from lilgym_mp.observation import item_capacity
+from lilgym_mp.programs import Program, compile_program
+from lilgym_mp.programs.instructions import instructions
+from lilgym_mp.programs.lifting import MAX_BOX_ITEMS, item_test, lifted_test
+from lilgym_mp.programs.views import Side
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scene, square, tower, triangle
+
+MIXED = scene(
+    [circle(0, 0, SMALL, Y), square(20, 0, MEDIUM, B), triangle(70, 70, LARGE, K)],
+    [square(45, 90, SMALL, B), square(0, 46, MEDIUM, K)],
+    [circle(89, 89, SMALL, K)],
+)
+STACKED = scene(tower(Y, B, B), tower(K), tower())
+
+
+def a_core(appearance: str, tasks: list[Task]) -> Core:
+    """A compiled core in which each environment has begun one of the tasks."""
+    chosen = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+    dynamics = make_dynamics(make_appearance(appearance), "paper", 100)
+    capacity, actions = item_capacity(chosen, dynamics), dynamics.appearance.action_count
+    specs = buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP)
+    core = {"tower": TowerCore, "scatter": ScatterCore}[appearance](dynamics, chosen, Buffers.new(specs), "half")
+    core.start(np.arange(len(tasks)), np.arange(len(tasks)))
+    return core
+
+
+def goals(appearance: str, tasks: list[Task]) -> list[bool]:
+    core = a_core(appearance, tasks)
+    core.write_goals()
+    return core._buffers.goal.tolist()
+
+
+def copied(of: Scene) -> Scene:
+    """Without anything that was derived from the scene before."""
+    return Scene.from_json(of.to_json())
+
+
+def play(core: Core, chance: np.random.Generator) -> None:
+    """A random legal edit in every environment that has one."""
+    core.write_masks()
+    wishes = core._buffers.mask * chance.random(core._buffers.mask.shape)
+    wishes[:, 0] = 1e-9
+    core._buffers.action[:] = wishes.argmax(axis=1)
+    core.step(None)
+
+
+@pytest.mark.parametrize("corpus", ["builtin", "lilgym"])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_goals__are_those_of_every_program_of_a_corpus(
+    corpus: str, appearance: str, request: pytest.FixtureRequest
+) -> None:
+    if corpus == "lilgym":
+        request.getfixturevalue("official_data")
+    by_program = {
+        task.program: task for split in ("train", "dev") for task in load_tasks(corpus, appearance, "flipit", split)
+    }
+    core = a_core(appearance, list(by_program.values()))
+    chance = np.random.default_rng(0)
+    found = Counter[bool]()
+    for _ in range(5):
+        core.write_goals()
+        for env_id, goal in enumerate(core._buffers.goal.tolist()):
+            state = core.state(env_id)
+            assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
+            found[goal] += 1
+        play(core, chance)
+    assert min(found.values()) > 100
+
+
+OPERATIONS = {
+    "count(all_items) == 3 + 3": "LENGTH, BIT_COUNT, ADD, SUBTRACT",
+    "count(filter_obj(all_items, lambda x: not is_black(x))) == 3": "INVERT",
+    "exist(filter_obj(all_items, lambda x: is_black(x) and is_touching_wall(x, Side.BOTTOM)))": "PLACES",
+    "count(filter_obj(all_boxes, lambda b: count(b) > 1)) % 2 == 0": "REMAINDER, LESS",
+    "exist(filter_obj(all_boxes, lambda b: get_set_colors(b) == {Color.BLACK, Color.BLUE}))": "occurring",
+    "not exist(filter_color(all_items, Color.YELLOW)) or count(all_items) <= 5": "NOT, OR_ELSE",
+    "All(all_boxes, lambda b: exist(filter_color(b, Color.BLACK)) and count(b) != 4)": "AND_THEN, UNEQUAL",
+}
+
+
+@pytest.mark.parametrize("source", OPERATIONS)
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_goals__are_those_of_each_operation(appearance: str, source: str) -> None:
+    boxes = StackBoxes(tower_tables().boxes) if appearance == "tower" else ItemBoxes()
+    assert instructions(compile_program(source).tree, boxes.ask) is not None
+    starts = [STACKED, scene(), scene(tower(B), tower(B, K, K, K))]
+    starts = starts if appearance == "tower" else [*starts, MIXED]
+    tasks = [Task("own", "It is so.", source, target, start) for start in starts for target in (True, False)]
+    assert goals(appearance, tasks) == [Program(source).evaluate(task.start) == task.target for task in tasks]
+
+
+@pytest.mark.parametrize(
+    ("source", "start", "truth"),
+    [
+        ("is_black(unique(filter_obj(all_boxes, lambda b: count(b) == 1)[0]))", MIXED, True),  # no fast form
+        ("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))", MIXED, False),  # no value: two in a box
+        ("exist(filter_obj(all_boxes, lambda b: count(b) == 1 and is_black(unique(b))))", MIXED, True),
+        ("exist(filter_obj(all_items, lambda x: exist(get_touching(x))))", MIXED, False),  # no instructions
+    ],
+)
+def test_goals__ask_the_program_where_compiled_code_cannot_tell(source: str, start: Scene, truth: bool) -> None:
+    assert goals("scatter", [Task("own", "It is so.", source, truth, start)]) == [True]
+
+
+def test_goals__count_scenes_without_a_value_as_the_program_does() -> None:
+    source = "is_blue(unique(all_items))"
+    program = compile_program(source)
+    program.errors.clear()
+    assert goals(
+        "scatter", [Task("own", "It is so.", source, True, start) for start in (MIXED, scene([circle(0, 0, SMALL, B)]))]
+    ) == [False, True]
+    assert sum(program.errors.values()) == 1
+
+
+def test_goals__of_boxes_beyond_the_fast_form_are_the_programs() -> None:
+    small = [circle(11 * column, 11 * row, SMALL, B) for row in range(4) for column in range(7)]
+    assert len(small) > MAX_BOX_ITEMS
+    tasks = [Task("own", "It is so.", f"count(all_items) == {n}", True, scene(small)) for n in (len(small), 1)]
+    assert goals("scatter", tasks) == [True, False]
+
+
+def test_goals__of_tasks_that_judge_otherwise_are_theirs() -> None:
+    class Never(Task):
+        def solved_by(self, scene: Scene) -> bool:
+            return False
+
+    tasks = [kind("own", "It is so.", "exist(all_items)", True, MIXED) for kind in (Task, Never)]
+    assert goals("scatter", tasks) == [True, False]
+
+
+@pytest.mark.parametrize("name", [name for name, word in WORDS.items() if word.reach in ("look", "place")])
+def test_word__depends_on_what_its_reach_says_alone(name: str) -> None:
+    word = WORDS[name]
+    for side in Side if len(word.parameters) > 1 else (None,):
+        constants = () if side is None else (side,) * (len(word.parameters) - 1)
+        test = item_test(lifted_test(word, constants))
+        assert test is not None
+        assert test.reach == word.reach
+        at = [(0, 0), (3, 50), (70, 6), (66, 70)]
+        for x, y in at:
+            for size in (SMALL, MEDIUM, LARGE):
+                if word.reach == "place":
+                    same = {
+                        test.passes(make(x, y, size, colour))
+                        for make in (circle, square, triangle)
+                        for colour in (Y, K, B)
+                    }
+                    assert len(same) == 1
+                else:
+                    assert {test.passes(square(x, y, size, K)), test.passes(square(1, 1, size, K))} in ({True}, {False})
+
+
+def test_place_tests__beyond_what_a_number_holds_are_the_programs() -> None:
+    boxes = ItemBoxes()
+    boxes._place_tests = {lambda box, n=n: n: n for n in range(62)}
+    source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"
+    assert instructions(compile_program(source).tree, boxes.ask) is None
+    assert instructions(compile_program(source).tree, ItemBoxes().ask) is not None
