@@ -20,9 +20,9 @@ from tests.web_app import Browser, server
 API = "/api/explore"
 
 
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    with server(tmp_path) as app:
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with server(tmp_path_factory.mktemp("server")) as app:
         yield Browser(app)
 
 

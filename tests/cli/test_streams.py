@@ -26,7 +26,7 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     ("words", "redirection"),
     [
         *((CHECK, redirection) for redirection in (">/dev/full", ">&-", "<&-", "2>&-", NOTHING)),
-        *(("play TowerScratch --seed 1", redirection) for redirection in (">&-", "<&-")),
+        *(("play TowerScratch --seed 1", redirection) for redirection in (">&-",)),
         *(("trian", redirection) for redirection in ("2>&-", NOTHING)),
     ],
 )

@@ -24,7 +24,7 @@ from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
-LONG_FORKSERVER = pytest.param("forkserver", marks=pytest.mark.long)
+LONG_STARTS = [pytest.param(method, marks=pytest.mark.long) for method in ("forkserver", "spawn")]
 LONG_INTERRUPTS = [("fork", 0.1), ("fork", 0.8), ("spawn", 0.1), ("spawn", 0.4), ("spawn", 0.8)]
 THREADS = f"""
 import threading
@@ -79,7 +79,7 @@ def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
-@pytest.mark.parametrize("start_method", ["fork", LONG_FORKSERVER, "spawn"])
+@pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
 def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method: str) -> None:
     make(start_method=start_method).close()  # what Python keeps open for processes is open from here on
     before = descriptors()
@@ -91,7 +91,7 @@ def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(sta
     assert descriptors() == before
 
 
-@pytest.mark.parametrize("start_method", ["fork", "spawn"])
+@pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
 def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> None:
     env = make(start_method=start_method)
     pids = env.worker_pids

@@ -19,7 +19,7 @@ from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, Recording, write_episodes
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.report import ReportError, make_report
+from lilgym_mp.report import ReportError, make_report, making
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
 from lilgym_mp.report.curves import dev_curves, mean_line
 from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
@@ -306,7 +306,8 @@ def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
     assert (first["agent"], first["ScatterFlipIt dev sd"], first["ScatterFlipIt dev runs"]) == ("mine", "", "1")
 
 
-def test_report__statements_are_shown_as_text(tmp_path: Path):
+def test_report__statements_are_shown_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(making, "save", lambda figure, path, kind: path.write_bytes(b""))  # drawing takes time
     written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
     page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
     assert "<b>mine" not in page
