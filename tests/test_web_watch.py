@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,16 +10,15 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.named_policies import built_in
 from lilgym_mp.evaluation.recording import Recorder
+from tests.thin_corpus import write_thin_corpus
 from tests.web_app import Browser, server
 
 API = "/api/watch/recordings"
-BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
 
 
 def record(
@@ -33,18 +30,11 @@ def record(
     return recorder.write(directory, play(built_in(name), plan, seen))
 
 
-def thinned_corpus(path: Path) -> Path:
-    """Writes every third statement of the builtin corpus, and gives the path."""
-    _, *lines = gzip.decompress(BUILTIN.read_bytes()).splitlines()
-    write_corpus(path, "thin", "MIT", map(json.loads, lines[::3]))
-    return path
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with recordings of two policies in one configuration, of another one, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
-    thin = str(thinned_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl"))
+    thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 3))
     record(place / "tower", "random-legal", corpus=thin)
     record(place / "tower", "expert", corpus=thin)
     record(place / "scatter", "random-type", "ScatterFlipIt", corpus=thin)

@@ -21,7 +21,7 @@ from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.scene import Scene
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
-STEPS = 150
+STEPS = 110
 
 
 def completed(agent: ImitationAgent, settings: Settings) -> float:

@@ -41,6 +41,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 from lilgym_mp.task import Task
 from tests.own_corpus import write_own_corpus
+from tests.thin_corpus import write_thin_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
 SMALL = ParserRecipe(steps=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
@@ -52,11 +53,17 @@ def _one_thread() -> None:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def thin(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The path of a part of the builtin corpus."""
+    return str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 5))
+
+
+@pytest.fixture(scope="module")
+def trained(thin: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run whose agent has hardly learnt anything."""
     torch.set_num_threads(1)
     place = tmp_path_factory.mktemp("parser") / "run"
-    train_parser("builtin", SMALL, place, device="cpu")
+    train_parser(thin, SMALL, place, device="cpu")
     return place
 
 
@@ -247,11 +254,11 @@ def test_training__goes_on_from_the_last_checkpoint(tmp_path: Path):
     assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
 
 
-def test_training__a_used_directory_or_another_run_is_refused(trained: Path):
+def test_training__a_used_directory_or_another_run_is_refused(trained: Path, thin: str):
     with pytest.raises(TrainingRunError, match="holds a run already"):
-        train_parser("builtin", SMALL, trained, device="cpu")
+        train_parser(thin, SMALL, trained, device="cpu")
     with pytest.raises(TrainingRunError, match="was asked for"):
-        train_parser("builtin", dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
+        train_parser(thin, dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
 
 
 def test_training__a_damaged_checkpoint_is_refused(tmp_path: Path):
