@@ -68,7 +68,7 @@ LONG_WAIT = 2.0  # seconds of compiling after which a message says so
 _LOG = logging.getLogger("lilgym_mp")
 # Kernels allocate nothing: without numba's runtime they count no references to the arrays that they are passed, which
 # took most of their time. A numba without the option counts.
-_OPTIONS = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+_OPTIONS: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def _kernel(function: Callable[..., Any]) -> Any:
