@@ -49,7 +49,7 @@ $(STAMP): pyproject.toml constraints.txt
 demo: install  ## train an agent for a few minutes and evaluate it
 	$(BIN)/lilgym-mp demo $(ARGS)
 
-test: install  ## the tests, with ruff and the import contract among them; about three minutes
+test: install  ## the tests, ruff and the import contract among them
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not long' $(ARGS)
 
 test-long: install  ## the other tests: commands and documents run at length, the site built
