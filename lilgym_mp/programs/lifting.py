@@ -61,7 +61,7 @@ def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask
     key = " ".join(("program test", word.name, *map(str, constants)))
     if word.reach == "look":
         return _by_look(key, test)
-    return _by_box(key, test) if word.reach == "box" else _by_item(key, test, word.reach)
+    return _by_item(key, test, word.reach) if word.is_of_item_alone else _by_box(key, test)
 
 
 @cache

@@ -237,6 +237,11 @@ class Word:
     growth: Callable[..., Growth] | None
 
     @property
+    def is_of_item_alone(self) -> bool:
+        """Whether the value for an item depends on nothing but the item."""
+        return self.reach in ("look", "place", "item")
+
+    @property
     def signature(self) -> str:
         stars = [index for index, parameter in enumerate(self.parameters) if parameter.keyword_only][:1]
         shown = list(map(str, self.parameters))

@@ -182,7 +182,7 @@ def _is_question(word: Word) -> bool:
     """Whether a word is a truth about one item by itself, with sides at most as further arguments."""
     kinds = [parameter.kind.name for parameter in word.parameters]
     alone = kinds[:1] == ["item"] and set(kinds[1:]) <= {"Side"}
-    return alone and word.result == "bool" and word.reach in ("look", "item")
+    return alone and word.result == "bool" and word.is_of_item_alone
 
 
 def _renamed(node: Node) -> Node:
