@@ -26,7 +26,7 @@ from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-PARSER_STEPS = 1_700
+PARSER_STEPS = 1_900
 IMITATION_MINUTES = 1.5  # of processor time
 FILMED = 6  # episodes of each agent, two a row
 PLACE = Path("runs") / "demo"
