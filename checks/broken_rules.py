@@ -152,6 +152,20 @@ BREAKS = (
         ("tests/envs/test_workers.py",),
     ),
     Break(
+        "a compiled program's comparison",
+        f"{ENVS}/cores/kernels.py",
+        "value = int(values[a] < values[b])",
+        "value = int(values[a] <= values[b])",
+        ("tests/envs/test_truths.py",),
+    ),
+    Break(
+        "a compiled program's test of a place",
+        f"{ENVS}/cores/kernels.py",
+        "programs.places[look % SIZE_COUNT, x, y]",
+        "programs.places[look % SIZE_COUNT, y, x]",
+        ("tests/envs/test_truths.py",),
+    ),
+    Break(
         "a word's comparison",
         f"{PROGRAMS}/functions/items.py",
         "all(y.top <= x.top for y in x.box.members)",
