@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
 def _learners(args: argparse.Namespace, place: Path) -> list[Learner]:
     seed = str(args.seed)
     parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
-    parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40"]
+    parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40", "--dropout", "0.1"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
     imitating += ["--pretraining", "0"]  # in so short a run it takes more time than it saves
     return [
