@@ -86,6 +86,7 @@ def test_train_masked_ppo__compares_what_it_trained(run: Run) -> None:
     assert "trained agent" in run("train_masked_ppo.py", "--steps", "64", "--envs", "1")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.long), ("--masked",)])
 def test_sb3_ppo__learns_the_same_over_sb3s_processes_and_over_a_batch(run: Run, options: tuple[str, ...]) -> None:
     _needs("sb3_ppo.py", "sb3_contrib", "sb3")

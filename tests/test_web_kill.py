@@ -65,6 +65,7 @@ def _send(url: str, path: str, acknowledged: list[tuple[int, str]]) -> None:
                 acknowledged.append((line["id"], key))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_kill__loses_no_acknowledged_submission(tmp_path: Path):
     paths = _prepare(tmp_path)

@@ -170,6 +170,7 @@ def _serve(*words: str, directory: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.long
 def test_command__serves_and_ends_cleanly_at_an_interrupt(tmp_path: Path):
     running = _serve("--port", "0", directory=tmp_path)
     assert running.stdout is not None

@@ -247,6 +247,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lilgym_mp.benchmark.EFFORTS", {"quick": SHORT})
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("short")
 def test_bench__writes_tables_json_chart_and_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = tmp_path / "benchmarks.md"

@@ -22,6 +22,7 @@ SAID = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SAID)
 def test_hostile_servers__are_given_up_soon_in_one_printable_line(name: str) -> None:
     said, seconds = outcome(name, text=False)
@@ -30,6 +31,7 @@ def test_hostile_servers__are_given_up_soon_in_one_printable_line(name: str) -> 
     assert said.isprintable()
 
 
+@pytest.mark.long
 def test_hostile_servers__a_text_that_drips_is_given_up_too() -> None:
     said, seconds = outcome("drips a body of unknown length", text=True)
     assert seconds < SECONDS

@@ -167,6 +167,7 @@ def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None
     assert_gone(pids)
 
 
+@pytest.mark.long
 def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None:
     pids = workers.worker_pids
     os.kill(pids[0], signal.SIGSTOP)

@@ -285,6 +285,7 @@ def digests(directory: Path) -> dict[str, str]:
     return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.long
 def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
