@@ -19,7 +19,7 @@ from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.cores.truths import ItemBoxes, StackBoxes
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.programs import Program, compile_program
-from lilgym_mp.programs.instructions import instructions
+from lilgym_mp.programs.instructions import Operation, instructions
 from lilgym_mp.programs.lifting import MAX_BOX_ITEMS, item_test, lifted_test
 from lilgym_mp.programs.views import Side
 from lilgym_mp.programs.words import WORDS
@@ -91,13 +91,27 @@ def test_goals__are_those_of_every_program_of_a_corpus(
 
 
 OPERATIONS = {
-    "count(all_items) == 3 + 3": "LENGTH, BIT_COUNT, ADD, SUBTRACT",
-    "count(filter_obj(all_items, lambda x: not is_black(x))) == 3": "INVERT",
-    "exist(filter_obj(all_items, lambda x: is_black(x) and is_touching_wall(x, Side.BOTTOM)))": "PLACES",
-    "count(filter_obj(all_boxes, lambda b: count(b) > 1)) % 2 == 0": "REMAINDER, LESS",
-    "exist(filter_obj(all_boxes, lambda b: get_set_colors(b) == {Color.BLACK, Color.BLUE}))": "occurring",
-    "not exist(filter_color(all_items, Color.YELLOW)) or count(all_items) <= 5": "NOT, OR_ELSE",
-    "All(all_boxes, lambda b: exist(filter_color(b, Color.BLACK)) and count(b) != 4)": "AND_THEN, UNEQUAL",
+    "count(all_items) == 3 + 3": {Operation.LENGTH, Operation.ADD, Operation.EQUAL},
+    "count(filter_obj(all_items, lambda x: not is_black(x))) == 3": {Operation.INVERT, Operation.BIT_COUNT},
+    "exist(filter_obj(all_items, lambda x: is_black(x) and is_touching_wall(x, Side.BOTTOM)))": {
+        Operation.LOOKS,
+        Operation.PLACES,
+        Operation.BIT_AND,
+    },
+    "count(filter_obj(all_boxes, lambda b: count(b) > 1)) % 2 == 0": {Operation.REMAINDER, Operation.LESS},
+    "exist(filter_obj(all_boxes, lambda b: get_set_colors(b) == {Color.BLACK, Color.BLUE}))": {
+        Operation.SHIFT_LEFT,
+        Operation.BIT_OR,
+    },
+    "not exist(filter_color(all_items, Color.YELLOW)) or count(all_items) <= 5": {
+        Operation.NOT,
+        Operation.OR_ELSE,
+        Operation.LESS_OR_EQUAL,
+    },
+    "All(all_boxes, lambda b: exist(filter_color(b, Color.BLACK)) and count(b) != 4)": {
+        Operation.AND_THEN,
+        Operation.UNEQUAL,
+    },
 }
 
 
@@ -105,7 +119,10 @@ OPERATIONS = {
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__are_those_of_each_operation(appearance: str, source: str) -> None:
     boxes = StackBoxes(tower_tables().boxes) if appearance == "tower" else ItemBoxes()
-    assert instructions(compile_program(source).tree, boxes.ask) is not None
+    written = instructions(compile_program(source).tree, boxes.ask)
+    assert written is not None
+    expected = OPERATIONS[source] if appearance == "scatter" else set[Operation]()  # a tower's boxes are tables
+    assert expected <= {instruction.operation for instruction in written}
     starts = [STACKED, scene(), scene(tower(B), tower(B, K, K, K))]
     starts = starts if appearance == "tower" else [*starts, MIXED]
     tasks = [Task("own", "It is so.", source, target, start) for start in starts for target in (True, False)]
