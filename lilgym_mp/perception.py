@@ -27,9 +27,9 @@ from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
+    FOOTPRINT_COUNT,
+    FOOTPRINT_SIDES,
     IMAGE_HEIGHT,
-    KIND_COUNT,
-    KIND_PIXELS,
     SEPARATOR_WIDTH,
     Box,
     Colour,
@@ -305,14 +305,14 @@ REGION_SIDE = BOX_SIDE + 2 * MARGIN  # native pixels
 
 @cache
 def _looks(shrink: int) -> tuple[_Look, ...]:
-    """Of all kinds, the largest first."""
+    """Of all footprints, the largest first."""
     odd = range(shrink)
-    looks = [_look(kind, x, y, shrink) for kind in range(KIND_COUNT) for x in odd for y in odd]
+    looks = [_look(footprint, x, y, shrink) for footprint in range(FOOTPRINT_COUNT) for x in odd for y in odd]
     return tuple(sorted(looks, key=lambda look: -look.pixels.bit_count()))
 
 
-def _look(kind: int, odd_x: int, odd_y: int, shrink: int) -> _Look:
-    counts = _unit_counts(kind, odd_x, odd_y, shrink)
+def _look(footprint: int, odd_x: int, odd_y: int, shrink: int) -> _Look:
+    counts = _unit_counts(footprint, odd_x, odd_y, shrink)
     rows, columns = counts.shape
     pitch = REGION_SIDE // shrink
     spread = np.zeros((rows + 2, pitch), np.uint8)
@@ -323,8 +323,8 @@ def _look(kind: int, odd_x: int, odd_y: int, shrink: int) -> _Look:
     first = int(np.flatnonzero(counts[0])[0])
     start = pitch + 1 + first
     return _Look(
-        Shape(kind // len(Size)),
-        Size(kind % len(Size)),
+        Shape(footprint // len(Size)),
+        Size(footprint % len(Size)),
         odd_x,
         odd_y,
         first,
@@ -333,24 +333,24 @@ def _look(kind: int, odd_x: int, odd_y: int, shrink: int) -> _Look:
         _number(near, start),
         _number((spread > 0) * np.uint8(128), start),
         int(counts[0, first]),
-        _bits(kind),
+        _bits(footprint),
     )
 
 
 @cache
-def _unit_counts(kind: int, odd_x: int, odd_y: int, shrink: int) -> UInt8Array:
+def _unit_counts(footprint: int, odd_x: int, odd_y: int, shrink: int) -> UInt8Array:
     """(rows, columns) native pixels of an item in each block of its patch."""
     weight = palette(shrink).weights[Colour.YELLOW]
-    return stamp(kind, Colour.YELLOW, odd_x, odd_y, shrink).counts // np.uint8(weight)
+    return stamp(footprint, Colour.YELLOW, odd_x, odd_y, shrink).counts // np.uint8(weight)
 
 
 def _number(entries: UInt8Array, start: int) -> int:
     return int.from_bytes(entries.tobytes()[start:], "little")
 
 
-def _bits(kind: int) -> int:
-    drawn = np.zeros((KIND_PIXELS[kind], REGION_SIDE), np.uint8)
-    drawn[:, : KIND_PIXELS[kind]] = _unit_counts(kind, 0, 0, 1)
+def _bits(footprint: int) -> int:
+    drawn = np.zeros((FOOTPRINT_SIDES[footprint], REGION_SIDE), np.uint8)
+    drawn[:, : FOOTPRINT_SIDES[footprint]] = _unit_counts(footprint, 0, 0, 1)
     return int.from_bytes(np.packbits(drawn, bitorder="little").tobytes(), "little")
 
 
@@ -461,7 +461,7 @@ class _Assembly:
 
 def _joins(item: Item, others: Sequence[Item]) -> bool:
     """Whether an item lies in the box and overlaps no other."""
-    return fits_box(item.kind, item.x, item.y) and is_free(item.kind, item.x, item.y, others)
+    return fits_box(item.footprint, item.x, item.y) and is_free(item.footprint, item.x, item.y, others)
 
 
 def _assembled(part: _Part, shrink: int) -> list[Item] | None:
@@ -662,7 +662,7 @@ class _HiddenSearch:
             counts[colour, margin:-margin] += np.frombuffer(seen, np.uint8).reshape(-1, side)
         unseen = self._unseen.copy()
         for item in front:
-            unseen[_native(item)] |= _drawn(item.kind)
+            unseen[_native(item)] |= _drawn(item.footprint)
         for limit in range(1, MOST_HIDDEN_ITEMS + 1):
             for anchored in (True, False):
                 behind = self._placed(counts, unseen, limit, anchored=anchored)
@@ -678,7 +678,7 @@ class _HiddenSearch:
         left = int(counts.sum())
         if not left:
             return []
-        if left > limit * max(KIND_PIXELS) ** 2 or self._steps >= MOST_SEARCH_STEPS:
+        if left > limit * max(FOOTPRINT_SIDES) ** 2 or self._steps >= MOST_SEARCH_STEPS:
             return None
         self._steps += 1
         choices = self._choices(counts, unseen, anchored=anchored)
@@ -688,7 +688,7 @@ class _HiddenSearch:
             item = hiding.item
             rest, hidden = counts.copy(), unseen.copy()
             rest[item.colour][_blocks(item, self._shrink)] -= hiding.shown
-            hidden[_native(item)] |= _drawn(item.kind)
+            hidden[_native(item)] |= _drawn(item.footprint)
             behind = self._placed(rest, hidden, limit - 1, anchored=anchored)
             if behind is not None:
                 return [item, *behind]
@@ -712,7 +712,7 @@ class _HiddenSearch:
                 place = _blocks(item, self._shrink)
                 if (shown > counts[colour][place]).any() or not (shown * wanted[place]).any():
                     continue
-                hidden = int(np.count_nonzero(_drawn(item.kind)) - shown.sum())
+                hidden = int(np.count_nonzero(_drawn(item.footprint)) - shown.sum())
                 found.append(_Hiding(2 * hidden - int(shown.sum()), item, shown))
         return sorted(found, key=lambda hiding: (hiding.cost, hiding.item))
 
@@ -726,14 +726,14 @@ class _HiddenSearch:
         room = counts + unseen.reshape(side, shrink, side, shrink).sum(axis=(1, 3), dtype=np.int16)
         seen = [np.flatnonzero(wanted.any(axis=axis)).tolist() for axis in (1, 0)]  # rows, columns
         for look in _looks(shrink):
-            kind = look.shape * len(Size) + look.size
-            own = _unit_counts(kind, look.odd_x, look.odd_y, shrink)
+            footprint = look.shape * len(Size) + look.size
+            own = _unit_counts(footprint, look.odd_x, look.odd_y, shrink)
             height, width = own.shape
             top, left = max(0, seen[0][0] - height + 1), max(0, seen[1][0] - width + 1)
             rows, columns = min(side - height, seen[0][-1]) - top + 1, min(side - width, seen[1][-1]) - left + 1
             near = room[top : top + rows + height - 1, left : left + columns + width - 1]
             fits = np.ones((rows, columns), np.bool_)
-            for row, column in _probes(kind, look.odd_x, look.odd_y, shrink):
+            for row, column in _probes(footprint, look.odd_x, look.odd_y, shrink):
                 fits &= near[row : row + rows, column : column + columns] >= own[row, column]
             for row, column in np.argwhere(fits).tolist():
                 if (near[row : row + height, column : column + width] >= own).all():
@@ -742,16 +742,16 @@ class _HiddenSearch:
 
 
 @cache
-def _probes(kind: int, odd_x: int, odd_y: int, shrink: int) -> list[list[int]]:
+def _probes(footprint: int, odd_x: int, odd_y: int, shrink: int) -> list[list[int]]:
     """Row and column of blocks all over an item."""
-    filled = np.argwhere(_unit_counts(kind, odd_x, odd_y, shrink)).tolist()
+    filled = np.argwhere(_unit_counts(footprint, odd_x, odd_y, shrink)).tolist()
     return filled[:: max(1, len(filled) // PROBES)]
 
 
 @cache
-def _drawn(kind: int) -> BoolArray:
+def _drawn(footprint: int) -> BoolArray:
     """(side, side) whether each native pixel of the bounding square is drawn."""
-    return _unit_counts(kind, 0, 0, 1).astype(np.bool_)
+    return _unit_counts(footprint, 0, 0, 1).astype(np.bool_)
 
 
 def _native(item: Item) -> tuple[slice, slice]:
@@ -771,7 +771,7 @@ def _by_block(item: Item, unseen: BoolArray, shrink: int) -> IntArray:
     before_x, before_y = item.x % shrink, item.y % shrink  # MARGIN is a whole number of blocks
     rows, columns = -(-(before_y + item.side) // shrink), -(-(before_x + item.side) // shrink)
     shown = np.zeros((rows * shrink, columns * shrink), np.bool_)
-    shown[before_y : before_y + item.side, before_x : before_x + item.side] = _drawn(item.kind) & ~unseen
+    shown[before_y : before_y + item.side, before_x : before_x + item.side] = _drawn(item.footprint) & ~unseen
     return shown.reshape(rows, shrink, columns, shrink).sum(axis=(1, 3), dtype=np.int16)
 
 

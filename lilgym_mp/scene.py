@@ -48,10 +48,10 @@ class Size(IntEnum):
 
 
 SIZE_PIXELS = (10, 20, 30)  # by Size
-# KINDS[shape][size] is the item's kind: shape and size as one index, on which geometry depends.
-KINDS = tuple(tuple(shape * len(Size) + size for size in Size) for shape in Shape)
-KIND_COUNT = len(Shape) * len(Size)
-KIND_PIXELS = SIZE_PIXELS * len(Shape)  # by kind: side of the bounding square
+# FOOTPRINTS[shape][size] is the item's footprint: shape and size as one index, on which geometry depends.
+FOOTPRINTS = tuple(tuple(shape * len(Size) + size for size in Size) for shape in Shape)
+FOOTPRINT_COUNT = len(Shape) * len(Size)
+FOOTPRINT_SIDES = SIZE_PIXELS * len(Shape)  # by footprint: side of the bounding square
 
 JSON_SHAPES = {"circle": Shape.CIRCLE, "square": Shape.SQUARE, "triangle": Shape.TRIANGLE}
 JSON_COLOURS = {"Yellow": Colour.YELLOW, "Black": Colour.BLACK, "#0099ff": Colour.BLUE}
@@ -71,9 +71,9 @@ class Item(NamedTuple):
     size: Size
 
     @property
-    def kind(self) -> int:
+    def footprint(self) -> int:
         """Shape and size as one index, 0 .. 8: what the geometry depends on."""
-        return KINDS[self[2]][self[4]]
+        return FOOTPRINTS[self[2]][self[4]]
 
     @property
     def side(self) -> int:

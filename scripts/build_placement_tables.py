@@ -1,8 +1,8 @@
-"""Builds data/placement.npz, the look-up tables of `lilgym_mp.appearances.placement`, with shapely.
+"""Builds data/placement.npz, the lookup tables of `lilgym_mp.appearances.placement`, with shapely.
 
     python scripts/build_placement_tables.py [--output data/placement.npz]
 
-Overlap, truncated distance and, for most placements, the snap move depend on kinds and offset only. Where
+Overlap, truncated distance and, for most placements, the snap move depend on footprints and offset only. Where
 two outlines have several pairs of nearest points that snap differently, which of them shapely returns hangs
 on rounding, and so on where in the picture it is asked: those placements are listed as ties, with the
 segments to compare in place. Needs the `geometry` extra. Takes under a minute.
@@ -27,19 +27,19 @@ from lilgym_mp.appearances.placement import (
     OFFSET_LIMIT,
     OVERLAPPING,
 )
-from lilgym_mp.scene import KIND_COUNT, KIND_PIXELS, Shape
+from lilgym_mp.scene import FOOTPRINT_COUNT, FOOTPRINT_SIDES, Shape
 
 REFERENCE = (35, 35)  # where the older item lies in its box
 TIE_MARGIN = 1e-9  # pixels: far above rounding, far below any true difference of distances
-KINDS = range(KIND_COUNT)
+FOOTPRINTS = range(FOOTPRINT_COUNT)
 
 Points = NDArray[np.float64]  # (points, 2)
 
 
-def kind_polygon(kind: int, x: float, y: float) -> shapely.Polygon:
-    """The exact outline of a kind with its bounding square's top-left at (x, y)."""
-    side = KIND_PIXELS[kind]
-    shape = Shape(kind // 3)
+def footprint_polygon(footprint: int, x: float, y: float) -> shapely.Polygon:
+    """The exact outline of a footprint with its bounding square's top-left at (x, y)."""
+    side = FOOTPRINT_SIDES[footprint]
+    shape = Shape(footprint // 3)
     if shape is Shape.CIRCLE:
         return shapely.Point(x + side / 2, y + side / 2).buffer(side / 2)
     if shape is Shape.SQUARE:
@@ -47,15 +47,15 @@ def kind_polygon(kind: int, x: float, y: float) -> shapely.Polygon:
     return shapely.Polygon([(x + side / 2, y), (x + side, y + side), (x, y + side)])
 
 
-def outline(kind: int, x: float, y: float) -> Points:
-    """(points, 2) the closed ring of a kind."""
-    return shapely.get_coordinates(kind_polygon(kind, x, y).exterior)
+def outline(footprint: int, x: float, y: float) -> Points:
+    """(points, 2) the closed ring of a footprint."""
+    return shapely.get_coordinates(footprint_polygon(footprint, x, y).exterior)
 
 
-def centred_outline(kind: int) -> Points:
-    """(points, 2) the closed ring of a kind whose bounding square's centre is the origin."""
-    half = KIND_PIXELS[kind] / 2
-    return outline(kind, -half, -half)
+def centred_outline(footprint: int) -> Points:
+    """(points, 2) the closed ring of a footprint whose bounding square's centre is the origin."""
+    half = FOOTPRINT_SIDES[footprint] / 2
+    return outline(footprint, -half, -half)
 
 
 def offsets() -> Iterator[tuple[int, int]]:
@@ -63,10 +63,10 @@ def offsets() -> Iterator[tuple[int, int]]:
     return ((dx, dy) for dx in span for dy in span)
 
 
-def clearance_codes(kind: int, other: int) -> NDArray[np.uint8]:
+def clearance_codes(footprint: int, other: int) -> NDArray[np.uint8]:
     """(69 * 69,) clearance code by offset."""
-    older = kind_polygon(other, *REFERENCE)
-    new = np.array([kind_polygon(kind, REFERENCE[0] + dx, REFERENCE[1] + dy) for dx, dy in offsets()])
+    older = footprint_polygon(other, *REFERENCE)
+    new = np.array([footprint_polygon(footprint, REFERENCE[0] + dx, REFERENCE[1] + dy) for dx, dy in offsets()])
     distances = np.trunc(shapely.distance(new, older)).astype(int)
     codes = np.minimum(distances + 1, FIRST_TOO_FAR)
     codes[shapely.area(shapely.intersection(new, older)) > 0] = OVERLAPPING
@@ -77,14 +77,16 @@ def near_offsets(codes: NDArray[np.uint8]) -> list[int]:
     return [index for index, code in enumerate(codes) if OVERLAPPING < code < FIRST_TOO_FAR]
 
 
-def snap_moves(kind: int, other: int, codes: NDArray[np.uint8]) -> NDArray[np.int8]:
+def snap_moves(footprint: int, other: int, codes: NDArray[np.uint8]) -> NDArray[np.int8]:
     """(69 * 69, 2) snap move by offset, with the older item at REFERENCE; zero where nothing snaps."""
     moves = np.zeros((OFFSET_COUNT**2, 2), np.int8)
     near = near_offsets(codes)
     if near:
-        older = kind_polygon(other, *REFERENCE)
+        older = footprint_polygon(other, *REFERENCE)
         places = list(offsets())
-        new = np.array([kind_polygon(kind, REFERENCE[0] + places[i][0], REFERENCE[1] + places[i][1]) for i in near])
+        new = np.array(
+            [footprint_polygon(footprint, REFERENCE[0] + places[i][0], REFERENCE[1] + places[i][1]) for i in near]
+        )
         ends = np.trunc(shapely.get_coordinates(shapely.shortest_line(new, older))).reshape(-1, 2, 2)
         moves[near] = ends[:, 1] - ends[:, 0]
     return moves
@@ -119,21 +121,21 @@ def nearest_segments(new: Points, older: Points) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in np.argwhere(distances < distances.min() + TIE_MARGIN)]
 
 
-def ties(kind: int, other: int, codes: NDArray[np.uint8]) -> dict[int, list[tuple[int, int]]]:
+def ties(footprint: int, other: int, codes: NDArray[np.uint8]) -> dict[int, list[tuple[int, int]]]:
     """The nearest segments of every offset (its index) at which equally near points snap differently."""
     older = outline(other, *REFERENCE)
     places = list(offsets())
     found: dict[int, list[tuple[int, int]]] = {}
     for index in near_offsets(codes):
-        new = outline(kind, REFERENCE[0] + places[index][0], REFERENCE[1] + places[index][1])
+        new = outline(footprint, REFERENCE[0] + places[index][0], REFERENCE[1] + places[index][1])
         if len(moves_of_nearest(new, older)) > 1:
             found[index] = nearest_segments(new, older)
     return found
 
 
-def pixel_areas(kind: int) -> NDArray[np.int64]:
-    """(30, 30) area of the kind at the origin in each pixel, by x and y."""
-    outline = kind_polygon(kind, 0, 0)
+def pixel_areas(footprint: int) -> NDArray[np.int64]:
+    """(30, 30) area of the footprint at the origin in each pixel, by x and y."""
+    outline = footprint_polygon(footprint, 0, 0)
     corners = [(x, y) for x in range(LARGEST_SIDE) for y in range(LARGEST_SIDE)]
     pixels = np.array([shapely.box(x, y, x + 1, y + 1) for x, y in corners])
     areas = shapely.area(shapely.intersection(outline, pixels))
@@ -142,13 +144,15 @@ def pixel_areas(kind: int) -> NDArray[np.int64]:
 
 def build() -> dict[str, Any]:
     """The arrays of the file, by name; `PlacementTables` says what they hold."""
-    codes = np.stack([[clearance_codes(kind, other) for other in KINDS] for kind in KINDS])
-    moves = np.stack([[snap_moves(kind, other, codes[kind, other]) for other in KINDS] for kind in KINDS])
+    codes = np.stack([[clearance_codes(footprint, other) for other in FOOTPRINTS] for footprint in FOOTPRINTS])
+    moves = np.stack(
+        [[snap_moves(footprint, other, codes[footprint, other]) for other in FOOTPRINTS] for footprint in FOOTPRINTS]
+    )
     tied = {
-        (kind * KIND_COUNT + other) * OFFSET_COUNT**2 + index: pairs
-        for kind in KINDS
-        for other in KINDS
-        for index, pairs in ties(kind, other, codes[kind, other]).items()
+        (footprint * FOOTPRINT_COUNT + other) * OFFSET_COUNT**2 + index: pairs
+        for footprint in FOOTPRINTS
+        for other in FOOTPRINTS
+        for index, pairs in ties(footprint, other, codes[footprint, other]).items()
     }
     return {
         "clearance": codes,
@@ -156,9 +160,9 @@ def build() -> dict[str, Any]:
         "tie_placements": np.array(list(tied), np.int32),
         "tie_counts": np.array([len(pairs) for pairs in tied.values()], np.uint8),
         "tie_segments": np.concatenate([np.array(pairs, np.uint8) for pairs in tied.values()]),
-        "outline_lengths": np.array([len(centred_outline(kind)) for kind in KINDS], np.uint8),
-        "outlines": np.concatenate([centred_outline(kind) for kind in KINDS]),
-        "pixel_areas": np.stack([pixel_areas(kind) for kind in KINDS]),
+        "outline_lengths": np.array([len(centred_outline(footprint)) for footprint in FOOTPRINTS], np.uint8),
+        "outlines": np.concatenate([centred_outline(footprint) for footprint in FOOTPRINTS]),
+        "pixel_areas": np.stack([pixel_areas(footprint) for footprint in FOOTPRINTS]),
     }
 
 

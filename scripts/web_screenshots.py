@@ -37,7 +37,7 @@ SCATTER_TASK = "scatter-dev-025-a"
 COLOURS = 96  # of a kept picture: what is on the pages needs no more
 
 
-class Look(NamedTuple):
+class Theme(NamedTuple):
     """A window."""
 
     suffix: str
@@ -46,11 +46,11 @@ class Look(NamedTuple):
     dark: bool
 
 
-LOOKS = (
-    Look("", 1200, 900, False),
-    Look("-dark", 1200, 900, True),
-    Look("-narrow", 360, 740, False),
-    Look("-narrow-dark", 360, 740, True),
+THEMES = (
+    Theme("", 1200, 900, False),
+    Theme("-dark", 1200, 900, True),
+    Theme("-narrow", 360, 740, False),
+    Theme("-narrow-dark", 360, 740, True),
 )
 
 
@@ -293,10 +293,10 @@ def main() -> int:
         url, app = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
         work = fill(browser.new_context().new_page(), url, app, Path(name))
-        for look in LOOKS if args.all else LOOKS[:1]:
+        for theme in THEMES if args.all else THEMES[:1]:
             context = browser.new_context(
-                viewport={"width": look.width, "height": look.height},
-                color_scheme="dark" if look.dark else "light",
+                viewport={"width": theme.width, "height": theme.height},
+                color_scheme="dark" if theme.dark else "light",
                 bypass_csp=args.axe is not None,
             )
             page = context.new_page()
@@ -306,7 +306,7 @@ def main() -> int:
             for shot in SHOTS:
                 if args.only and shot.name not in args.only:
                     continue
-                file = args.out / f"{shot.name}{look.suffix}.png"
+                file = args.out / f"{shot.name}{theme.suffix}.png"
                 take(page, url, shot, file, work)
                 wider = overflow(page)
                 wide += wider > 0

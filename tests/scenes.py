@@ -49,7 +49,7 @@ def scatter_boxes(draw: st.DrawFn) -> Box:
     """Items inside the box that do not overlap."""
     placed: list[Item] = []
     for item in draw(st.lists(items(), max_size=MOST_ITEMS)):
-        if is_free(item.kind, item.x, item.y, placed):
+        if is_free(item.footprint, item.x, item.y, placed):
             placed.append(item)
     return Box(tuple(placed))
 

@@ -29,7 +29,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
 from lilgym_mp.render import draw
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import KIND_PIXELS, Colour, Scene, SceneError, Shape
+from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Scene, SceneError, Shape
 from lilgym_mp.task import Task
 from tests.own_corpus import write_own_corpus
 from tests.scenes import LARGE, SCENES, SMALL, B, K, Y, circle, scene, square, tower, triangle
@@ -372,12 +372,12 @@ def test_mirror__the_geometry_of_items_is_symmetric():
     """What makes mirroring exact where items come to lie where they are put."""
     clear = clear_templates()
     for other, new in np.ndindex(9, 9):
-        shift = KIND_PIXELS[other] - KIND_PIXELS[new]
+        shift = FOOTPRINT_SIDES[other] - FOOTPRINT_SIDES[new]
         offsets = [offset for offset in range(-30, 31) if -30 <= shift - offset <= 30]
         mirrored = [shift - offset for offset in offsets]
         there, back = np.array(offsets) + 30, np.array(mirrored) + 30
         assert np.array_equal(clear[other, new, there], clear[other, new, back])
-    for areas, side in zip(placement_tables().pixel_areas, KIND_PIXELS, strict=True):
+    for areas, side in zip(placement_tables().pixel_areas, FOOTPRINT_SIDES, strict=True):
         assert np.array_equal(areas[:side], areas[:side][::-1])
 
 

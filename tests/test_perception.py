@@ -19,7 +19,7 @@ from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
 from lilgym_mp.render import draw
 from lilgym_mp.render.drawing import stamp
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import KIND_PIXELS, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Item, Scene, Shape, Size
 from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
 
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
@@ -86,21 +86,21 @@ def test_scatter__items_come_by_x_then_y():
 
 def test_scatter__no_two_kinds_look_alike_at_half_size():
     """Nor at other places: cut to the blocks that show some of it, every kind and oddness differs."""
-    looks: set[tuple[tuple[int, ...], bytes]] = set()
-    for kind, odd_x, odd_y in product(range(9), (0, 1), (0, 1)):
-        counts = stamp(kind, Colour.YELLOW, odd_x, odd_y, 2).counts
+    item_types: set[tuple[tuple[int, ...], bytes]] = set()
+    for footprint, odd_x, odd_y in product(range(9), (0, 1), (0, 1)):
+        counts = stamp(footprint, Colour.YELLOW, odd_x, odd_y, 2).counts
         rows, columns = (np.flatnonzero(counts.any(axis=axis)) for axis in (1, 0))
         cut = counts[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        looks.add((cut.shape, cut.tobytes()))
-    assert len(looks) == 36
+        item_types.add((cut.shape, cut.tobytes()))
+    assert len(item_types) == 36
 
 
 def test_legal_items__never_share_a_drawn_pixel():
     """What reading items one by one rests on: apart as shapes, they are apart as pixels."""
     for other, new in product(range(9), repeat=2):
-        mine, theirs = (stamp(kind, Colour.YELLOW, 0, 0, 1).counts for kind in (new, other))
-        field = np.zeros((KIND_PIXELS[other] + 60,) * 2, np.uint8)
-        field[30 : 30 + KIND_PIXELS[other], 30 : 30 + KIND_PIXELS[other]] = theirs
+        mine, theirs = (stamp(footprint, Colour.YELLOW, 0, 0, 1).counts for footprint in (new, other))
+        field = np.zeros((FOOTPRINT_SIDES[other] + 60,) * 2, np.uint8)
+        field[30 : 30 + FOOTPRINT_SIDES[other], 30 : 30 + FOOTPRINT_SIDES[other]] = theirs
         windows = np.lib.stride_tricks.sliding_window_view(field, mine.shape)[:61, :61]
         shared = np.einsum("yxij,ij->xy", windows.astype(np.int64), mine.astype(np.int64))
         clear = clear_templates()[other, new][: shared.shape[0], : shared.shape[1]]

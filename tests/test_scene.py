@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.scene import KIND_PIXELS, Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_SIDES, Box, Colour, Item, Scene, SceneError, Shape, Size
 from tests.scenes import LARGE, LOOSE_SCENES, SMALL, B, K, circle, scene, square, triangle
 
 JSON = [
@@ -149,7 +149,7 @@ def test_items__come_box_by_box():
 
 
 def test_kind__numbers_shape_and_size_and_gives_the_side():
-    kinds = [Item(0, 0, shape, Colour.BLUE, size).kind for shape in Shape for size in Size]
-    assert kinds == list(range(9))
-    assert KIND_PIXELS == (10, 20, 30, 10, 20, 30, 10, 20, 30)
+    footprints = [Item(0, 0, shape, Colour.BLUE, size).footprint for shape in Shape for size in Size]
+    assert footprints == list(range(9))
+    assert FOOTPRINT_SIDES == (10, 20, 30, 10, 20, 30, 10, 20, 30)
     assert [square(0, 0, size).side for size in Size] == [10, 20, 30]

@@ -65,11 +65,11 @@ class Planes(SceneFormat):
         """(items, 2) column and row of each pixel, the nearest ones for a pixel outside the image."""
         return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
 
-    def _counts(self, size: int, batch: Int64Array, looks: Int64Array, cells: Int64Array) -> NDArray[np.uint8]:
+    def _counts(self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array) -> NDArray[np.uint8]:
         """(size, planes, rows, columns) how many items of each shape, colour and size have their centre there."""
         shape = (size, PLANE_COUNT, self.rows, self.columns)
         column, row = cells[:, :1], cells[:, 1:]
-        places = ((batch[:, None] * PLANE_COUNT + _FIRST_PLANES + looks) * self.rows + row) * self.columns + column
+        places = ((batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row) * self.columns + column
         return np.bincount(places.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
 
     def _reached(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:

@@ -151,8 +151,8 @@ def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
 
 
 def _item_words(item: Item) -> str:
-    looks = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
-    return f"{looks} of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
+    words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
+    return f"{words} of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
 
 
 def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
@@ -193,23 +193,23 @@ def _lines_by_cells(appearance: Appearance, numbers: Iterable[int]) -> Iterator[
                 removed.append((row, column))
             case _:
                 pass
-    looks_by_cells: defaultdict[tuple[tuple[int, int], ...], list[tuple[str, str, str]]] = defaultdict(list)
-    for look, cells in added.items():
-        looks_by_cells[tuple(sorted(cells))].append(look)
-    for cells, looks in looks_by_cells.items():
-        for names in _products(looks):
+    item_types_by_cell: defaultdict[tuple[tuple[int, int], ...], list[tuple[str, str, str]]] = defaultdict(list)
+    for item_type, cells in added.items():
+        item_types_by_cell[tuple(sorted(cells))].append(item_type)
+    for cells, item_types in item_types_by_cell.items():
+        for names in _products(item_types):
             yield f"  ADD(column, row, {', '.join(names)}): {_cell_words(cells)}"
     if removed:
         yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
 
 
-def _products(looks: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """The same looks as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
-    merged = list(looks)
+    merged = list(item_types)
     for slot in (1, 2, 0):
         groups: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)
-        for look in merged:
-            groups[look[:slot] + look[slot + 1 :]].append(look[slot])
+        for item_type in merged:
+            groups[item_type[:slot] + item_type[slot + 1 :]].append(item_type[slot])
         merged = [(*others[:slot], "|".join(names), *others[slot:]) for others, names in groups.items()]
     return merged
 

@@ -1,42 +1,42 @@
-"""How the actions of a Scatter grid are numbered: the only home of that order, for scalars, arrays and compiled code.
+"""How the actions of a Scatter grid are numbered. Scalars, arrays and compiled code all take the order from here.
 
-0 is STOP, then come the ADDs, cell by cell and look by look, then the REMOVEs, cell by cell. The functions take Python
-integers and NumPy arrays alike, and numba compiles them.
+0 is STOP; then the ADDs, ordered by cell and, within a cell, by item type; then the REMOVEs, ordered by cell. The
+functions take Python integers and NumPy arrays alike, and numba compiles them.
 """
 
 from __future__ import annotations
 
-from lilgym_mp.scene import KINDS, Colour, Shape, Size
+from lilgym_mp.scene import FOOTPRINTS, Colour, Shape, Size
 
-LOOKS = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]  # by look
-LOOK_COUNT = len(LOOKS)
-LOOK_KINDS = tuple(KINDS[shape][size] for shape, _, size in LOOKS)  # by look: the item's kind
-REMOVES = LOOK_COUNT  # in place of a look: the action is a REMOVE
+ITEM_TYPES = [(shape, colour, size) for shape in Shape for colour in Colour for size in Size]
+ITEM_TYPE_COUNT = len(ITEM_TYPES)
+ITEM_TYPE_FOOTPRINTS = tuple(FOOTPRINTS[shape][size] for shape, _, size in ITEM_TYPES)
+REMOVES = ITEM_TYPE_COUNT  # in place of an item type: the action is a REMOVE
 
 
-def look_of(shape: int, colour: int, size: int) -> int:
-    """The index of a look in LOOKS."""
+def item_type_of(shape: int, colour: int, size: int) -> int:
+    """The index of an item type in ITEM_TYPES."""
     return (shape * len(Colour) + colour) * len(Size) + size
 
 
 def action_count(cells: int) -> int:
     """The number of actions on a grid of so many cells."""
-    return 1 + cells * (LOOK_COUNT + 1)
+    return 1 + cells * (ITEM_TYPE_COUNT + 1)
 
 
-def add_index(cell: int, look: int) -> int:
-    """The index of the ADD of a look to a cell."""
-    return 1 + cell * LOOK_COUNT + look
+def add_index(cell: int, item_type: int) -> int:
+    """The index of the ADD of an item type to a cell."""
+    return 1 + cell * ITEM_TYPE_COUNT + item_type
 
 
 def remove_index(cell: int, cells: int) -> int:
     """The index of the REMOVE from a cell."""
-    return 1 + cells * LOOK_COUNT + cell
+    return 1 + cells * ITEM_TYPE_COUNT + cell
 
 
-def cell_and_look(index: int, cells: int) -> tuple[int, int]:
-    """The cell of the edit with that index, and the look that it adds or REMOVES."""
+def cell_and_item_type(index: int, cells: int) -> tuple[int, int]:
+    """The cell of the edit with that index, and the item type that it adds or REMOVES."""
     edit = index - 1
-    if edit < cells * LOOK_COUNT:
-        return edit // LOOK_COUNT, edit % LOOK_COUNT
-    return edit - cells * LOOK_COUNT, REMOVES
+    if edit < cells * ITEM_TYPE_COUNT:
+        return edit // ITEM_TYPE_COUNT, edit % ITEM_TYPE_COUNT
+    return edit - cells * ITEM_TYPE_COUNT, REMOVES

@@ -1,6 +1,6 @@
-"""Where an item may lie beside others: overlap, distance, snapping and cell coverage, as look-up tables.
+"""Where an item may lie beside others: overlap, distance, snapping and cell coverage, as lookup tables.
 
-What two items are to each other depends on their kinds (shape and size) and integer offset, so exact geometry
+What two items are to each other depends on their footprints (shape and size) and integer offset, so exact geometry
 is done once, by `scripts/build_placement_tables.py` with shapely, and shipped as
 `lilgym_mp.data/placement.npz`. Only a tie between several pairs of nearest points is settled in place, by
 `nearest`. Source: SPEC section 4; the circle is shapely's 64-sided polygon.
@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from lilgym_mp.appearances.nearest import Point, Ring, all_pairs, nearest_points
 from lilgym_mp.arrays import BoolArray
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, KINDS, Item, SceneError
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
 
 Value = TypeVar("Value")
 
 SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item snaps
-LARGEST_SIDE = max(KIND_PIXELS)
+LARGEST_SIDE = max(FOOTPRINT_SIDES)
 OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this, in x or y, affect each other
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
 NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # where a pair's table tells of equal top-left corners
@@ -48,47 +48,47 @@ class PlacementRules(NamedTuple):
 class PlacementTables:
     """The shipped tables. `offset` is new minus other top-left, plus OFFSET_LIMIT, in x then y."""
 
-    clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new kind, other kind, offset: clearance code
+    clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new footprint, other footprint, offset: clearance code
     moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
     ties: Mapping[int, Sequence[tuple[int, int]]]  # by index in all of clearance: nearest segments, where they matter
-    outlines: Sequence[Ring]  # by kind: relative to the bounding square's centre
-    pixel_areas: NDArray[np.int64]  # (9, 30, 30) by kind, x, y: area of the shape in that pixel, in AREA_UNITs
+    outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
+    pixel_areas: NDArray[np.int64]  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
 
-    def closest(self, kind: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
-        """How a new item of `kind` at (x, y) lies to the closest of `items`, and which that is (the first, if several).
+    def closest(self, footprint: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
+        """Clearance of a new `footprint` at (x, y) to the closest of `items`, and that item (the first if several).
 
         OVERLAPPING, or 1 + truncated distance; FIRST_TOO_FAR and None when none is near.
         """
-        by_kind = self.clearance[kind]
+        by_footprint = self.clearance[footprint]
         smallest = FIRST_TOO_FAR
         closest = None
         for item in items:
             dx = x - item[0]
             dy = y - item[1]
             if -OFFSET_LIMIT <= dx <= OFFSET_LIMIT and -OFFSET_LIMIT <= dy <= OFFSET_LIMIT:
-                code = by_kind[KINDS[item[2]][item[4]]][dx * OFFSET_COUNT + dy + NO_OFFSET]
+                code = by_footprint[FOOTPRINTS[item[2]][item[4]]][dx * OFFSET_COUNT + dy + NO_OFFSET]
                 if code < smallest:
                     smallest = code
                     closest = item
         return smallest, closest
 
-    def move(self, kind: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
+    def move(self, footprint: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
         """By how much a new item moves when it snaps to `other`, which must be near enough.
 
         `frame_x` is where the box's left border lies in the coordinates that are rounded.
         """
-        other_kind = other.kind
+        other_footprint = other.footprint
         offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
-        index = (kind * KIND_COUNT + other_kind) * OFFSET_COUNT**2 + offset
+        index = (footprint * FOOTPRINT_COUNT + other_footprint) * OFFSET_COUNT**2 + offset
         if index in self.ties or other[0] + frame_x < 0 or other[1] < 0:
-            return _settled(index, kind, x + frame_x, y, other_kind, other[0] + frame_x, other[1])
-        code = self.moves[kind][other_kind][offset]
+            return _settled(index, footprint, x + frame_x, y, other_footprint, other[0] + frame_x, other[1])
+        code = self.moves[footprint][other_footprint][offset]
         return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
 
-    def points(self, kind: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
-        """The ends of some segments of the outline of an item of `kind` at (x, y), by number."""
-        centre_x, centre_y = x + KIND_PIXELS[kind] / 2, y + KIND_PIXELS[kind] / 2
-        outline = self.outlines[kind]
+    def points(self, footprint: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
+        """The ends of some segments of the outline of an item of `footprint` at (x, y), by number."""
+        centre_x, centre_y = x + FOOTPRINT_SIDES[footprint] / 2, y + FOOTPRINT_SIDES[footprint] / 2
+        outline = self.outlines[footprint]
         return {
             i: (centre_x + outline[i][0], centre_y + outline[i][1])
             for segment in segments
@@ -97,15 +97,17 @@ class PlacementTables:
 
 
 @lru_cache(maxsize=KEPT_MOVES)
-def _settled(index: int, kind: int, x: int, y: int, other_kind: int, other_x: int, other_y: int) -> tuple[int, int]:
+def _settled(
+    index: int, footprint: int, x: int, y: int, other_footprint: int, other_x: int, other_y: int
+) -> tuple[int, int]:
     """`PlacementTables.move` from the nearest points of the two outlines, in the coordinates that are rounded.
 
     `index`: where `PlacementTables.ties` may tell of the two.
     """
     tables = placement_tables()
-    pairs = tables.ties.get(index) or all_pairs(tables.outlines[kind], tables.outlines[other_kind])
-    new_ring = tables.points(kind, x, y, {i for i, _ in pairs})
-    other_ring = tables.points(other_kind, other_x, other_y, {j for _, j in pairs})
+    pairs = tables.ties.get(index) or all_pairs(tables.outlines[footprint], tables.outlines[other_footprint])
+    new_ring = tables.points(footprint, x, y, {i for i, _ in pairs})
+    other_ring = tables.points(other_footprint, other_x, other_y, {j for _, j in pairs})
     p, q = nearest_points(new_ring, other_ring, pairs)
     return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
@@ -116,16 +118,16 @@ def placement_tables() -> PlacementTables:
         segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
         outlines = [(px, py) for px, py in arrays["outlines"].tolist()]
         return PlacementTables(
-            clearance=_by_kinds(arrays["clearance"]),
-            moves=_by_kinds((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)),
+            clearance=_by_footprints(arrays["clearance"]),
+            moves=_by_footprints((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)),
             ties=dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True)),
             outlines=_runs(outlines, arrays["outline_lengths"]),
             pixel_areas=arrays["pixel_areas"],
         )
 
 
-def _by_kinds(codes: NDArray[np.integer]) -> list[list[bytes]]:
-    """(9, 9, ...) codes below 256 as one bytes object for each pair of kinds."""
+def _by_footprints(codes: NDArray[np.integer]) -> list[list[bytes]]:
+    """(9, 9, ...) codes below 256 as one bytes object for each pair of footprints."""
     return [[pair.astype(np.uint8).tobytes() for pair in row] for row in codes]
 
 
@@ -135,71 +137,71 @@ def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[
     return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
-LAST_CORNER = tuple(BOX_SIDE - side for side in KIND_PIXELS)  # by kind: largest x and y of an item inside the box
+LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint: largest x and y inside the box
 
 
-def fits_box(kind: int, x: int, y: int) -> bool:
-    return 0 <= x <= LAST_CORNER[kind] and 0 <= y <= LAST_CORNER[kind]
+def fits_box(footprint: int, x: int, y: int) -> bool:
+    return 0 <= x <= LAST_CORNER[footprint] and 0 <= y <= LAST_CORNER[footprint]
 
 
-def is_free(kind: int, x: int, y: int, items: Iterable[Item]) -> bool:
-    """Whether an item of `kind` at (x, y) overlaps none of `items`."""
-    return placement_tables().closest(kind, x, y, items)[0] != OVERLAPPING
+def is_free(footprint: int, x: int, y: int, items: Iterable[Item]) -> bool:
+    """Whether an item of `footprint` at (x, y) overlaps none of `items`."""
+    return placement_tables().closest(footprint, x, y, items)[0] != OVERLAPPING
 
 
 def snapped(
-    kind: int, x: int, y: int, closest: Item, items: Sequence[Item], box_index: int, rules: PlacementRules
+    footprint: int, x: int, y: int, closest: Item, items: Sequence[Item], box_index: int, rules: PlacementRules
 ) -> tuple[int, int]:
     """Where a new item that found its place at (x, y), clear of `items`, comes to rest.
 
     `closest` is the first of `items` with the smallest truncated distance, within SNAP_REACH.
     """
     frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0
-    move_x, move_y = placement_tables().move(kind, x, y, closest, frame_x)
+    move_x, move_y = placement_tables().move(footprint, x, y, closest, frame_x)
     if not (move_x or move_y):
         return x, y
     new_x, new_y = x + move_x, y + move_y
-    if rules.keeps_unfit_snaps or (fits_box(kind, new_x, new_y) and is_free(kind, new_x, new_y, items)):
+    if rules.keeps_unfit_snaps or (fits_box(footprint, new_x, new_y) and is_free(footprint, new_x, new_y, items)):
         return new_x, new_y
     return x, y
 
 
 @cache
 def clear_templates() -> BoolArray:
-    """(9, 9, 61, 61) by other kind, new kind, offset in x and y from -30: whether the two do not overlap."""
+    """(9, 9, 61, 61) by other footprint, new footprint, offset in x and y from -30: whether the two do not overlap."""
     codes = np.frombuffer(b"".join(map(b"".join, placement_tables().clearance)), np.uint8)
-    codes = codes.reshape(KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
+    codes = codes.reshape(FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
     return np.ascontiguousarray((codes[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
 
 
 @cache
 def inside_corners() -> BoolArray:
-    """(9, 100, 100) by kind, x, y: whether an item of that kind placed there lies inside the box."""
-    last = BOX_SIDE - np.array(KIND_PIXELS)
+    """(9, 100, 100) by footprint, x, y: whether an item of that footprint placed there lies inside the box."""
+    last = BOX_SIDE - np.array(FOOTPRINT_SIDES)
     along = np.arange(BOX_SIDE) <= last[:, None]
     return along[:, :, None] & along[:, None, :]
 
 
 @cache
 def _areas_before() -> NDArray[np.int64]:
-    """(9, 31, 31) by kind, x, y: area of the shape left of x and above y."""
+    """(9, 31, 31) by footprint, x, y: area of the shape left of x and above y."""
     areas = placement_tables().pixel_areas
-    before = np.zeros((KIND_COUNT, LARGEST_SIDE + 1, LARGEST_SIDE + 1), np.int64)
+    before = np.zeros((FOOTPRINT_COUNT, LARGEST_SIDE + 1, LARGEST_SIDE + 1), np.int64)
     before[:, 1:, 1:] = areas.cumsum(axis=1).cumsum(axis=2)
     return before
 
 
-def shape_area(kind: int) -> int:
+def shape_area(footprint: int) -> int:
     """Area of a shape, in AREA_UNITs."""
-    return int(_areas_before()[kind, -1, -1])
+    return int(_areas_before()[footprint, -1, -1])
 
 
 @cache
 def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Area of a shape in a cell, in AREA_UNITs, by kind and by cell minus item top-left.
+    """Area of a shape in a cell, in AREA_UNITs, by footprint and by cell minus item top-left.
 
-    Indexed [kind][dx + cell_width - 1][dy + cell_height - 1]; an offset outside the table means no overlap.
+    Indexed [footprint][dx + cell_width - 1][dy + cell_height - 1]; an offset outside the table means no overlap.
     """
     before = _areas_before()
     width, height = LARGEST_SIDE + cell_width - 1, LARGEST_SIDE + cell_height - 1
@@ -208,18 +210,18 @@ def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...]
     low_y, high_y = start_y.clip(0), (start_y + cell_height).clip(max=LARGEST_SIDE)
     right, left = before[:, high_x], before[:, low_x]
     areas = right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
-    return tuple(tuple(tuple(row) for row in kind_areas) for kind_areas in areas.tolist())
+    return tuple(tuple(tuple(row) for row in footprint_areas) for footprint_areas in areas.tolist())
 
 
 @cache
 def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
-    """(9, cell width, cell height) by kind and offset in the cell: whether the search may place an item there.
+    """(9, cell width, cell height) by footprint and offset in the cell: whether the search may place an item there.
 
     It may where half of the item lies in the cell or the item covers half of the cell.
     """
     areas = np.array(cell_areas(cell_width, cell_height))[:, :cell_width, :cell_height]
     inside = areas[:, ::-1, ::-1]
-    half_items = np.array([shape_area(kind) for kind in range(KIND_COUNT)])[:, None, None]
+    half_items = np.array([shape_area(footprint) for footprint in range(FOOTPRINT_COUNT)])[:, None, None]
     half_cell = cell_width * cell_height * AREA_UNIT
     return np.ascontiguousarray((2 * inside >= half_items) | (2 * inside >= half_cell))
 
@@ -237,12 +239,12 @@ def _search_pitch(cell_height: int) -> int:
 
 
 @cache
-def _search_bits(kind: int, fitting: tuple[int, int], cell: tuple[int, int]) -> int:
+def _search_bits(footprint: int, fitting: tuple[int, int], cell: tuple[int, int]) -> int:
     """Where in a cell the search may place an item when nothing else is there.
 
     `fitting`: how many columns and rows of the cell are such that the item stays in the box.
     """
-    places = search_offsets(*cell)[kind].copy()
+    places = search_offsets(*cell)[footprint].copy()
     places[max(0, fitting[0]) :] = False
     places[:, max(0, fitting[1]) :] = False
     return _as_bits(places, _search_pitch(cell[1]))
@@ -250,13 +252,13 @@ def _search_bits(kind: int, fitting: tuple[int, int], cell: tuple[int, int]) -> 
 
 @cache
 def _overlap_bits(cell_height: int) -> Sequence[Sequence[int]]:
-    """(9, 9) by other kind and new kind: at which offsets from -30 the two overlap, in x and y."""
+    """(9, 9) by other footprint and new footprint: at which offsets from -30 the two overlap, in x and y."""
     pitch = _search_pitch(cell_height)
     return [[_as_bits(~clear, pitch) for clear in by_new] for by_new in clear_templates()]
 
 
 def searched(
-    kind: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
+    footprint: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
 ) -> tuple[int, int] | None:
     """The first free place in the cell whose top-left pixel is (cell_x, cell_y), or None.
 
@@ -264,13 +266,13 @@ def searched(
     """
     width, height = cell
     pitch = _search_pitch(height)
-    beyond = BOX_SIDE - KIND_PIXELS[kind] + 1
-    free = _search_bits(kind, (min(width, beyond - cell_x), min(height, beyond - cell_y)), cell)
+    beyond = BOX_SIDE - FOOTPRINT_SIDES[footprint] + 1
+    free = _search_bits(footprint, (min(width, beyond - cell_x), min(height, beyond - cell_y)), cell)
     overlaps = _overlap_bits(height)
     for item in items:
         left, top = cell_x - item[0] + LARGEST_SIDE, cell_y - item[1] + LARGEST_SIDE
         if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:
-            taken, shift = overlaps[KINDS[item[2]][item[4]]][kind], left * pitch + top
+            taken, shift = overlaps[FOOTPRINTS[item[2]][item[4]]][footprint], left * pitch + top
             free &= ~(taken >> shift if shift >= 0 else taken << -shift)
     if not free:
         return None
@@ -281,7 +283,7 @@ def searched(
 def check_apart(items: Sequence[Item]) -> None:
     """Raises SceneError when an item lies outside the box or overlaps another."""
     for index, item in enumerate(items):
-        if not fits_box(item.kind, item.x, item.y):
+        if not fits_box(item.footprint, item.x, item.y):
             raise SceneError(f"item {index} at ({item.x}, {item.y}), {item.side} pixels wide, lies outside its box")
-        if not is_free(item.kind, item.x, item.y, items[:index]):
+        if not is_free(item.footprint, item.x, item.y, items[:index]):
             raise SceneError(f"item {index} at ({item.x}, {item.y}) overlaps an earlier item of its box")

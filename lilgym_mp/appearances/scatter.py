@@ -17,12 +17,12 @@ from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, Re
 from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.numbering import (
-    LOOK_KINDS,
-    LOOKS,
+    ITEM_TYPE_FOOTPRINTS,
+    ITEM_TYPES,
     REMOVES,
     action_count,
     add_index,
-    cell_and_look,
+    cell_and_item_type,
     remove_index,
 )
 from lilgym_mp.appearances.placement import (
@@ -40,9 +40,9 @@ from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
+    FOOTPRINTS,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
-    KINDS,
     Box,
     Colour,
     Item,
@@ -62,8 +62,8 @@ SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
 
-_LOOK_NUMBERS = {look: number for number, look in enumerate(LOOKS)}
-_ADD_KINDS = np.array(LOOK_KINDS)
+_ITEM_TYPE_INDICES = {item_type: number for number, item_type in enumerate(ITEM_TYPES)}
+_ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
 
 class GridError(ValueError):
@@ -108,9 +108,9 @@ def _decoded(grid: Grid, index: int) -> Action:
     if index == 0:
         return STOP
     columns, rows = grid
-    cell, look = cell_and_look(index, columns * rows)
+    cell, item_type = cell_and_item_type(index, columns * rows)
     column, row = divmod(cell, rows)
-    return RemoveItem(column, row) if look == REMOVES else AddItem(column, row, *LOOKS[look])
+    return RemoveItem(column, row) if item_type == REMOVES else AddItem(column, row, *ITEM_TYPES[item_type])
 
 
 @cache
@@ -164,16 +164,16 @@ class Scatter:
         match action:
             case Stop():
                 return 0
-            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _LOOK_NUMBERS:
-                return add_index(self._cell_number(column, row), _LOOK_NUMBERS[shape, colour, size])
+            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _ITEM_TYPE_INDICES:
+                return add_index(self._cell_number(column, row), _ITEM_TYPE_INDICES[shape, colour, size])
             case RemoveItem(column, row):
                 return remove_index(self._cell_number(column, row), self.cell_count)
             case _:
                 raise ActionError(f"{action!r} is no action of scatter")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        kind, column, row, shape, colour, size = slots(values, SLOT_NAMES)
-        action_type = ActionType(slot_value("type", kind, len(ActionType)))
+        footprint, column, row, shape, colour, size = slots(values, SLOT_NAMES)
+        action_type = ActionType(slot_value("type", footprint, len(ActionType)))
         if action_type is ActionType.STOP:
             return STOP
         self._cell_number(column, row)
@@ -212,20 +212,20 @@ class Scatter:
             return Edit(scene, InvalidReason.SEPARATOR)
         box_index, x = place
         y = row * self.cell[1]
-        kind = KINDS[shape][size]
-        if x > LAST_CORNER[kind] or y > LAST_CORNER[kind]:
+        footprint = FOOTPRINTS[shape][size]
+        if x > LAST_CORNER[footprint] or y > LAST_CORNER[footprint]:
             return Edit(scene, InvalidReason.OUT_OF_BOX)
         items = scene.boxes[box_index].items
         tables = placement_tables()
-        clearance, closest = tables.closest(kind, x, y, items)
+        clearance, closest = tables.closest(footprint, x, y, items)
         if clearance == OVERLAPPING:
-            found = searched(kind, x, y, self.cell, items) if self.searches(rules) else None
+            found = searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
                 return Edit(scene, InvalidReason.OVERLAP)
             x, y = found
-            _, closest = tables.closest(kind, x, y, items)
+            _, closest = tables.closest(footprint, x, y, items)
         if closest is not None and not self.is_native:
-            x, y = snapped(kind, x, y, closest, items, box_index, rules)
+            x, y = snapped(footprint, x, y, closest, items, box_index, rules)
         item = new_tuple(Item, (x, y, shape, colour, size))
         return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
 
@@ -244,7 +244,7 @@ class Scatter:
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell
         dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
-        table = cell_areas(width, height)[item.kind]
+        table = cell_areas(width, height)[item.footprint]
         return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
 
     def searches(self, rules: PlacementRules) -> bool:
@@ -267,7 +267,7 @@ class Scatter:
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
             legality = box_legality(*self.cell, searches=searches)
-            addable = legality.addable(box.items)[..., _ADD_KINDS].ravel()
+            addable = legality.addable(box.items)[..., _ADD_FOOTPRINTS].ravel()
             found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
 

@@ -49,15 +49,15 @@ class Desk:
     chosen: dict[int, str] = field(default_factory=dict)  # by row of words, the word
 
     def __post_init__(self) -> None:
-        looks: list[Sequence[str]] = [[*COLOURS]]
+        item_types: list[Sequence[str]] = [[*COLOURS]]
         if isinstance(self.appearance, Scatter):
-            looks += [[*SHAPES], [*SIZES]]
-        self.looks = looks
-        self.chosen = {row: words[0] for row, words in enumerate(looks)}
+            item_types += [[*SHAPES], [*SIZES]]
+        self.item_types = item_types
+        self.chosen = {row: words[0] for row, words in enumerate(item_types)}
         top = FRAME_SHAPE[0] + GAP
         self.buttons = [
             Button(word, MARGIN + (BUTTON_WIDTH + GAP) * place, top + (BUTTON_HEIGHT + GAP) * row)
-            for row, words in enumerate([*looks, COMMANDS])
+            for row, words in enumerate([*item_types, COMMANDS])
             for place, word in enumerate(words)
         ]
 
@@ -71,7 +71,7 @@ class Desk:
         if word in COMMANDS:
             return word
         if word is not None:
-            row = next(row for row, words in enumerate(self.looks) if word in words)
+            row = next(row for row, words in enumerate(self.item_types) if word in words)
             self.chosen[row] = word
             return None
         place = self._place((x - MARGIN) // SCALE, (y - MARGIN) // SCALE)

@@ -12,13 +12,13 @@ from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 
 PLACES_TRIED = 20  # for an item, before it is left out
-KIND_COUNTS = (1, 2, 3, 3)  # of colours, shapes, sizes in a scene; repeated ones are likelier
+FOOTPRINT_COUNTS = (1, 2, 3, 3)  # of colours, shapes, sizes in a scene; repeated ones are likelier
 TOWER_HEIGHTS = (0, 1, 1, 2, 2, 3, 3, 4)
 MOST_ITEMS = (1, 2, 4, 6, 8)  # in a box of a Scatter scene
 _PLACEMENT = RULE_SETS["paper"].placement
 
 
-class Looks(NamedTuple):
+class ItemTypes(NamedTuple):
     """What items may look like."""
 
     shapes: tuple[Shape, ...] = tuple(Shape)
@@ -26,7 +26,7 @@ class Looks(NamedTuple):
     sizes: tuple[Size, ...] = tuple(Size)
 
 
-ALL_LOOKS = Looks()
+ALL_ITEM_TYPES = ItemTypes()
 
 
 class Sampler(NamedTuple):
@@ -38,7 +38,7 @@ class Sampler(NamedTuple):
 
 def _random_tower(rng: random.Random) -> Scene:
     tower = APPEARANCES["tower"]
-    colours = rng.sample(list(Colour), rng.choice(KIND_COUNTS))
+    colours = rng.sample(list(Colour), rng.choice(FOOTPRINT_COUNTS))
     scene = Scene.empty()
     while not any(scene.items()):
         for box in range(BOX_COUNT):
@@ -56,17 +56,17 @@ def _changed_tower(rng: random.Random, scene: Scene) -> Scene:
 
 
 def _random_scatter(rng: random.Random) -> Scene:
-    looks = Looks(
-        tuple(rng.sample(list(Shape), rng.choice(KIND_COUNTS))),
-        tuple(rng.sample(list(Colour), rng.choice(KIND_COUNTS))),
-        tuple(rng.sample(list(Size), rng.choice(KIND_COUNTS))),
+    item_types = ItemTypes(
+        tuple(rng.sample(list(Shape), rng.choice(FOOTPRINT_COUNTS))),
+        tuple(rng.sample(list(Colour), rng.choice(FOOTPRINT_COUNTS))),
+        tuple(rng.sample(list(Size), rng.choice(FOOTPRINT_COUNTS))),
     )
     most = rng.choice(MOST_ITEMS)
     scene = Scene.empty()
     while not any(scene.items()):
         for box in range(BOX_COUNT):
             for _ in range(rng.randint(0, most)):
-                scene = _with_item(rng, scene, box, looks)
+                scene = _with_item(rng, scene, box, item_types)
     return scene
 
 
@@ -77,19 +77,19 @@ def _changed_scatter(rng: random.Random, scene: Scene) -> Scene:
         if box.items and rng.random() < 0.5:
             changed = scene.with_box(index, box.without(rng.randrange(len(box.items))))
         else:
-            changed = _with_item(rng, scene, index, ALL_LOOKS)
+            changed = _with_item(rng, scene, index, ALL_ITEM_TYPES)
         if changed is not scene and any(changed.items()):
             return changed
 
 
-def _with_item(rng: random.Random, scene: Scene, index: int, looks: Looks) -> Scene:
+def _with_item(rng: random.Random, scene: Scene, index: int, item_types: ItemTypes) -> Scene:
     """The scene with one more item in a box, or the same scene when no place was found for it."""
-    shape, colour, size = rng.choice(looks.shapes), rng.choice(looks.colours), rng.choice(looks.sizes)
+    shape, colour, size = rng.choice(item_types.shapes), rng.choice(item_types.colours), rng.choice(item_types.sizes)
     items = scene.boxes[index].items
     for _ in range(PLACES_TRIED):
         x, y = _random_place(rng, size.pixels, items)
         item = Item(x, y, shape, colour, size)
-        if fits_box(item.kind, x, y) and is_free(item.kind, x, y, items):
+        if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, items):
             return scene.with_box(index, Box((*items, item)))
     return scene
 

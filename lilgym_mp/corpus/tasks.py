@@ -29,7 +29,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.task import Task
 
-_LOOKS: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
+_ITEM_TYPES: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
     (shape, colour, size): (JSON_SHAPES[shape], JSON_COLOURS[colour], JSON_SIZES[size])
     for shape in JSON_SHAPES
     for colour in JSON_COLOURS
@@ -213,5 +213,5 @@ def _item(record: Mapping[str, object]) -> Item:
     x, y, side = record["x_loc"], record["y_loc"], record["size"]
     if type(x) is not int or type(y) is not int or type(side) is not int or len(record) != len(JSON_ITEM_KEYS):
         raise KeyError
-    shape, colour, size = _LOOKS[record["type"], record["color"], side]
+    shape, colour, size = _ITEM_TYPES[record["type"], record["color"], side]
     return Item(x, y, shape, colour, size)

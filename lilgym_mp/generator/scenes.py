@@ -72,12 +72,15 @@ def _chain(appearance: str, scene: Scene, rng: random.Random, edits: int | None)
 
 def _grown(appearance: str, scene: Scene, rng: random.Random, looks: Looks, boxes: list[int]) -> Scene | None:
     """The scene with one item more, by an ADD that some REMOVE takes back; None when that fails."""
-    kind = APPEARANCES[appearance]
+    footprint = APPEARANCES[appearance]
     for _ in range(TRIES):
         box_index = rng.choice(boxes)
         action = _some_add(appearance, rng, looks, box_index)
-        grown, invalid = kind.apply(scene, action, RULES.placement)
-        if invalid is None and kind.apply(grown, _undoing(grown, box_index, action), RULES.placement).scene == scene:
+        grown, invalid = footprint.apply(scene, action, RULES.placement)
+        if (
+            invalid is None
+            and footprint.apply(grown, _undoing(grown, box_index, action), RULES.placement).scene == scene
+        ):
             return grown
     return None
 
@@ -131,7 +134,7 @@ def _with_item(scene: Scene, box_index: int, rng: random.Random, looks: Looks) -
     for _ in range(TRIES):
         x, y = _some_place(rng, size.pixels, box.items)
         item = Item(x, y, shape, colour, size)
-        if fits_box(item.kind, x, y) and is_free(item.kind, x, y, box.items):
+        if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, box.items):
             grown = Box((*box.items, item))
             if is_legible(grown):
                 return scene.with_box(box_index, grown)

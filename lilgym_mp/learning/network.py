@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from lilgym_mp.appearances import Appearance, Grid, Scatter
-from lilgym_mp.appearances.numbering import LOOKS
+from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, SEPARATOR_WIDTH
 
@@ -137,7 +137,7 @@ class ListHead(nn.Module):
 class GridHead(nn.Module):
     """A logit for STOP, and for what can be done in each cell, from what is seen there and from the whole."""
 
-    def __init__(self, grid: Grid, looks: int, widths: Widths) -> None:
+    def __init__(self, grid: Grid, item_types: int, widths: Widths) -> None:
         super().__init__()
         columns, self.rows = grid
         cell_width = IMAGE_WIDTH // columns
@@ -146,8 +146,8 @@ class GridHead(nn.Module):
         self.whole = nn.Linear(widths.trunk, widths.patch)
         self.place = nn.Parameter(torch.zeros(BOX_COUNT, self.rows, self.box_columns, widths.patch))
         self.cell = nn.Linear(2 * widths.patch, 2 * widths.patch)
-        self.edits = nn.Linear(2 * widths.patch, looks + 1)  # ADD each look, REMOVE
-        self.any_cell = nn.Linear(widths.trunk, looks + 1)
+        self.edits = nn.Linear(2 * widths.patch, item_types + 1)  # ADD each item type, REMOVE
+        self.any_cell = nn.Linear(widths.trunk, item_types + 1)
         for layer in (self.stop, self.edits, self.any_cell):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
 
@@ -158,8 +158,8 @@ class GridHead(nn.Module):
         seen = seen.permute(0, 2, 3, 1).view(count, BOX_COUNT, self.rows, self.box_columns, -1)
         whole = (self.whole(trunk)[:, None, None, None] + self.place).expand_as(seen)
         cells = functional.relu(self.cell(torch.cat([seen, whole], dim=-1)))
-        edits = self.edits(cells) + self.any_cell(trunk)[:, None, None, None]  # (B, 3, rows, columns, looks + 1)
-        # The actions are numbered by column of the whole image, then row, then look; removals follow all additions.
+        edits = self.edits(cells) + self.any_cell(trunk)[:, None, None, None]  # (B, 3, rows, columns, item types + 1)
+        # Actions are ordered by column of the whole image, then row, then item type; all REMOVEs follow the ADDs.
         edits = functional.pad(edits, (0, 0, 0, self.separator_columns)).transpose(2, 3).flatten(1, 2)
         edits = edits[:, : -self.separator_columns]
         return torch.cat([self.stop(trunk), edits[..., :-1].flatten(1), edits[..., -1].flatten(1)], dim=1)
@@ -199,5 +199,5 @@ class ActorCritic(nn.Module):
 
 def _head(appearance: Appearance, widths: Widths) -> nn.Module:
     if isinstance(appearance, Scatter):
-        return GridHead(appearance.grid, len(LOOKS), widths)
+        return GridHead(appearance.grid, len(ITEM_TYPES), widths)
     return ListHead(appearance.action_count, widths)

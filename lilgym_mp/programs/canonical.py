@@ -38,7 +38,7 @@ LOOK_TESTS: Mapping[Enum, str] = {
     **{size: f"is_{size.name.lower()}" for size in Size},
     **{shape: f"is_{shape.name.lower()}" for shape in Shape},
 }
-_LOOK_ORDER = {name: place for place, name in enumerate(LOOK_TESTS.values())}
+_ITEM_TYPE_ORDER = {name: place for place, name in enumerate(LOOK_TESTS.values())}
 _MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
 _FILTERS = {"filter_color": Color, "filter_shape": Shape, "filter_size": Size}
 _QUERIES = {f"query_{name}": f"all_same_{name}" for name in _MEMBER_TYPES}
@@ -262,13 +262,13 @@ def _simplified_logic(node: Logic, scope: Scope) -> Node:
 def _is_look_test(node: Node) -> bool:
     """Whether it asks a variable's colour, size or shape."""
     inner = node.operand if isinstance(node, Not) else node
-    return isinstance(inner, Call) and inner.word.name in _LOOK_ORDER and isinstance(inner.arguments[0], Variable)
+    return isinstance(inner, Call) and inner.word.name in _ITEM_TYPE_ORDER and isinstance(inner.arguments[0], Variable)
 
 
 def _look_place(node: Node) -> tuple[int, bool, str]:
     inner = node.operand if isinstance(node, Not) else node
     assert isinstance(inner, Call)
-    return _LOOK_ORDER[inner.word.name], isinstance(node, Not), str(inner.arguments[0])
+    return _ITEM_TYPE_ORDER[inner.word.name], isinstance(node, Not), str(inner.arguments[0])
 
 
 def _negated(operand: Node, scope: Scope) -> Node | None:

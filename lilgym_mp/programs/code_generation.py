@@ -175,7 +175,7 @@ class _Work:
         if known is None:
             parts = [self.traits(child) for child in children(node)]
             uses_scene = isinstance(node, SceneName) or (
-                isinstance(node, Call | WordName) and node.word.reach == "scene"
+                isinstance(node, Call | WordName) and node.word.depends_on == "scene"
             )
             free = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()
             free = free.union(*(part.free for part in parts))
@@ -686,11 +686,11 @@ class _Generator:
 def _is_test(word: Word) -> bool:
     """A truth about an item, with sides at most as further arguments."""
     kinds = [parameter.kind.name for parameter in word.parameters]
-    return kinds[:1] == ["item"] and set(kinds[1:]) <= {"Side"} and word.result == "bool" and word.reach != "scene"
+    return kinds[:1] == ["item"] and set(kinds[1:]) <= {"Side"} and word.result == "bool" and word.depends_on != "scene"
 
 
 def _is_relation(word: Word) -> bool:
-    return len(word.parameters) == 1 and word.parameters[0].kind.each and word.reach == "box"
+    return len(word.parameters) == 1 and word.parameters[0].kind.each and word.depends_on == "box"
 
 
 def _as_lambda(node: Node) -> tuple[str, Node]:

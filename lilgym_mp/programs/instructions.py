@@ -25,7 +25,7 @@ class Operation(IntEnum):
 
     CONSTANT = 0  # the number a
     LENGTH = auto()  # the number of items of box b
-    LOOKS = auto()  # the mask of the items of box b with one of the looks of the mask a
+    ITEM_TYPES = auto()  # the mask of the items of box b whose item type is in the mask a
     PLACES = auto()  # the mask of the items of box b that pass test a of their place
     TABLE = auto()  # what table a has of box b
     ONLY = auto()  # the position of the only bit of a; the program's truth is unknown unless there is just one

@@ -13,12 +13,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from lilgym_mp.programs.views import BoxView, ItemView
-from lilgym_mp.programs.words import Reach, Word
+from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
 MAX_BOX_ITEMS = 24  # beyond, programs are run in their reference form, which counts its steps
 TABLE_SIZE = 20_000  # items whose value a test of the item alone remembers
-LOOK_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
+ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 
 Mask = int
 Test = Callable[[ItemView], bool]
@@ -59,22 +59,22 @@ def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask
         return word.function(view, *constants)
 
     key = " ".join(("program test", word.name, *map(str, constants)))
-    if word.reach == "look":
-        return _by_look(key, test)
-    return _by_item(key, test, word.reach) if word.is_of_item_alone else _by_box(key, test)
+    if word.depends_on == "attributes":
+        return _by_item_type(key, test)
+    return _by_item(key, test, word.depends_on) if word.is_of_item_alone else _by_box(key, test)
 
 
 @cache
 def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
     """The mask of a box's items that have the value: attribute is color, shape or size."""
-    return _by_look(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
+    return _by_item_type(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
 
 
 class ItemTest(NamedTuple):
     """What a lifted function asks of each item by itself."""
 
     passes: Callable[[Item], bool]
-    reach: Reach  # "look", "place" or "item"
+    depends_on: Dependency  # "attributes", "position" or "item"
 
 
 def item_test(lifted: Lifted) -> ItemTest | None:
@@ -85,11 +85,11 @@ def item_test(lifted: Lifted) -> ItemTest | None:
 _ITEM_TESTS: dict[Lifted, ItemTest] = {}
 
 
-def _alone(test: Test, reach: Reach) -> ItemTest:
+def _alone(test: Test, depends_on: Dependency) -> ItemTest:
     def passes(item: Item) -> bool:
         return test(ItemView(item, _NOWHERE, 0))
 
-    return ItemTest(passes, reach)
+    return ItemTest(passes, depends_on)
 
 
 class _Rows(dict[int, Mask]):
@@ -131,16 +131,16 @@ def is_tower(box: Box) -> bool:
     return value
 
 
-def _by_look(key: str, test: Test) -> Callable[[Box], Mask]:
-    """The looks that pass are few, and mostly those with one value of one field, which is quickest to look at."""
-    looks = [Item(0, 0, *look) for look in itertools.product(Shape, Colour, Size)]
-    passing = frozenset(item for item in looks if test(ItemView(item, _NOWHERE, 0)))
-    for field, value in {(field, item[field]) for item in passing for field in LOOK_FIELDS}:
-        if passing == frozenset(item for item in looks if item[field] == value):
+def _by_item_type(key: str, test: Test) -> Callable[[Box], Mask]:
+    """Few item types pass, mostly those with one value of one field, which is the quickest test."""
+    items = [Item(0, 0, *fields) for fields in itertools.product(Shape, Colour, Size)]
+    passing = frozenset(item for item in items if test(ItemView(item, _NOWHERE, 0)))
+    for field, value in {(field, item[field]) for item in passing for field in ITEM_TYPE_FIELDS}:
+        if passing == frozenset(item for item in items if item[field] == value):
             lifted = _by_field(key, field, int(value))
-            _ITEM_TESTS[lifted] = _alone(test, "look")
+            _ITEM_TESTS[lifted] = _alone(test, "attributes")
             return lifted
-    return _by_item(key, test, "look")
+    return _by_item(key, test, "attributes")
 
 
 def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
@@ -161,7 +161,7 @@ def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
     return lifted
 
 
-def _by_item(key: str, test: Test, reach: Reach) -> Callable[[Box], Mask]:
+def _by_item(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Mask]:
     table = _Table(test)
 
     def lifted(box: Box) -> Mask:
@@ -178,7 +178,7 @@ def _by_item(key: str, test: Test, reach: Reach) -> Callable[[Box], Mask]:
             box.memo[key] = mask
         return mask
 
-    _ITEM_TESTS[lifted] = _alone(test, reach)
+    _ITEM_TESTS[lifted] = _alone(test, depends_on)
     return lifted
 
 

@@ -133,5 +133,5 @@ def _listed(values: Iterable[Any]) -> str:
 
 def _item(item: ItemView) -> str:
     size = SIZE_NAMES.get(item.size.name, item.size.name.lower())
-    look = f"{size} {item.color.name} {item.shape.name}".lower()
-    return f"{look} at ({item.left}, {BOX_SIDE - item.top}) in the {BOX_TITLES[item.box.index]} box"
+    words = f"{size} {item.color.name} {item.shape.name}".lower()
+    return f"{words} at ({item.left}, {BOX_SIDE - item.top}) in the {BOX_TITLES[item.box.index]} box"

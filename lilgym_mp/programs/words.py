@@ -19,7 +19,7 @@ from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.views import BoxView, Color, ItemView, Shape, Side, Size
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Reach = Literal["look", "place", "item", "box", "scene"]
+Dependency = Literal["attributes", "position", "item", "box", "scene"]
 GROUPS = (
     "sets",
     "item tests",
@@ -221,8 +221,8 @@ class Growth(NamedTuple):
 class Word:
     """A word of the language; calling it checks the arguments first.
 
-    `reach` says what the value for an item depends on: its look (colour, shape, size), its place (and size), both, its
-    box, or the whole scene.
+    `depends_on` says what the value for an item depends on: its attributes (colour, shape, size), its position (and
+    size), both, its box, or the whole scene.
     `steps_each` is what an element of the arguments costs. `growth` tells how large the result is where it can
     exceed the arguments.
     """
@@ -232,14 +232,14 @@ class Word:
     group: str
     parameters: tuple[Parameter, ...]
     result: str
-    reach: Reach
+    depends_on: Dependency
     steps_each: int
     growth: Callable[..., Growth] | None
 
     @property
     def is_of_item_alone(self) -> bool:
         """Whether the value for an item depends on nothing but the item."""
-        return self.reach in ("look", "place", "item")
+        return self.depends_on in ("attributes", "position", "item")
 
     @property
     def signature(self) -> str:
@@ -255,7 +255,7 @@ class Word:
 
     def steps(self, weight: int, item_count: int) -> int:
         """How many steps a call is charged, for the elements of its arguments and the items of the scene."""
-        others = costs.PAIR * item_count if self.reach in ("box", "scene") else 0
+        others = costs.PAIR * item_count if self.depends_on in ("box", "scene") else 0
         return costs.CALL + weight * (self.steps_each + others)
 
     def bind(self, positional: int, keywords: Iterable[str]) -> tuple[int | str | None, ...]:
@@ -320,17 +320,17 @@ WORDS: dict[str, Word] = {}
 def word(
     group: str,
     *,
-    reach: Reach = "item",
+    depends_on: Dependency = "item",
     name: str | None = None,
     steps_each: int = 2,
     growth: Callable[..., Growth] | None = None,
 ) -> Callable[[Function], Function]:
     """Makes the decorated function a word; `name` is for words that would hide a built-in of Python.
 
-    Raises WordError for an unknown group or reach, a name that is taken, an argument that is annotated with none of
-    the kinds above or may be any number of arguments, and a function without a docstring or annotated result.
+    Raises WordError for an unknown group or dependency, a name that is taken, an argument that is annotated with none
+    of the kinds above or may be any number of arguments, and a function without a docstring or annotated result.
     """
-    for what, value, choices in (("group", group, GROUPS), ("reach", reach, get_args(Reach))):
+    for what, value, choices in (("group", group, GROUPS), ("depends_on", depends_on, get_args(Dependency))):
         if value not in choices:
             raise WordError(f"unknown {what} {value!r}; choose from {', '.join(choices)}")
 
@@ -351,7 +351,7 @@ def word(
         )
         result = _result_name(hints["return"])
         plain = _by_position(function, parameters)
-        WORDS[called] = Word(called, plain, group, parameters, result, reach, steps_each, growth)
+        WORDS[called] = Word(called, plain, group, parameters, result, depends_on, steps_each, growth)
         return function
 
     return declare

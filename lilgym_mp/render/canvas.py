@@ -27,8 +27,8 @@ from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
-    KIND_PIXELS,
-    KINDS,
+    FOOTPRINT_SIDES,
+    FOOTPRINTS,
     SIZE_PIXELS,
     Box,
     Colour,
@@ -40,7 +40,9 @@ from lilgym_mp.scene import (
 
 KEPT_BYTES = 48 << 20  # room for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
 RUN_PIXELS = 32
-LARGEST_PATCH = 2 + max(KIND_PIXELS)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
+LARGEST_PATCH = 2 + max(
+    FOOTPRINT_SIDES
+)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
 
 # What play draws by is kept in plain tuples: they are taken apart in a third of a named tuple's time.
 
@@ -60,11 +62,11 @@ def _pitch(shrink: int) -> int:
     return 3 * LARGEST_PATCH // shrink
 
 
-def _patch(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
-    sprite, counts = stamp(kind, colour, odd_x, odd_y, shrink)
+def _patch(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
+    sprite, counts = stamp(footprint, colour, odd_x, odd_y, shrink)
     rows, columns = counts.shape
     bare = empty_box(shrink)[:rows, :columns]
-    mask = np.pad(item_mask(kind), ((odd_y, 0), (odd_x, 0)))
+    mask = np.pad(item_mask(footprint), ((odd_y, 0), (odd_x, 0)))
     drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
     number = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
     return columns * shrink, rows * shrink, sprite, bare, drawn, number
@@ -80,7 +82,10 @@ def _patches(shrink: int) -> _Patches:
     return [
         [
             [
-                [[_patch(KINDS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)] for odd_x in (0, 1)]
+                [
+                    [_patch(FOOTPRINTS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
+                    for odd_x in (0, 1)
+                ]
                 for size in Size
             ]
             for colour in Colour
@@ -122,7 +127,7 @@ def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item]
     patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
     drawn = counts = 0
     for item in items:
-        if not fits_box(item.kind, item.x, item.y):
+        if not fits_box(item.footprint, item.x, item.y):
             return None
         x, y, item_shape, colour, size = item
         _, _, _, _, own_drawn, own_counts = patches[item_shape][colour][size][x & 1][y & 1]
@@ -255,7 +260,7 @@ class Canvas:
             self._shown = scene.boxes
         elif not self._draw_items(scene):
             self.pixels[:] = draw(scene, self._image_size)
-            inside = all(fits_box(item.kind, item.x, item.y) for item in scene.items())
+            inside = all(fits_box(item.footprint, item.x, item.y) for item in scene.items())
             self._shown = scene.boxes if inside else None
         elif key not in memo:
             memo[key] = None

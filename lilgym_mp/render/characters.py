@@ -40,7 +40,7 @@ def text(
 
 def _covers(item: Item, x: int, y: int) -> bool:
     column, row = x - item.x, y - item.y
-    return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.kind)[row, column])
+    return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.footprint)[row, column])
 
 
 def _text_mark(item: Item, *, coloured: bool) -> str:

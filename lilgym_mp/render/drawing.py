@@ -18,10 +18,10 @@ from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
+    FOOTPRINT_SIDES,
+    FOOTPRINTS,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
-    KIND_PIXELS,
-    KINDS,
     Colour,
     Item,
     Scene,
@@ -45,17 +45,17 @@ def image_shape(image_size: str) -> tuple[int, int, int]:
     return IMAGE_HEIGHT // shrink, IMAGE_WIDTH // shrink, 3
 
 
-_SHAPES = {kind: shape for shape in Shape for kind in KINDS[shape]}
+_SHAPES = {footprint: shape for shape in Shape for footprint in FOOTPRINTS[shape]}
 
 
 @cache
-def item_mask(kind: int) -> BoolArray:
-    """(side, side) by row and column: the pixels of a kind's bounding square that are drawn."""
-    side = KIND_PIXELS[kind]
+def item_mask(footprint: int) -> BoolArray:
+    """(side, side) by row and column: the pixels of a footprint's bounding square that are drawn."""
+    side = FOOTPRINT_SIDES[footprint]
     image = Image.new("1", (side, side))
     draw = ImageDraw.Draw(image)
     last = side - 1
-    match _SHAPES[kind]:
+    match _SHAPES[footprint]:
         case Shape.CIRCLE:
             draw.ellipse((0, 0, last, last), fill=1)
         case Shape.SQUARE:
@@ -90,7 +90,7 @@ def _paint(pixels: UInt8Array, item: Item, x: int, y: int) -> None:
     left, top = max(0, x), max(0, y)
     right, bottom = min(IMAGE_WIDTH, x + side), min(IMAGE_HEIGHT, y + side)
     if left < right and top < bottom:
-        drawn = item_mask(item.kind)[top - y : bottom - y, left - x : right - x]
+        drawn = item_mask(item.footprint)[top - y : bottom - y, left - x : right - x]
         pixels[top:bottom, left:right][drawn] = COLOUR_RGB[item.colour]
 
 
@@ -133,11 +133,11 @@ def palette(shrink: int) -> Palette:
 
 
 @cache
-def stamp(kind: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
-    side = KIND_PIXELS[kind]
+def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
+    side = FOOTPRINT_SIDES[footprint]
     width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
     drawn = np.zeros((height, width), np.uint8)
-    drawn[odd_y : odd_y + side, odd_x : odd_x + side] = item_mask(kind)
+    drawn[odd_y : odd_y + side, odd_x : odd_x + side] = item_mask(footprint)
     blocks = drawn.reshape(height // shrink, shrink, width // shrink, shrink).sum((1, 3), dtype=np.uint8)
     weights, colours = palette(shrink)
     counts = blocks * np.uint8(weights[colour])

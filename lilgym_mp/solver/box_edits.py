@@ -12,7 +12,7 @@ import numpy as np
 
 from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.legality import box_legality
-from lilgym_mp.appearances.numbering import LOOK_KINDS, LOOKS, add_index, remove_index
+from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, add_index, remove_index
 from lilgym_mp.appearances.placement import (
     FIRST_TOO_FAR,
     LARGEST_MOVE,
@@ -23,7 +23,7 @@ from lilgym_mp.appearances.placement import (
     placement_tables,
 )
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, KIND_PIXELS, Colour, Item, Shape
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, Colour, Item, Shape
 from lilgym_mp.solver.item_samples import BEYOND, PLACE_COUNT, places
 
 KEPT_BOXES = 8_192  # whose edits are kept
@@ -39,10 +39,10 @@ class Additions(NamedTuple):
 
     def item(self, number: int) -> Item:
         """The item that the valid addition with that number, counted in this box, brings."""
-        cell, look = divmod(number, len(LOOKS))
-        shape, colour, size = LOOKS[look]
-        kind = LOOK_KINDS[look]
-        return Item(int(self.x[cell, kind]), int(self.y[cell, kind]), shape, colour, size)
+        cell, item_type = divmod(number, len(ITEM_TYPES))
+        shape, colour, size = ITEM_TYPES[item_type]
+        footprint = ITEM_TYPE_FOOTPRINTS[item_type]
+        return Item(int(self.x[cell, footprint]), int(self.y[cell, footprint]), shape, colour, size)
 
 
 @lru_cache(maxsize=KEPT_BOXES)
@@ -58,10 +58,10 @@ def additions(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tupl
 
 
 @lru_cache(maxsize=KEPT_BOXES)
-def addable_looks(scatter: Scatter, rules: PlacementRules, items: tuple[Item, ...]) -> BoolArray:
+def addable_item_types(scatter: Scatter, rules: PlacementRules, items: tuple[Item, ...]) -> BoolArray:
     """(cells, 27) whether an item of each look can be added to each cell of a box with these items."""
     legality = box_legality(*scatter.cell, searches=scatter.searches(rules))
-    return legality.addable(items)[..., _ADD_KINDS].reshape(-1, len(LOOKS))
+    return legality.addable(items)[..., _ADD_FOOTPRINTS].reshape(-1, len(ITEM_TYPES))
 
 
 def addition_numbers(scatter: Scatter, index: int, additions: Int64Array) -> Int64Array:
@@ -88,7 +88,7 @@ class _Tables(NamedTuple):
 @cache
 def _tables() -> _Tables:
     tables = placement_tables()
-    form = (KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT)
+    form = (FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
     clearance = np.frombuffer(b"".join(map(b"".join, tables.clearance)), np.uint8).reshape(form)
     moves = np.frombuffer(b"".join(map(b"".join, tables.moves)), np.uint8).reshape(form)
     tied = np.zeros(clearance.size, np.bool_)
@@ -96,8 +96,8 @@ def _tables() -> _Tables:
     return _Tables(clearance, moves, tied.reshape(form))
 
 
-_KINDS = np.arange(KIND_COUNT)
-_ADD_KINDS = np.array(LOOK_KINDS)
+_FOOTPRINTS = np.arange(FOOTPRINT_COUNT)
+_ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
 
 def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64Array:
@@ -107,7 +107,7 @@ def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64A
     dy = y - placed[:, 1, None, None] + OFFSET_LIMIT
     near = (dx >= 0) & (dx < OFFSET_COUNT) & (dy >= 0) & (dy < OFFSET_COUNT)
     last = OFFSET_COUNT - 1
-    codes = _tables().clearance[_KINDS, placed[:, 2, None, None], dx.clip(0, last), dy.clip(0, last)]
+    codes = _tables().clearance[_FOOTPRINTS, placed[:, 2, None, None], dx.clip(0, last), dy.clip(0, last)]
     return np.where(near, codes, FIRST_TOO_FAR)
 
 
@@ -117,16 +117,16 @@ def _snapped(
     """Where items that found their places at (x, y) come to rest."""
     codes = _clearances(x, y, items)
     closest = codes.argmin(axis=0)
-    cells, kinds = (valid & (codes.min(axis=0) < FIRST_TOO_FAR)).nonzero()
+    cells, footprints = (valid & (codes.min(axis=0) < FIRST_TOO_FAR)).nonzero()
     if not len(cells):
         return x, y
-    old_x, old_y, others = x[cells, kinds], y[cells, kinds], closest[cells, kinds]
-    move_x, move_y = _moves(kinds, old_x, old_y, others, items, frame_x)
+    old_x, old_y, others = x[cells, footprints], y[cells, footprints], closest[cells, footprints]
+    move_x, move_y = _moves(footprints, old_x, old_y, others, items, frame_x)
     new_x, new_y = x.copy(), y.copy()
-    new_x[cells, kinds] += move_x
-    new_y[cells, kinds] += move_y
+    new_x[cells, footprints] += move_x
+    new_y[cells, footprints] += move_y
     if not rules.keeps_unfit_snaps:
-        last = BOX_SIDE - np.array(KIND_PIXELS)
+        last = BOX_SIDE - np.array(FOOTPRINT_SIDES)
         fits = (new_x >= 0) & (new_x <= last) & (new_y >= 0) & (new_y <= last)
         fits &= (_clearances(new_x, new_y, items) != OVERLAPPING).all(axis=0)
         new_x, new_y = np.where(fits, new_x, x), np.where(fits, new_y, y)
@@ -134,18 +134,18 @@ def _snapped(
 
 
 def _moves(
-    kinds: Int64Array, x: Int64Array, y: Int64Array, others: Int64Array, items: tuple[Item, ...], frame_x: int
+    footprints: Int64Array, x: Int64Array, y: Int64Array, others: Int64Array, items: tuple[Item, ...], frame_x: int
 ) -> tuple[Int64Array, Int64Array]:
     """By how much each new item moves to the one of `items` that `others` says."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
-    place = (kinds, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
+    place = (footprints, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
     codes = _tables().moves[place].astype(np.int64)
     move_x, move_y = (codes >> 4) - LARGEST_MOVE, (codes & 15) - LARGEST_MOVE
     apart = _tables().tied[place] | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
     move = placement_tables().move
     for index in apart.nonzero()[0].tolist():
         other = items[int(others[index])]
-        move_x[index], move_y[index] = move(int(kinds[index]), int(x[index]), int(y[index]), other, frame_x)
+        move_x[index], move_y[index] = move(int(footprints[index]), int(x[index]), int(y[index]), other, frame_x)
     return move_x, move_y
 
 
@@ -156,13 +156,13 @@ def _places() -> Int64Array:
 
 def _samples(x: Int64Array, y: Int64Array, valid: BoolArray) -> Int64Array:
     """`item_samples.sample_number` for every addition, -1 where invalid."""
-    shapes, colours, sizes = np.array(LOOKS).T
+    shapes, colours, sizes = np.array(ITEM_TYPES).T
     by_pixel = _places()
-    looks = sizes * PLACE_COUNT**2
-    kinds = _ADD_KINDS
-    place = by_pixel[sizes, x[:, kinds] + BEYOND] * PLACE_COUNT + by_pixel[sizes, y[:, kinds] + BEYOND]
-    numbers = (looks + place) * (len(Shape) * len(Colour)) + shapes * len(Colour) + colours
-    return np.where(valid[:, kinds], numbers, -1).ravel()
+    item_types = sizes * PLACE_COUNT**2
+    footprints = _ADD_FOOTPRINTS
+    place = by_pixel[sizes, x[:, footprints] + BEYOND] * PLACE_COUNT + by_pixel[sizes, y[:, footprints] + BEYOND]
+    numbers = (item_types + place) * (len(Shape) * len(Colour)) + shapes * len(Colour) + colours
+    return np.where(valid[:, footprints], numbers, -1).ravel()
 
 
 @cache

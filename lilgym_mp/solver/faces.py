@@ -159,7 +159,7 @@ def _stays_inside(node: Node, bound: frozenset[str]) -> bool:
         case Variable(name=name):
             return name in bound
         case Call(word=word) | WordName(word=word):
-            return word.reach != "scene"
+            return word.depends_on != "scene"
         case _:
             return True
 

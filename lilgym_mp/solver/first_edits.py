@@ -22,8 +22,8 @@ from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
-    KIND_COUNT,
-    KIND_PIXELS,
+    FOOTPRINT_COUNT,
+    FOOTPRINT_SIDES,
     SIZE_PIXELS,
     Box,
     Colour,
@@ -34,7 +34,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.solver.box_edits import (
     Additions,
-    addable_looks,
+    addable_item_types,
     addition_numbers,
     additions,
     frame_of,
@@ -231,9 +231,9 @@ class _ReachableBox:
     def _additions(self, item_class: int) -> Int64Array:
         """The additions, counted in this box, of an item of the class."""
         classes = self._sketcher.classes
-        if classes.by_look is not None:
-            looks = addable_looks(self._scatter, self._rules, self._box.items)
-            return (looks & (classes.by_look == item_class)).ravel().nonzero()[0]
+        if classes.by_item_type is not None:
+            item_types = addable_item_types(self._scatter, self._rules, self._box.items)
+            return (item_types & (classes.by_item_type == item_class)).ravel().nonzero()[0]
         samples = self._all_additions().samples
         return ((classes.by_sample[samples] == item_class) & (samples >= 0)).nonzero()[0]
 
@@ -286,20 +286,20 @@ class _ReachableBox:
         edits = self._all_additions()
         chosen = np.zeros(edits.samples.shape, np.bool_)
         chosen[self._additions(item_class)] = True
-        by_look = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
-        cells, kinds = by_look.any(axis=2).reshape(-1, KIND_COUNT).nonzero()
-        left, top = edits.x[cells, kinds], edits.y[cells, kinds]
-        sides = np.array(KIND_PIXELS)[kinds]
+        by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
+        cells, footprints = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT).nonzero()
+        left, top = edits.x[cells, footprints], edits.y[cells, footprints]
+        sides = np.array(FOOTPRINT_SIDES)[footprints]
         squares = np.stack([left, top, left + sides, top + sides], axis=1)
-        certain, complete = self._with_room(_Begun(squares, kinds), rests, budget)
-        fine = np.zeros((len(edits.valid), KIND_COUNT), np.bool_)
-        fine[cells[certain], kinds[certain]] = True
-        by_look &= fine.reshape(-1, len(Shape), 1, len(Size))
+        certain, complete = self._with_room(_Begun(squares, footprints), rests, budget)
+        fine = np.zeros((len(edits.valid), FOOTPRINT_COUNT), np.bool_)
+        fine[cells[certain], footprints[certain]] = True
+        by_item_type &= fine.reshape(-1, len(Shape), 1, len(Size))
         return Firsts(frozenset(self._actions(chosen.nonzero()[0], adds=True)), complete)
 
     def _with_room(self, begun: _Begun, rests: Sequence[Rest], budget: Budget) -> tuple[BoolArray, bool]:
         """Which additions leave room for one of `rests`, and whether that is known of all."""
-        fine = np.zeros(len(begun.kinds), np.bool_)
+        fine = np.zeros(len(begun.footprints), np.bool_)
         for rest in rests[:MOST_RESTS]:
             for reverse in (False, True):
                 way = self._seek(rest, self._box, budget, reverse=reverse)
@@ -351,10 +351,10 @@ class _Begun(NamedTuple):
     """Additions to a box, whatever their colours."""
 
     squares: Int64Array  # (n, 4) left, top, right, bottom; the latter two exclusive
-    kinds: Int64Array  # (n,)
+    footprints: Int64Array  # (n,)
 
     def item(self, index: int) -> Item:
         """One of them, in some colour."""
         left, top, *_ = self.squares[index].tolist()
-        shape, size = divmod(int(self.kinds[index]), len(Size))
+        shape, size = divmod(int(self.footprints[index]), len(Size))
         return Item(left, top, Shape(shape), Colour.YELLOW, Size(size))

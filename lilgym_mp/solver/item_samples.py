@@ -15,7 +15,7 @@ from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Colour, Item, Shape, Size
 BEYOND = 2 * BOX_SIDE  # pixels by which an item may lie outside its box and still be looked up
 PLACE_COUNT = 7  # along one axis: in the open, at the near wall and within either margin of it, likewise the far one
 COLOUR_COUNT = len(Colour)
-LOOK_COUNT = len(Shape) * COLOUR_COUNT  # of one size, as samples are numbered
+ITEM_TYPE_COUNT = len(Shape) * COLOUR_COUNT  # of one size, as samples are numbered
 PLACES_IN_ALL = PLACE_COUNT**2
 
 
@@ -27,8 +27,8 @@ def every_item() -> tuple[Item, ...]:
         last = BOX_SIDE - size.pixels
         near = (0, MARGIN, WIDE_MARGIN)
         places = (last // 2, *near, *(last - distance for distance in near))
-        looks = itertools.product(places, places, Shape, Colour)
-        items.extend(Item(x, y, shape, colour, size) for x, y, shape, colour in looks)
+        item_types = itertools.product(places, places, Shape, Colour)
+        items.extend(Item(x, y, shape, colour, size) for x, y, shape, colour in item_types)
     return tuple(items)
 
 
@@ -55,4 +55,4 @@ def sample_number(item: Item) -> int:
     x, y, shape, colour, size = item
     by_pixel = places()[size]
     place = by_pixel[x + BEYOND] * PLACE_COUNT + by_pixel[y + BEYOND]
-    return (size * PLACES_IN_ALL + place) * LOOK_COUNT + shape * COLOUR_COUNT + colour
+    return (size * PLACES_IN_ALL + place) * ITEM_TYPE_COUNT + shape * COLOUR_COUNT + colour

@@ -116,11 +116,11 @@ class Profile:
 
 def _related(word: Word, box: Box, numbers: list[int]) -> list[Any]:
     """By item, what the word says of it, in terms of classes; its place where the word is of another kind."""
-    if word.reach == "box" and word.parameters[0].kind.each:
+    if word.depends_on == "box" and word.parameters[0].kind.each:
         masks = lifting.lifted_relation(word)(box)
         return [tuple(sorted(_chosen(numbers, masks[position]))) for position in range(len(numbers))]
     kinds = [parameter.kind.name for parameter in word.parameters]
-    if word.reach == "box" and kinds == ["item"]:
+    if word.depends_on == "box" and kinds == ["item"]:
         mask = lifting.lifted_test(word, ())(box)
         return [mask >> position & 1 for position in range(len(numbers))]
     if kinds == ["item", "item"]:

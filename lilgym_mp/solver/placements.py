@@ -16,9 +16,9 @@ COARSE_STEP = 10  # pixels between the places tried in the open on finer grids
 COVER_STEP = 3  # pixels between the points of an item at which a removal is tried on finer grids
 
 BoxEdit = AddItem | RemoveItem
-Look = tuple[Shape, Colour, Size]
+ItemType = tuple[Shape, Colour, Size]
 NOTHING = Box()
-LOOKS: tuple[Look, ...] = tuple(itertools.product(Shape, Colour, Size))
+ITEM_TYPES: tuple[ItemType, ...] = tuple(itertools.product(Shape, Colour, Size))
 
 
 class Placed(NamedTuple):
@@ -37,9 +37,9 @@ class Placements:
         self._index = index
         self.complete = max(BOX_SIDE // side for side in scatter.cell) <= MOST_PLACES  # whether every cell is tried
 
-    def added(self, box: Box, look: Look, x: int, y: int) -> Placed | None:
+    def added(self, box: Box, item_type: ItemType, x: int, y: int) -> Placed | None:
         """What adding an item of that look makes of the box, in the cell at pixel (x, y); None where invalid."""
-        return self._edited(box, AddItem(*self._cell(x, y), *look))
+        return self._edited(box, AddItem(*self._cell(x, y), *item_type))
 
     def removed(self, box: Box, position: int) -> Placed | None:
         """How to take away the item at that position; None where no cell that is tried does."""
@@ -54,8 +54,8 @@ class Placements:
         """Every valid edit: each look in each cell that is tried, and each cell that takes something away."""
         corners = self.corners(box)
         for x, y in corners:
-            for look in LOOKS:
-                placed = self.added(box, look, x, y)
+            for item_type in ITEM_TYPES:
+                placed = self.added(box, item_type, x, y)
                 if placed is not None:
                     yield placed
         for x, y in corners:

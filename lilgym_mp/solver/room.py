@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from enum import Enum
 
 from lilgym_mp.scene import Box, Item
-from lilgym_mp.solver.placements import BoxEdit, Look, Placed, Placements
+from lilgym_mp.solver.placements import BoxEdit, ItemType, Placed, Placements
 from lilgym_mp.solver.search import Budget
 from lilgym_mp.solver.sketches import SketchEdit, Sketcher
 
@@ -115,20 +115,20 @@ class _Ways:
     def _additions(self, box: Box, item_class: int) -> Iterator[Placed]:
         """Additions of an item of that class, first where it would be of it if it stayed at its cell's corner."""
         classes = self._sketcher.classes
-        later: list[tuple[Look, int, int]] = []
+        later: list[tuple[ItemType, int, int]] = []
         corners = self._placements.corners(box)[:: self._order]
-        for look in classes.looks[item_class]:
+        for item_type in classes.item_types[item_class]:
             for x, y in corners:
-                if classes.by_look is not None or classes.of(Item(x, y, *look)) == item_class:
-                    yield from self._addition(box, look, x, y, item_class)
+                if classes.by_item_type is not None or classes.of(Item(x, y, *item_type)) == item_class:
+                    yield from self._addition(box, item_type, x, y, item_class)
                 else:
-                    later.append((look, x, y))
-        for look, x, y in later:
-            yield from self._addition(box, look, x, y, item_class)
+                    later.append((item_type, x, y))
+        for item_type, x, y in later:
+            yield from self._addition(box, item_type, x, y, item_class)
 
-    def _addition(self, box: Box, look: Look, x: int, y: int, item_class: int) -> Iterator[Placed]:
+    def _addition(self, box: Box, item_type: ItemType, x: int, y: int, item_class: int) -> Iterator[Placed]:
         self._spend()
-        placed = self._placements.added(box, look, x, y)
+        placed = self._placements.added(box, item_type, x, y)
         if placed is not None and self._sketcher.classes.of(placed.box.items[-1]) == item_class:
             yield placed
 

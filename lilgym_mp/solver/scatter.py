@@ -146,7 +146,7 @@ class ScatterSearch:
         alike: dict[Hashable, list[int]] = {}
         for number in (brought.samples >= 0).nonzero()[0].tolist():
             item = brought.item(number)
-            alike.setdefault((item.x, item.y, item.kind, classes.of(item)), []).append(number)
+            alike.setdefault((item.x, item.y, item.footprint, classes.of(item)), []).append(number)
         for numbers in alike.values():
             actions: list[int] = addition_numbers(self._scatter, index, np.array(numbers)).tolist()
             yield actions, box.with_item(brought.item(numbers[0]))

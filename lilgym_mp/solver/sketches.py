@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.scene import KIND_COUNT, Box, Colour, Item, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Colour, Item, Shape, Size
 from lilgym_mp.solver.aspects import Aspects, Question
 from lilgym_mp.solver.item_samples import every_item, sample_number
-from lilgym_mp.solver.placements import Look
+from lilgym_mp.solver.placements import ItemType
 
 Sketch = tuple[int, ...]  # the class of each item; sorted unless order matters
 
@@ -42,10 +42,10 @@ class ItemClasses:
         self._by_sample: list[int] = numbers.tolist()
         self.representatives = [every_item()[first] for first in firsts]
         self.shares: list[int] = np.bincount(numbers).tolist()  # by class: how many of all placements belong to it
-        self.looks = _one_colour_a_kind(numbers, len(firsts))  # by class
+        self.item_types = _one_colour_per_footprint(numbers, len(firsts))  # by class
 
     @cached_property
-    def by_look(self) -> Int64Array | None:
+    def by_item_type(self) -> Int64Array | None:
         """(27,) by look, as actions number them, the class of items of it; None where that hangs on their place."""
         places = self.by_sample.reshape(len(Size), -1, len(Shape), len(Colour))
         if (places != places[:, :1]).any():
@@ -70,14 +70,14 @@ def _classes(questions: Sequence[Question]) -> tuple[Int64Array, list[int]]:
     return np.argsort(order)[classes], firsts[order].tolist()
 
 
-def _one_colour_a_kind(classes: Int64Array, count: int) -> list[tuple[Look, ...]]:
+def _one_colour_per_footprint(classes: Int64Array, count: int) -> list[tuple[ItemType, ...]]:
     """By class: the looks that items of it can have, one colour a kind, small ones first."""
-    _, firsts = np.unique(classes * KIND_COUNT + _kinds(), return_index=True)
-    looks: list[list[Look]] = [[] for _ in range(count)]
+    _, firsts = np.unique(classes * FOOTPRINT_COUNT + _footprints(), return_index=True)
+    item_types: list[list[ItemType]] = [[] for _ in range(count)]
     chosen: list[int] = firsts.tolist()
     for item, number in sorted([(every_item()[first], int(classes[first])) for first in chosen], key=_size):
-        looks[number].append((item.shape, item.colour, item.size))
-    return [tuple(found) for found in looks]
+        item_types[number].append((item.shape, item.colour, item.size))
+    return [tuple(found) for found in item_types]
 
 
 def _size(pair: tuple[Item, int]) -> tuple[int, int]:
@@ -85,9 +85,9 @@ def _size(pair: tuple[Item, int]) -> tuple[int, int]:
 
 
 @cache
-def _kinds() -> Int64Array:
+def _footprints() -> Int64Array:
     """The kind of each sample."""
-    return np.array([item.kind for item in every_item()])
+    return np.array([item.footprint for item in every_item()])
 
 
 class Sketcher:

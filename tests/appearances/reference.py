@@ -9,14 +9,14 @@ import shapely
 
 from lilgym_mp.appearances import InvalidReason, PlacementRules
 from lilgym_mp.scene import Item
-from scripts.build_placement_tables import kind_polygon
+from scripts.build_placement_tables import footprint_polygon
 
 ROUNDING = 1e-9  # square pixels: areas that differ by less are equal
 Place = tuple[int, int]
 
 
 def polygon(item: Item, frame_x: int = 0) -> shapely.Polygon:
-    return kind_polygon(item.kind, item.x + frame_x, item.y)
+    return footprint_polygon(item.footprint, item.x + frame_x, item.y)
 
 
 def overlap(one: shapely.Polygon, other: shapely.Polygon) -> bool:

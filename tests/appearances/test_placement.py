@@ -1,4 +1,4 @@
-"""The shipped placement tables against shapely: kind by kind, offset by offset, and at random absolute places."""
+"""The shipped placement tables against shapely: every pair of footprints and offset, and random absolute positions."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from lilgym_mp.appearances.placement import (
     shape_area,
 )
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import BOX_PITCH, KIND_PIXELS, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
 from scripts import build_placement_tables as script
 from tests.appearances import reference
 
-KINDS = range(9)
+FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
 OLDER_AT = (40, 40)  # not where the script puts it
 RANDOM_PLACEMENTS = 5_000
@@ -37,10 +37,10 @@ OVERHANG = 4  # pixels that an older item may lie outside its box, as the releas
 
 
 @cache
-def placed(kind: int) -> NDArray[Any]:
-    """(69 * 69,) polygons of a kind, by offset from OLDER_AT."""
+def placed(footprint: int) -> NDArray[Any]:
+    """(69 * 69,) polygons of a footprint, by offset from OLDER_AT."""
     x, y = OLDER_AT
-    return np.array([script.kind_polygon(kind, x + dx, y + dy) for dx in SPAN for dy in SPAN])
+    return np.array([script.footprint_polygon(footprint, x + dx, y + dy) for dx in SPAN for dy in SPAN])
 
 
 def codes_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
@@ -59,16 +59,16 @@ def moves_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
     return (ends[:, 1] - ends[:, 0]).astype(np.int64)
 
 
-def item_of(kind: int, x: int, y: int) -> Item:
-    return Item(x, y, Shape(kind // 3), Colour.BLUE, Size(kind % 3))
+def item_of(footprint: int, x: int, y: int) -> Item:
+    return Item(x, y, Shape(footprint // 3), Colour.BLUE, Size(footprint % 3))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(kind: int):
-    outline, side = script.kind_polygon(kind, 3, 7), KIND_PIXELS[kind]
+@pytest.mark.parametrize("footprint", FOOTPRINTS)
+def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footprint: int):
+    outline, side = script.footprint_polygon(footprint, 3, 7), FOOTPRINT_SIDES[footprint]
     assert outline.bounds == (3, 7, 3 + side, 7 + side)
     points = shapely.get_coordinates(outline.exterior)[:-1]
-    match Shape(kind // 3):
+    match Shape(footprint // 3):
         case Shape.CIRCLE:
             assert len(points) == 64
             assert np.hypot(*(points - (3 + side / 2, 7 + side / 2)).T) == pytest.approx(side / 2)
@@ -78,56 +78,58 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(kind: 
             assert {tuple(point) for point in points} == {(3 + side / 2, 7), (3, 7 + side), (3 + side, 7 + side)}
 
 
-@pytest.mark.parametrize("older_kind", KINDS)
-def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_kind: int):
-    tables, older = placement_tables(), item_of(older_kind, *OLDER_AT)
-    outlines = np.full(OFFSET_COUNT**2, script.kind_polygon(older_kind, *OLDER_AT))
+@pytest.mark.parametrize("older_footprint", FOOTPRINTS)
+def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_footprint: int):
+    tables, older = placement_tables(), item_of(older_footprint, *OLDER_AT)
+    outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, *OLDER_AT))
     shapely.prepare(outlines[0])
     places = [(OLDER_AT[0] + dx, OLDER_AT[1] + dy) for dx in SPAN for dy in SPAN]
-    for kind in KINDS:
-        codes = codes_of(placed(kind), outlines)
-        assert [tables.closest(kind, x, y, (older,))[0] for x, y in places] == codes.tolist()
+    for footprint in FOOTPRINTS:
+        codes = codes_of(placed(footprint), outlines)
+        assert [tables.closest(footprint, x, y, (older,))[0] for x, y in places] == codes.tolist()
         near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
-        moves = [tables.move(kind, *places[index], older, frame_x=0) for index in near]
-        assert np.array_equal(moves, moves_of(placed(kind)[near], outlines[near]))
+        moves = [tables.move(footprint, *places[index], older, frame_x=0) for index in near]
+        assert np.array_equal(moves, moves_of(placed(footprint)[near], outlines[near]))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_offsets_outside_the_table__are_too_far(kind: int):
+@pytest.mark.parametrize("footprint", FOOTPRINTS)
+def test_offsets_outside_the_table__are_too_far(footprint: int):
     older = item_of(8, *OLDER_AT)
-    outline = script.kind_polygon(8, *OLDER_AT)
+    outline = script.footprint_polygon(8, *OLDER_AT)
     for step in (-OFFSET_LIMIT - 1, OFFSET_LIMIT + 1):
         for dx, dy in ((step, 0), (0, step)):
             x, y = OLDER_AT[0] + dx, OLDER_AT[1] + dy
-            assert placement_tables().closest(kind, x, y, (older,)) == (FIRST_TOO_FAR, None)
-            assert shapely.distance(script.kind_polygon(kind, x, y), outline) >= 5
+            assert placement_tables().closest(footprint, x, y, (older,)) == (FIRST_TOO_FAR, None)
+            assert shapely.distance(script.footprint_polygon(footprint, x, y), outline) >= 5
 
 
 def random_placements() -> list[tuple[int, int, int, Item]]:
-    """A kind and place inside a box, and an item near it."""
+    """A footprint and position inside a box, and an item near it."""
     chance = random.Random(0)
     found: list[tuple[int, int, int, Item]] = []
     while len(found) < RANDOM_PLACEMENTS:
-        kind, other = chance.randrange(9), chance.randrange(9)
-        x, y = (chance.randint(0, 100 - KIND_PIXELS[kind]) for _ in "xy")
+        footprint, other = chance.randrange(9), chance.randrange(9)
+        x, y = (chance.randint(0, 100 - FOOTPRINT_SIDES[footprint]) for _ in "xy")
         # From four pixels beyond touching on the left or above to as much on the right or below.
-        older_x, older_y = (place + chance.randint(-KIND_PIXELS[other] - 4, KIND_PIXELS[kind] + 4) for place in (x, y))
-        last = 100 - KIND_PIXELS[other] + OVERHANG
+        older_x, older_y = (
+            place + chance.randint(-FOOTPRINT_SIDES[other] - 4, FOOTPRINT_SIDES[footprint] + 4) for place in (x, y)
+        )
+        last = 100 - FOOTPRINT_SIDES[other] + OVERHANG
         if -OVERHANG <= older_x <= last and -OVERHANG <= older_y <= last:
-            found.append((kind, x, y, item_of(other, older_x, older_y)))
+            found.append((footprint, x, y, item_of(other, older_x, older_y)))
     return found
 
 
 def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """(n,) and (n,) the outlines of the new and of the older items, the box's left border at `frame_x`."""
-    new = [script.kind_polygon(kind, x + frame_x, y) for kind, x, y, _ in placements]
-    older = [script.kind_polygon(other.kind, other.x + frame_x, other.y) for *_, other in placements]
+    new = [script.footprint_polygon(footprint, x + frame_x, y) for footprint, x, y, _ in placements]
+    older = [script.footprint_polygon(other.footprint, other.x + frame_x, other.y) for *_, other in placements]
     return np.array(new), np.array(older)
 
 
 def test_random_places__overlap_distance_and_move_equal_shapelys_in_every_box():
     tables, placements = placement_tables(), random_placements()
-    codes = np.array([tables.closest(kind, x, y, (older,))[0] for kind, x, y, older in placements])
+    codes = np.array([tables.closest(footprint, x, y, (older,))[0] for footprint, x, y, older in placements])
     near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
     assert len(near) > RANDOM_PLACEMENTS / 5
     for frame_x in (0, BOX_PITCH, 2 * BOX_PITCH):
@@ -137,14 +139,14 @@ def test_random_places__overlap_distance_and_move_equal_shapelys_in_every_box():
         assert np.array_equal(moves, moves_of(new[near], older[near]))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(kind: int):
-    assert shape_area(kind) / AREA_UNIT == pytest.approx(script.kind_polygon(kind, 0, 0).area, abs=1e-6)
+@pytest.mark.parametrize("footprint", FOOTPRINTS)
+def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint: int):
+    assert shape_area(footprint) / AREA_UNIT == pytest.approx(script.footprint_polygon(footprint, 0, 0).area, abs=1e-6)
     for width, height in ((1, 1), (20, 20), (10, 5), (20, 100)):
-        table = np.array(cell_areas(width, height)[kind])
+        table = np.array(cell_areas(width, height)[footprint])
         places = [(dx, dy) for dx in range(1 - width, 30) for dy in range(1 - height, 30)]
         cells = np.array([shapely.box(dx, dy, dx + width, dy + height) for dx, dy in places])
-        areas = shapely.area(shapely.intersection(script.kind_polygon(kind, 0, 0), cells))
+        areas = shapely.area(shapely.intersection(script.footprint_polygon(footprint, 0, 0), cells))
         assert table.ravel() / AREA_UNIT == pytest.approx(areas, abs=1e-6)
 
 
@@ -154,23 +156,25 @@ def shipped() -> dict[str, NDArray[Any]]:
         return dict(arrays)
 
 
-@pytest.mark.parametrize("kind", [0, 4, 8])
-def test_shipped_file__is_what_the_script_builds(shipped: dict[str, NDArray[Any]], kind: int):
-    other = (kind + 3) % 9
-    codes = script.clearance_codes(kind, other)
-    assert np.array_equal(shipped["clearance"].reshape(9, 9, -1)[kind, other], codes)
-    assert np.array_equal(shipped["moves"].reshape(9, 9, -1, 2)[kind, other], script.snap_moves(kind, other, codes))
-    assert np.array_equal(shipped["pixel_areas"][kind], script.pixel_areas(kind))
-    assert shipped["outline_lengths"][kind] == len(script.centred_outline(kind))
+@pytest.mark.parametrize("footprint", [0, 4, 8])
+def test_shipped_file__is_what_the_script_builds(shipped: dict[str, NDArray[Any]], footprint: int):
+    other = (footprint + 3) % 9
+    codes = script.clearance_codes(footprint, other)
+    assert np.array_equal(shipped["clearance"].reshape(9, 9, -1)[footprint, other], codes)
+    assert np.array_equal(
+        shipped["moves"].reshape(9, 9, -1, 2)[footprint, other], script.snap_moves(footprint, other, codes)
+    )
+    assert np.array_equal(shipped["pixel_areas"][footprint], script.pixel_areas(footprint))
+    assert shipped["outline_lengths"][footprint] == len(script.centred_outline(footprint))
 
 
-@pytest.mark.parametrize("kind", [0, 4, 8])
-def test_shipped_ties__are_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], kind: int):
-    other = (kind + 3) % 9
-    first = (kind * 9 + other) * OFFSET_COUNT**2
+@pytest.mark.parametrize("footprint", [0, 4, 8])
+def test_shipped_ties__are_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], footprint: int):
+    other = (footprint + 3) % 9
+    first = (footprint * 9 + other) * OFFSET_COUNT**2
     ends = shipped["tie_counts"].cumsum(dtype=int)
     segments = dict(zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True))
-    built = script.ties(kind, other, script.clearance_codes(kind, other))
+    built = script.ties(footprint, other, script.clearance_codes(footprint, other))
     assert [first + index for index in built] == [i for i in segments if first <= i < first + OFFSET_COUNT**2]
     assert all(np.array_equal(segments[first + index], pairs) for index, pairs in built.items())
 

@@ -52,7 +52,7 @@ def random_box(chance: np.random.Generator) -> Box:
         size = Size(int(chance.integers(3)))
         x, y = chance.integers(0, BOX_SIDE - size.pixels, 2, endpoint=True).tolist()
         item = Item(x, y, Shape(int(chance.integers(3))), Colour(int(chance.integers(3))), size)
-        if is_free(item.kind, x, y, items):
+        if is_free(item.footprint, x, y, items):
             items.append(item)
     return Box(tuple(items))
 
@@ -218,7 +218,7 @@ def test_touching_items__look_the_same_in_any_order() -> None:
         there = other(35, 35, LARGE, K)
         for x, y in product(range(14, 67), repeat=2):
             item = new(x, y, MEDIUM, B)
-            if 0 < placement_tables().closest(item.kind, x, y, (there,))[0] < 3:
+            if 0 < placement_tables().closest(item.footprint, x, y, (there,))[0] < 3:
                 assert np.array_equal(draw(scene([there, item])), draw(scene([item, there])))
 
 

@@ -94,7 +94,7 @@ OPERATIONS = {
     "count(all_items) == 3 + 3": {Operation.LENGTH, Operation.ADD, Operation.EQUAL},
     "count(filter_obj(all_items, lambda x: not is_black(x))) == 3": {Operation.INVERT, Operation.BIT_COUNT},
     "exist(filter_obj(all_items, lambda x: is_black(x) and is_touching_wall(x, Side.BOTTOM)))": {
-        Operation.LOOKS,
+        Operation.ITEM_TYPES,
         Operation.PLACES,
         Operation.BIT_AND,
     },
@@ -168,18 +168,20 @@ def test_goals__of_tasks_that_judge_otherwise_are_theirs() -> None:
     assert goals("scatter", tasks) == [True, False]
 
 
-@pytest.mark.parametrize("name", [name for name, word in WORDS.items() if word.reach in ("look", "place")])
-def test_word__depends_on_what_its_reach_says_alone(name: str) -> None:
+@pytest.mark.parametrize(
+    "name", [name for name, word in WORDS.items() if word.depends_on in ("attributes", "position")]
+)
+def test_word__depends_on_nothing_else(name: str) -> None:
     word = WORDS[name]
     for side in Side if len(word.parameters) > 1 else (None,):
         constants = () if side is None else (side,) * (len(word.parameters) - 1)
         test = item_test(lifted_test(word, constants))
         assert test is not None
-        assert test.reach == word.reach
+        assert test.depends_on == word.depends_on
         at = [(0, 0), (3, 50), (70, 6), (66, 70)]
         for x, y in at:
             for size in (SMALL, MEDIUM, LARGE):
-                if word.reach == "place":
+                if word.depends_on == "position":
                     same = {
                         test.passes(make(x, y, size, colour))
                         for make in (circle, square, triangle)

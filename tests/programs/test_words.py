@@ -63,7 +63,10 @@ def test_word__a_name_is_taken_once() -> None:
     ("options", "said"),
     [
         ({"group": "magic"}, "unknown group 'magic'; choose from sets, item tests"),
-        ({"group": "sets", "reach": "world"}, "unknown reach 'world'; choose from look, place, item, box, scene"),
+        (
+            {"group": "sets", "depends_on": "world"},
+            "unknown depends_on 'world'; choose from attributes, position, item, box, scene",
+        ),
     ],
 )
 def test_word__unknown_options_are_refused_with_the_choices(options: dict[str, Any], said: str) -> None:

@@ -103,7 +103,7 @@ def test_sketch__has_the_truth_of_builtin_programs(split: str):
 def test_classes__have_an_item_of_each_look():
     classes = Sketcher(of("exist(filter_obj(all_items, lambda x: is_big(x) and is_black(x)))")).classes
     number = classes.of(square(0, 0, LARGE, K))
-    assert {(shape.name, size.name) for shape, _, size in classes.looks[number]} == {
+    assert {(shape.name, size.name) for shape, _, size in classes.item_types[number]} == {
         ("CIRCLE", "LARGE"),
         ("SQUARE", "LARGE"),
         ("TRIANGLE", "LARGE"),

@@ -12,7 +12,14 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.solver import Solver
-from lilgym_mp.solver.box_edits import addable_looks, addition_numbers, additions, frame_of, removal_numbers, removed
+from lilgym_mp.solver.box_edits import (
+    addable_item_types,
+    addition_numbers,
+    additions,
+    frame_of,
+    removal_numbers,
+    removed,
+)
 from lilgym_mp.solver.item_samples import sample_number
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
 from tests.solver.tasks import edits_by_trial, mdp, task
@@ -116,7 +123,7 @@ def test_box_edits__are_what_the_rules_do(rules: str, grid: tuple[int, int]):
         for index, box in enumerate(state.scene.boxes):
             brought = additions(scatter, placement, frame_of(placement, index), box.items)
             taken = removed(scatter.cell, box.items)
-            addable = addable_looks(scatter, placement, box.items).ravel()
+            addable = addable_item_types(scatter, placement, box.items).ravel()
             adds = addition_numbers(scatter, index, np.arange(len(addable))).tolist()
             removals = removal_numbers(scatter, index, np.arange(len(taken))).tolist()
             for number in rng.sample(adds, 60):

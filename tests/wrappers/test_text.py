@@ -55,9 +55,9 @@ def test_tower__is_told_in_full(make: Make):
 def test_scatter__tells_legal_actions_by_cells(make: Make):
     text, _ = TextObservation(make("ScatterScratch")).reset(seed=0)
     lines = text.splitlines()
-    looks = "CIRCLE|SQUARE|TRIANGLE, YELLOW|BLACK|BLUE"
-    assert f"  ADD(column, row, {looks}, SMALL|MEDIUM): row 0-4: column 0-4, 7-11, 14-18" in lines
-    assert f"  ADD(column, row, {looks}, LARGE): row 0-3: column 0-3, 7-10, 14-17" in lines
+    item_types = "CIRCLE|SQUARE|TRIANGLE, YELLOW|BLACK|BLUE"
+    assert f"  ADD(column, row, {item_types}, SMALL|MEDIUM): row 0-4: column 0-4, 7-11, 14-18" in lines
+    assert f"  ADD(column, row, {item_types}, LARGE): row 0-3: column 0-3, 7-10, 14-17" in lines
     assert not any("REMOVE" in line for line in lines)
 
 
@@ -76,15 +76,15 @@ def test_scatter__tells_all_legal_actions_and_no_other(make: Make):
 
 def _names(line: str) -> list[str]:
     form, cells = line.split("): ", 1)
-    word, *looks = form.replace("(column, row", "").split(", ")
+    word, *item_types = form.replace("(column, row", "").split(", ")
     combinations = [""]
-    for alternatives in looks:
+    for alternatives in item_types:
         combinations = [f"{done}, {name}" for done in combinations for name in alternatives.split("|")]
     places = []
     for group in cells.split("; "):
         rows, columns = group.removeprefix("row ").split(": column ")
         places += [(column, row) for row in _numbers(rows) for column in _numbers(columns)]
-    return [f"{word}({column}, {row}{look})" for column, row in places for look in combinations]
+    return [f"{word}({column}, {row}{item_type})" for column, row in places for item_type in combinations]
 
 
 def _numbers(ranges: str) -> list[int]:

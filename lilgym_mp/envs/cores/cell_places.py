@@ -1,9 +1,9 @@
-"""Which places in the cells of a Scatter grid remain free beside items, as look-up tables for masks.
+"""Which places in the cells of a Scatter grid remain free beside items, as lookup tables for masks.
 
-Each place that a new item of some kind may take in a cell is one bit of the cell's words, set in an empty box. An item
-clears some of them, depending on its kind and its offset from the cell: the words of the empty box, ANDed with what
-each item of the box leaves, show which kinds can be added. One more bit is cleared by items that cover part of the
-cell, and shows whether something can be removed. Source: SPEC section 4.
+Each place that a new item may take in a cell, by its footprint, is one bit of the cell's words, set in an empty box. An
+item clears some of them, depending on its own footprint and its offset from the cell: the words of the empty box, ANDed
+with what each item of the box leaves, show which footprints can be added. One more bit is cleared by items that cover
+part of the cell, and shows whether something can be removed. Source: SPEC section 4.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances.legality import allowed_corners
-from lilgym_mp.appearances.numbering import LOOK_KINDS
+from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS
 from lilgym_mp.appearances.placement import LARGEST_SIDE, cell_areas, clear_templates
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.scene import BOX_SIDE, KIND_COUNT
+from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT
 
 WORD_BITS = 64
 HIGHEST_PART = 25  # rows: higher cells, which would have too many places, are divided into parts
 LOW_PART = 10  # rows: divides the heights of all higher cells
-REMOVABLE = 1 << KIND_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each kind of ADD
+REMOVABLE = 1 << FOOTPRINT_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each footprint to add
 
 Words = NDArray[np.uint64]
 
@@ -35,17 +35,17 @@ class CellPlaces(NamedTuple):
     part_height: int  # rows
     empty: Words  # (parts, cells of a box, words) the parts' words in an empty box
     left: Words  # (lines, words) what an item leaves; all in line 0
-    lines: NDArray[np.unsignedinteger]  # (9, columns, rows) by an item's kind and `offset`: the line of `left`
+    lines: NDArray[np.unsignedinteger]  # (9, columns, rows) by an item's footprint and `offset`: the line of `left`
     offset: tuple[int, int]  # index of equal top-left corners in `lines`; grows with a part's offset from the item
-    edits: Int64Array  # (words,) a kind's bit, set if the word is not 0; for the last word REMOVABLE, set if it is 0
+    edits: Int64Array  # (words,) the word's footprint as a bit, set if it is not 0; last: REMOVABLE, set if it is 0
     adds: BoolArray  # (2 * REMOVABLE, 27) by a cell's legal edits: whether the ADD of each look is one
 
 
 class _Word(NamedTuple):
-    """A word of every cell, whose bits belong to one kind of edit."""
+    """A word of every cell, whose bits belong to one footprint, or to REMOVE."""
 
     edit: int  # a bit
-    left: Words  # (9, x, y) by kind of an item and offset of a part from it
+    left: Words  # (9, x, y) by footprint of an item and offset of a part from it
     empty: Words  # (parts, cells)
 
 
@@ -71,33 +71,33 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
         lines=numbers[1:].reshape(window).astype(np.min_scalar_type(numbers.max())),
         offset=(columns - LARGEST_SIDE - 1, rows - LARGEST_SIDE - 1),
         edits=np.array([word.edit for word in words]),
-        adds=(np.arange(2 * REMOVABLE)[:, None] >> np.array(LOOK_KINDS) & 1).astype(np.bool_),
+        adds=(np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(np.bool_),
     )
 
 
 def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool) -> BoolArray:
-    """(9, width, height, parts, cells) whether an item of a kind may go to that pixel of a part."""
+    """(9, width, height, parts, cells) whether an item of a footprint may go to that pixel of a part."""
     allowed = allowed_corners(width, cell_height, searches=searches)
-    shape = KIND_COUNT, BOX_SIDE // width, width, BOX_SIDE // cell_height, cell_height // height, height
+    shape = FOOTPRINT_COUNT, BOX_SIDE // width, width, BOX_SIDE // cell_height, cell_height // height, height
     by_pixel = allowed.reshape(shape).transpose(0, 2, 5, 4, 1, 3)
     return by_pixel.reshape(*by_pixel.shape[:4], -1)
 
 
 def _adding(allowed: BoolArray) -> Iterator[_Word]:
-    """The words of all kinds, from `_allowed_places`.
+    """The words of all footprints, from `_allowed_places`.
 
     A part's offset from an item goes, in x and y, from -LARGEST_SIDE less the part's last pixel to LARGEST_SIDE.
     """
     _, width, height, *_ = allowed.shape
     margins = [(0, 0), (0, 0), (width - 1, width - 1), (height - 1, height - 1)]
     clear = np.pad(clear_templates(), margins, constant_values=True)
-    for kind, places in enumerate(allowed):
+    for footprint, places in enumerate(allowed):
         pixels = np.argwhere(places.any(axis=(2, 3))).tolist()
         columns, rows = clear.shape[2] - width + 1, clear.shape[3] - height + 1
         for first in range(0, len(pixels), WORD_BITS):
             some = pixels[first : first + WORD_BITS]
-            left = _packed([clear[:, kind, x : x + columns, y : y + rows] for x, y in some])
-            yield _Word(1 << kind, left, _packed([places[x, y] for x, y in some]))
+            left = _packed([clear[:, footprint, x : x + columns, y : y + rows] for x, y in some])
+            yield _Word(1 << footprint, left, _packed([places[x, y] for x, y in some]))
 
 
 def _removing(width: int, height: int, cells: tuple[int, ...]) -> _Word:

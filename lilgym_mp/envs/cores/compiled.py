@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, LOOKS, look_of
+from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import Buffers
@@ -25,7 +25,7 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 
 NEVER_SEEN = -2  # a version from which no box comes by one added item
-_LOOK_FIELDS = np.array(LOOKS, np.int16)
+_ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 
 
 class CompiledCore(Core):
@@ -79,7 +79,7 @@ class CompiledCore(Core):
     def write_items(self) -> None:
         written = self._buffers.items.reshape(len(self._written_items), *self._buffers.items.shape[2:])
         with compiling(kernels.write_items):
-            kernels.write_items(self._current, _LOOK_FIELDS, EMPTY, self._written_items, written)
+            kernels.write_items(self._current, _ITEM_TYPE_FIELDS, EMPTY, self._written_items, written)
 
     def _solved(self, env_ids: Int64Array) -> BoolArray:
         tasks = self._buffers.task.take(env_ids)
@@ -102,30 +102,33 @@ class CompiledCore(Core):
 def number_of(item: Item) -> int:
     """`kernels.item_number` of an item."""
     x, y, shape, colour, size = item
-    return kernels.item_number.py_func(x, y, look_of(shape, colour, size))
+    return kernels.item_number.py_func(x, y, item_type_of(shape, colour, size))
 
 
 def item_of(number: int) -> Item:
     """The item with that `kernels.item_number`."""
-    x, y, look = kernels.item_fields.py_func(number)
-    return Item(x, y, *LOOKS[look])
+    x, y, item_type = kernels.item_fields.py_func(number)
+    return Item(x, y, *ITEM_TYPES[item_type])
 
 
 @cache
 def _painting(image_size: str) -> Painting:
     shrink = shrink_of(image_size)
     side = LARGEST_PATCH // shrink
-    runs, run_counts = np.zeros((LOOK_COUNT, 2, 2, side, 2), np.int64), np.zeros((LOOK_COUNT, 2, 2), np.int64)
-    edges, edge_counts = np.zeros((LOOK_COUNT, 2, 2, side**2, 3), np.int64), np.zeros((LOOK_COUNT, 2, 2), np.int64)
-    lines = np.empty((LOOK_COUNT + 1, side, 3), np.uint8)
+    runs, run_counts = np.zeros((ITEM_TYPE_COUNT, 2, 2, side, 2), np.int64), np.zeros((ITEM_TYPE_COUNT, 2, 2), np.int64)
+    edges, edge_counts = (
+        np.zeros((ITEM_TYPE_COUNT, 2, 2, side**2, 3), np.int64),
+        np.zeros((ITEM_TYPE_COUNT, 2, 2), np.int64),
+    )
+    lines = np.empty((ITEM_TYPE_COUNT + 1, side, 3), np.uint8)
     weights, colours = palette(shrink)
-    lines[LOOK_COUNT] = colours[0]
-    for look, (_, colour, _) in enumerate(LOOKS):
+    lines[ITEM_TYPE_COUNT] = colours[0]
+    for item_type, (_, colour, _) in enumerate(ITEM_TYPES):
         whole = shrink**2 * weights[colour]
-        lines[look] = colours[whole]
+        lines[item_type] = colours[whole]
         for odd_x, odd_y in product((0, 1), repeat=2):
-            at = look, odd_x, odd_y
-            counts = stamp(LOOK_KINDS[look], colour, odd_x, odd_y, shrink).counts
+            at = item_type, odd_x, odd_y
+            counts = stamp(ITEM_TYPE_FOOTPRINTS[item_type], colour, odd_x, odd_y, shrink).counts
             run_counts[at] = len(counts)
             for row, covered in enumerate(counts == whole):
                 if covered.any():
@@ -138,7 +141,7 @@ def _painting(image_size: str) -> Painting:
         run_counts=run_counts,
         edges=edges[:, :, :, : int(edge_counts.max())].copy(),
         edge_counts=edge_counts,
-        lines=lines.reshape(LOOK_COUNT + 1, -1),
+        lines=lines.reshape(ITEM_TYPE_COUNT + 1, -1),
         colours=colours,
         background=draw(Scene.empty(), image_size).ravel(),
         width=image_shape(image_size)[1],

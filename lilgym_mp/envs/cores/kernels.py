@@ -19,7 +19,7 @@ from numba import njit  # pyright: ignore[reportMissingImports, reportUnknownVar
 from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 
 from lilgym_mp.appearances import numbering
-from lilgym_mp.appearances.numbering import LOOK_COUNT, LOOK_KINDS, REMOVES
+from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
 from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, LARGEST_SIDE, OFFSET_LIMIT, OVERLAPPING
 from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON
@@ -32,14 +32,14 @@ from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 NO_ITEM = -1
 OUTSIDE = -2  # sentinel instead of a reason: the scalar rules must make this edit, see `ScatterCore`
 TIE = -3  # sentinel instead of a reason: several pairs of points are nearest, to be resolved by `tied_move`
-KIND_OF_LOOK = np.array(LOOK_KINDS)
+ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
 NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 BITS = 62  # of a number that are used for rows
 UNKNOWN = -(2**40)  # instead of a truth: only the program itself can tell
 (
     _CONSTANT,
     _LENGTH,
-    _LOOKS,
+    _ITEM_TYPES,
     _PLACES,
     _TABLE,
     _ONLY,
@@ -104,25 +104,25 @@ def compiling(kernel: Any) -> Iterator[None]:
         notice.join()
 
 
-cell_and_look = _inlined(numbering.cell_and_look)
+cell_and_item_type = _inlined(numbering.cell_and_item_type)
 add_index = _inlined(numbering.add_index)
 remove_index = _inlined(numbering.remove_index)
 
 
 @_inlined
-def item_number(x: int, y: int, look: int) -> int:
-    """An item as one number: x, y and look in a byte each."""
-    return (x << 16) | (y << 8) | look
+def item_number(x: int, y: int, item_type: int) -> int:
+    """An item as one number: x, y and item type in a byte each."""
+    return (x << 16) | (y << 8) | item_type
 
 
 @_inlined
 def item_fields(item: int) -> tuple[int, int, int]:
-    """x, y and look of an item."""
+    """x, y and item type of an item."""
     return item >> 16, (item >> 8) & 255, item & 255
 
 
 class Painting(NamedTuple):
-    """How items are drawn at one image size, by look and whether x and y are odd.
+    """How items are drawn at one image size, by item type and whether x and y are odd.
 
     Pixels that an item covers wholly are its alone: `runs`. Those at its edges may be shared with others, so that
     weighted counts of them are kept, as in `render.Palette`: `edges`.
@@ -132,7 +132,7 @@ class Painting(NamedTuple):
     run_counts: Int64Array  # (27, 2, 2) rows
     edges: Int64Array  # (27, 2, 2, edges, 3) row, column and weighted count
     edge_counts: Int64Array  # (27, 2, 2) how many there are
-    lines: UInt8Array  # (28, 3 * columns) by look, then without an item: pixels of a run
+    lines: UInt8Array  # (28, 3 * columns) by item type, then without an item: pixels of a run
     colours: UInt8Array  # (counts, 3) `render.Palette.colours`
     background: UInt8Array  # (height * width * 3,) the image of empty boxes
     width: int  # of the image
@@ -181,19 +181,19 @@ def begin(painting: Painting, scenes: Scenes, starts: Starts, env_ids: Int64Arra
 @_inlined
 def paint(painting: Painting, scenes: Scenes, row: int, item: int, sign: int) -> None:
     """Draws an item (sign 1) or takes it out of the picture (sign -1). Items must not share native pixels."""
-    x, y, look = item_fields(item)
+    x, y, item_type = item_fields(item)
     odd_x, odd_y, shrink = x & 1, y & 1, painting.shrink
     left, top, env_id = (x - odd_x) // shrink, (y - odd_y) // shrink, row // BOX_COUNT
     first = 3 * (top * painting.width + row % BOX_COUNT * (BOX_PITCH // shrink) + left)
-    line = look if sign > 0 else LOOK_COUNT
-    for i in range(painting.run_counts[look, odd_x, odd_y]):
-        start, stop = painting.runs[look, odd_x, odd_y, i, 0], painting.runs[look, odd_x, odd_y, i, 1]
+    line = item_type if sign > 0 else ITEM_TYPE_COUNT
+    for i in range(painting.run_counts[item_type, odd_x, odd_y]):
+        start, stop = painting.runs[item_type, odd_x, odd_y, i, 0], painting.runs[item_type, odd_x, odd_y, i, 1]
         byte = np.uint64(first + 3 * (i * painting.width + start))
         for k in range(np.uint64(3 * (stop - start))):
             scenes.images[env_id, byte + k] = painting.lines[line, k]
-    for edge in range(painting.edge_counts[look, odd_x, odd_y]):
-        i, j = painting.edges[look, odd_x, odd_y, edge, 0], painting.edges[look, odd_x, odd_y, edge, 1]
-        count = scenes.weighted[row, top + i, left + j] + sign * painting.edges[look, odd_x, odd_y, edge, 2]
+    for edge in range(painting.edge_counts[item_type, odd_x, odd_y]):
+        i, j = painting.edges[item_type, odd_x, odd_y, edge, 0], painting.edges[item_type, odd_x, odd_y, edge, 1]
+        count = scenes.weighted[row, top + i, left + j] + sign * painting.edges[item_type, odd_x, odd_y, edge, 2]
         scenes.weighted[row, top + i, left + j] = count
         byte = np.uint64(first + 3 * (i * painting.width + j))
         for k in range(np.uint64(3)):
@@ -223,21 +223,21 @@ def delete_item(painting: Painting, scenes: Scenes, row: int, slot: int) -> None
 
 
 @_kernel
-def write_items(scenes: Scenes, looks: Int16Array, empty: int, seen: Int64Array, written: Int16Array) -> None:
+def write_items(scenes: Scenes, item_types: Int16Array, empty: int, seen: Int64Array, written: Int16Array) -> None:
     """`observation.item_array` of boxes that changed since they were `seen` (3 N,), into `written` (3 N, capacity, 5).
 
-    looks: (27, 3) shape, colour and size by look.
+    item_types: (27, 3) shape, colour and size by item type.
     """
     for row in range(len(seen)):
         if seen[row] != scenes.versions[row]:
             seen[row] = scenes.versions[row]
             for slot in range(written.shape[1]):
                 item = scenes.items[row, slot]
-                x, y, look = item_fields(item)
+                x, y, item_type = item_fields(item)
                 written[row, slot, 0] = empty if item == NO_ITEM else x
                 written[row, slot, 1] = empty if item == NO_ITEM else y
-                for field in range(looks.shape[1]):
-                    written[row, slot, 2 + field] = empty if item == NO_ITEM else looks[look, field]
+                for field in range(item_types.shape[1]):
+                    written[row, slot, 2 + field] = empty if item == NO_ITEM else item_types[item_type, field]
 
 
 class TowerEdits(NamedTuple):
@@ -303,12 +303,12 @@ def edit_scatters(
         if scenes.outside[env_ids[k]]:
             reasons[k] = OUTSIDE
         else:
-            cell, look = cell_and_look(actions[k], tables.cell_count)
+            cell, item_type = cell_and_item_type(actions[k], tables.cell_count)
             row = env_ids[k] * BOX_COUNT + tables.boxes[cell]
-            if look == REMOVES:
+            if item_type == REMOVES:
                 reasons[k] = _remove(tables, painting, scenes, row, cell, applies[k])
             else:
-                reason, x, y, slot = _add(tables, painting, scenes, row, cell, look, applies[k])
+                reason, x, y, slot = _add(tables, painting, scenes, row, cell, item_type, applies[k])
                 reasons[k], ties[k, 0], ties[k, 1], ties[k, 2] = reason, x, y, slot
         unresolved += reasons[k] == OUTSIDE or reasons[k] == TIE
     return unresolved
@@ -316,56 +316,56 @@ def edit_scatters(
 
 @_inlined
 def _add(
-    tables: GridTables, painting: Painting, scenes: Scenes, row: int, cell: int, look: int, applies: bool
+    tables: GridTables, painting: Painting, scenes: Scenes, row: int, cell: int, item_type: int, applies: bool
 ) -> tuple[int, int, int, int]:
     """The reason of an ADD, where it lies before it snaps, and the slot of the closest item."""
-    kind, x, y = KIND_OF_LOOK[look], tables.xs[cell], tables.ys[cell]
-    reason = tables.add_reasons[kind, cell]
+    footprint, x, y = ITEM_TYPE_FOOTPRINT[item_type], tables.xs[cell], tables.ys[cell]
+    reason = tables.add_reasons[footprint, cell]
     if reason != NO_REASON:
         return reason, x, y, 0
-    clearance, slot = _closest(tables, scenes, row, kind, x, y)
+    clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance == OVERLAPPING:
-        x, y = _search(tables, scenes, row, kind, x, y)
+        x, y = _search(tables, scenes, row, footprint, x, y)
         if x < 0:
             return tables.overlap, x, y, 0
-        clearance, slot = _closest(tables, scenes, row, kind, x, y)
+        clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance >= FIRST_TOO_FAR or not tables.snaps:
-        return place(tables, painting, scenes, row, look, x, y, NO_MOVE, applies), x, y, slot
+        return place(tables, painting, scenes, row, item_type, x, y, NO_MOVE, applies), x, y, slot
     other_x, other_y, other_look = item_fields(scenes.items[row, slot])
-    other_kind = KIND_OF_LOOK[other_look]
-    move = tables.moves[kind, other_kind, x - other_x + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT]
+    other_footprint = ITEM_TYPE_FOOTPRINT[other_look]
+    move = tables.moves[footprint, other_footprint, x - other_x + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT]
     if move == TIED:
         return TIE, x, y, slot
-    return place(tables, painting, scenes, row, look, x, y, int(move), applies), x, y, slot
+    return place(tables, painting, scenes, row, item_type, x, y, int(move), applies), x, y, slot
 
 
 @_inlined
-def _closest(tables: GridTables, scenes: Scenes, row: int, kind: int, x: int, y: int) -> tuple[int, int]:
+def _closest(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: int, y: int) -> tuple[int, int]:
     """`PlacementTables.closest` of a new item: the smallest clearance code, and the first slot that has it."""
     smallest, closest = FIRST_TOO_FAR, 0
     for slot in range(scenes.counts[row]):
-        other_x, other_y, look = item_fields(scenes.items[row, slot])
+        other_x, other_y, item_type = item_fields(scenes.items[row, slot])
         dx, dy = x - other_x + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT
         if 0 <= dx <= 2 * OFFSET_LIMIT and 0 <= dy <= 2 * OFFSET_LIMIT:
-            code = int(tables.clearance[kind, KIND_OF_LOOK[look], dx, dy])
+            code = int(tables.clearance[footprint, ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
             if code < smallest:
                 smallest, closest = code, slot
     return smallest, closest
 
 
 @_inlined
-def _free_rows(tables: GridTables, scenes: Scenes, row: int, kind: int, x: int, y: int, rows: int) -> int:
+def _free_rows(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: int, y: int, rows: int) -> int:
     """Those of `rows`, bits from y on, where a new item with its left side at x is in the box and overlaps nothing."""
-    last = tables.last_corners[kind]
+    last = tables.last_corners[footprint]
     if x > last or y > last:
         return 0
     if last - y < BITS:
         rows &= (1 << (last - y + 1)) - 1
     for slot in range(scenes.counts[row]):
-        other_x, other_y, look = item_fields(scenes.items[row, slot])
+        other_x, other_y, item_type = item_fields(scenes.items[row, slot])
         dx, dy = x - other_x + LARGEST_SIDE, y - other_y + LARGEST_SIDE
         if 0 <= dx <= 2 * LARGEST_SIDE:
-            overlap = tables.overlaps[KIND_OF_LOOK[look], kind, dx]
+            overlap = tables.overlaps[ITEM_TYPE_FOOTPRINT[item_type], footprint, dx]
             if 0 <= dy <= 2 * LARGEST_SIDE:
                 rows &= ~(overlap >> dy)
             elif -BITS < dy < 0:
@@ -374,12 +374,12 @@ def _free_rows(tables: GridTables, scenes: Scenes, row: int, kind: int, x: int, 
 
 
 @_inlined
-def _search(tables: GridTables, scenes: Scenes, row: int, kind: int, cell_x: int, cell_y: int) -> tuple[int, int]:
+def _search(tables: GridTables, scenes: Scenes, row: int, footprint: int, cell_x: int, cell_y: int) -> tuple[int, int]:
     """`placement.searched` in a cell: x and y of the first place that is free, or -1."""
     for column in range(tables.searched.shape[1]):
         for part in range(tables.searched.shape[2]):
             x, y = cell_x + column, cell_y + part * tables.part_height
-            free = _free_rows(tables, scenes, row, kind, x, y, tables.searched[kind, column, part])
+            free = _free_rows(tables, scenes, row, footprint, x, y, tables.searched[footprint, column, part])
             if free:
                 while not free & 1:
                     free >>= 1
@@ -394,7 +394,7 @@ def place(
     painting: Painting,
     scenes: Scenes,
     row: int,
-    look: int,
+    item_type: int,
     x: int,
     y: int,
     move: int,
@@ -404,22 +404,22 @@ def place(
     if move != NO_MOVE:
         new_x, new_y = x + move // MOVE_BASE - LARGEST_MOVE, y + move % MOVE_BASE - LARGEST_MOVE
         inside = new_x >= 0 and new_y >= 0
-        if inside and _free_rows(tables, scenes, row, KIND_OF_LOOK[look], new_x, new_y, 1):
+        if inside and _free_rows(tables, scenes, row, ITEM_TYPE_FOOTPRINT[item_type], new_x, new_y, 1):
             x, y = new_x, new_y
         elif tables.keeps_unfit_snaps:
             return OUTSIDE
     if applies:
-        append_item(painting, scenes, row, item_number(x, y, look))
+        append_item(painting, scenes, row, item_number(x, y, item_type))
     return NO_REASON
 
 
 @_inlined
 def _area_in_cell(tables: GridTables, item: int, cell_x: int, cell_y: int) -> int:
     """How much of a cell an item covers, as a rank among all such areas; 0 for nothing."""
-    x, y, look = item_fields(item)
+    x, y, item_type = item_fields(item)
     dx, dy = cell_x - x + tables.cell_width - 1, cell_y - y + tables.cell_height - 1
     if 0 <= dx < tables.areas.shape[1] and 0 <= dy < tables.areas.shape[2]:
-        return int(tables.areas[KIND_OF_LOOK[look], dx, dy])
+        return int(tables.areas[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
     return 0
 
 
@@ -461,19 +461,19 @@ def write_masks(
             legal = _legal_edits(tables, places, scenes, row, cell, words)
             in_grid = tables.first_cells[row % BOX_COUNT] + cell
             first = np.uint64(add_index(in_grid, 0))
-            for look in range(np.uint64(LOOK_COUNT)):
-                masks[row // BOX_COUNT, first + look] = places.adds[legal, look]
+            for item_type in range(np.uint64(ITEM_TYPE_COUNT)):
+                masks[row // BOX_COUNT, first + item_type] = places.adds[legal, item_type]
             masks[row // BOX_COUNT, remove_index(in_grid, tables.cell_count)] = (legal & REMOVABLE) != 0
 
 
 @_inlined
 def _line(tables: GridTables, places: CellPlaces, item: int, cell: int, part: int) -> int:
     """The line of `CellPlaces.left` for an item and a part of a cell of its box."""
-    x, y, look = item_fields(item)
+    x, y, item_type = item_fields(item)
     dx = tables.xs[cell] - x + places.offset[0]
     dy = tables.ys[cell] + part * places.part_height - y + places.offset[1]
     if 0 <= dx < places.lines.shape[1] and 0 <= dy < places.lines.shape[2]:
-        return int(places.lines[KIND_OF_LOOK[look], dx, dy])
+        return int(places.lines[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
     return 0
 
 
@@ -488,7 +488,7 @@ def _reaches(tables: GridTables, places: CellPlaces, item: int, cell: int) -> bo
 
 @_inlined
 def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, cell: int, words: Any) -> int:
-    """A bit for each kind that can be added to a cell, and REMOVABLE; `words` (words,) uint64: room to work in."""
+    """A bit for each footprint that can be added to a cell, and REMOVABLE; `words` (words,) uint64: room to work in."""
     width = np.uint64(places.empty.shape[2])
     legal = 0
     for part in range(places.empty.shape[0]):
@@ -550,15 +550,15 @@ def write_truths(
                 value = a
             elif operation == _LENGTH:
                 value = scenes.counts[first_row + b]
-            elif operation == _LOOKS:
+            elif operation == _ITEM_TYPES:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
                     value |= ((a >> (scenes.items[first_row + b, slot] & 255)) & 1) << slot
             elif operation == _PLACES:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
-                    x, y, look = item_fields(scenes.items[first_row + b, slot])
-                    value |= ((programs.places[look % SIZE_COUNT, x, y] >> a) & 1) << slot
+                    x, y, item_type = item_fields(scenes.items[first_row + b, slot])
+                    value |= ((programs.places[item_type % SIZE_COUNT, x, y] >> a) & 1) << slot
             elif operation == _TABLE:
                 value = programs.tables[a, stacks[first_row + b]]
                 is_known &= value != UNKNOWN

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.numbering import LOOK_KINDS, cell_and_look
+from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
 from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
@@ -89,13 +89,13 @@ class ScatterCore(CompiledCore):
         unresolved = kernels.edit_scatters(tables, painting, current, env_ids, actions, applies, reasons, ties)
         if unresolved:
             for k in (reasons == TIE).nonzero()[0].tolist():
-                cell, look = cell_and_look(int(actions[k]), tables.cell_count)
+                cell, item_type = cell_and_item_type(int(actions[k]), tables.cell_count)
                 box = int(tables.boxes[cell])
                 row = BOX_COUNT * int(env_ids[k]) + box
                 x, y, slot = ties[k].tolist()
                 other = _item_of(int(current.items[row, slot]))
-                move = tied_move(LOOK_KINDS[look], x, y, other, box, self.dynamics.rules.placement)
-                reasons[k] = kernels.place(tables, painting, current, row, look, x, y, move, applies[k])
+                move = tied_move(ITEM_TYPE_FOOTPRINTS[item_type], x, y, other, box, self.dynamics.rules.placement)
+                reasons[k] = kernels.place(tables, painting, current, row, item_type, x, y, move, applies[k])
             for k in (reasons == OUTSIDE).nonzero()[0].tolist():
                 reasons[k] = self._edit_scene(int(env_ids[k]), int(actions[k]), applies=bool(applies[k]))
         return reasons
@@ -186,7 +186,7 @@ class _StartMasks:
 def fits_arrays(scene: Scene) -> bool:
     """Whether all items lie inside their boxes and draw no pixel in common."""
     return all(
-        fits_box(item.kind, item.x, item.y) and not any(_share_pixels(item, other) for other in box.items[:index])
+        fits_box(item.footprint, item.x, item.y) and not any(_share_pixels(item, other) for other in box.items[:index])
         for box in scene.boxes
         for index, item in enumerate(box.items)
     )
@@ -199,7 +199,9 @@ def _share_pixels(item: Item, other: Item) -> bool:
     if left >= right or top >= bottom:
         return False
     drawn = (
-        stamp(each.kind, each.colour, 0, 0, 1).counts[top - each.y : bottom - each.y, left - each.x : right - each.x]
+        stamp(each.footprint, each.colour, 0, 0, 1).counts[
+            top - each.y : bottom - each.y, left - each.x : right - each.x
+        ]
         for each in (item, other)
     )
     return bool(np.logical_and(*drawn).any())

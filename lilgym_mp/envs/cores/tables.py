@@ -19,7 +19,7 @@ from lilgym_mp.appearances.placement import (
 )
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, KIND_COUNT, Item
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 
 MOST_ROWS = 50  # of a cell that fit into one number as bits; higher cells are divided into parts
 MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
@@ -34,8 +34,8 @@ class GridTables(NamedTuple):
 
     clearance: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.clearance`
     moves: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.moves`, or TIED
-    overlaps: Int64Array  # (9, 9, 61) by item's kind, new kind, x of new less item + 30: bits of y likewise
-    areas: NDArray[np.uint16]  # by kind and offset as `cell_areas`: ranks of the areas, 0 for none
+    overlaps: Int64Array  # (9, 9, 61) by item's footprint, new footprint, x of new less item + 30: bits of y likewise
+    areas: NDArray[np.uint16]  # by footprint and offset as `cell_areas`: ranks of the areas, 0 for none
     last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
     cell_count: int  # of the grid
     cell_width: int
@@ -45,9 +45,9 @@ class GridTables(NamedTuple):
     boxes: Int64Array  # (cells,) box of each cell; any for a separator's
     xs: Int64Array  # (cells,) of the cell's top-left pixel in the box
     ys: Int64Array  # (cells,)
-    add_reasons: Int64Array  # (9, cells) by kind: why an ADD is invalid whatever the box holds, or NO_REASON
+    add_reasons: Int64Array  # (9, cells) by footprint: why an ADD is invalid whatever the box holds, or NO_REASON
     remove_reasons: Int64Array  # (cells,) likewise
-    searched: Int64Array  # (9, cell width, parts) by kind: places that a search may take
+    searched: Int64Array  # (9, cell width, parts) by footprint: places that a search may take
     snaps: bool
     keeps_unfit_snaps: bool
     overlap: int  # InvalidReason.OVERLAP and NOTHING_TO_REMOVE by index
@@ -64,7 +64,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     fits = np.maximum(xs, ys) <= last[:, None]
     separator, out_of_box = REASON_NUMBERS[InvalidReason.SEPARATOR], REASON_NUMBERS[InvalidReason.OUT_OF_BOX]
     part_height = height if height <= MOST_ROWS else MOST_ROWS
-    searched = np.zeros((KIND_COUNT, width, height), np.bool_)
+    searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
     if appearance.searches(rules):
         searched |= search_offsets(width, height)
     clearance, moves = _placement_codes()
@@ -84,7 +84,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
         ys=ys,
         add_reasons=np.where(on_separator, separator, np.where(fits, NO_REASON, out_of_box)),
         remove_reasons=np.where(on_separator, separator, NO_REASON),
-        searched=_as_bits(searched.reshape(KIND_COUNT, width, -1, part_height)),
+        searched=_as_bits(searched.reshape(FOOTPRINT_COUNT, width, -1, part_height)),
         snaps=not appearance.is_native,
         keeps_unfit_snaps=rules.keeps_unfit_snaps,
         overlap=REASON_NUMBERS[InvalidReason.OVERLAP],
@@ -95,8 +95,8 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
 def _placement_codes() -> tuple[UInt8Array, UInt8Array]:
     """`GridTables.clearance` and `moves`."""
     tables = placement_tables()
-    shape = KIND_COUNT, KIND_COUNT, OFFSET_COUNT, OFFSET_COUNT
-    both = (b"".join(map(b"".join, by_kinds)) for by_kinds in (tables.clearance, tables.moves))
+    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
+    both = (b"".join(map(b"".join, by_footprints)) for by_footprints in (tables.clearance, tables.moves))
     clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
     moves[list(tables.ties)] = TIED
     return clearance.reshape(shape), moves.reshape(shape)
@@ -113,8 +113,8 @@ def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
     return ranks.reshape(areas.shape).astype(np.uint16)
 
 
-def tied_move(kind: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
+def tied_move(footprint: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
     """The snap move, as in `GridTables.moves`, of a new item whose nearest points to `other` are tied."""
     frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
-    move_x, move_y = placement_tables().move(kind, x, y, other, frame_x)
+    move_x, move_y = placement_tables().move(footprint, x, y, other, frame_x)
     return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lilgym_mp.appearances.numbering import LOOKS
+from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.cores import kernels
@@ -89,10 +89,12 @@ class ItemBoxes:
 
     def ask(self, function: Lifted, box: int) -> Instruction:
         test = item_test(function)
-        if test is not None and test.reach == "look":
-            looks = sum(1 << look for look, fields in enumerate(LOOKS) if test.passes(Item(0, 0, *fields)))
-            return Instruction(Operation.LOOKS, looks, box)
-        if test is None or test.reach != "place":
+        if test is not None and test.depends_on == "attributes":
+            passing = [test.passes(Item(0, 0, *fields)) for fields in ITEM_TYPES]
+            return Instruction(
+                Operation.ITEM_TYPES, sum(1 << index for index, passes in enumerate(passing) if passes), box
+            )
+        if test is None or test.depends_on != "position":
             raise Unwritten
         if function not in self._place_tests:
             self._keep(function, test)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances.legality import box_legality
-from lilgym_mp.scene import BOX_SIDE, KIND_COUNT, Box, Item, Scene
+from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Item, Scene
 
 CELL = 20  # pixels: side of a cell of the released grid
 CELLS = BOX_SIDE // CELL  # a side of a box, in cells
@@ -32,8 +32,10 @@ class BoxTable:
         self.features = np.zeros((0, item_room, FIXED_FEATURES), np.uint8)  # (N, K, F) ones where a feature is there
         self.colours = np.zeros((0, item_room), np.int64)  # (N, K)
         self.relations = np.zeros((0, item_room, item_room), np.uint8)  # (N, K, K) of each item to each
-        self.offsets = np.zeros((0, item_room, 2, CELLS), np.int16)  # (N, K, 2, 5) kind and distance, across and down
-        self.legal = np.zeros((0, CELLS * CELLS, KIND_COUNT + 1), np.bool_)  # (N, 25, 9 + 1) ADD of each kind, REMOVE
+        self.offsets = np.zeros((0, item_room, 2, CELLS), np.int16)  # (N, K, 2, 5) as `cell_offsets`
+        self.legal = np.zeros(
+            (0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_
+        )  # (N, 25, 9 + 1) ADD of each footprint, REMOVE
         self._legality = box_legality(CELL, CELL, searches=True)
 
     def __len__(self) -> int:
@@ -72,7 +74,7 @@ class BoxTable:
         self.legal = np.concatenate([self.legal, legal])
 
     def _legal(self, box: Box) -> NDArray[np.bool_]:
-        adds = self._legality.addable(box.items).reshape(CELLS * CELLS, KIND_COUNT)
+        adds = self._legality.addable(box.items).reshape(CELLS * CELLS, FOOTPRINT_COUNT)
         return np.concatenate([adds, self._legality.removable(box.items).reshape(-1, 1)], axis=1)
 
     def _widen(self, most_items: int) -> None:
@@ -122,12 +124,12 @@ def _direction(start: NDArray[np.int64], side: NDArray[np.int64]) -> tuple[NDArr
 
 
 def cell_offsets(items: NDArray[np.int64]) -> NDArray[np.int16]:
-    """(N, K, 2, 5) kind and distance to each column of cells, then row, as one index; 0 where there is no item."""
-    kind = items[..., 2] * 3 + items[..., 4]
+    """(N, K, 2, 5) footprint and distance to each column of cells, then row, as one index; 0 where there is no item."""
+    footprint = items[..., 2] * 3 + items[..., 4]
     corners = np.arange(CELLS) * CELL
     offsets = (items[..., :2, None] - corners).clip(-REACH, REACH) + REACH
-    indices = 1 + kind[..., None, None] * OFFSETS + offsets
-    return np.where((kind >= 0)[..., None, None], indices, 0).astype(np.int16)
+    indices = 1 + footprint[..., None, None] * OFFSETS + offsets
+    return np.where((footprint >= 0)[..., None, None], indices, 0).astype(np.int16)
 
 
 def _one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:

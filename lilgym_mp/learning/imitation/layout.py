@@ -13,7 +13,7 @@ import numpy as np
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.appearances.scatter import LOOKS
+from lilgym_mp.appearances.scatter import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.learning.imitation.boxes import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
@@ -28,14 +28,14 @@ class ActionLayout:
     """The heads' outputs as one row: STOP, the ADDs, the REMOVEs."""
 
     cells: int  # of a box
-    looks: int
+    item_types: int
     action_of: Int64Array  # (heads,) the appearance's index of each of the heads' actions
     head_of: Int64Array  # (actions,) the other way; -1 for actions that the heads leave out
     recoloured: Int64Array  # (6, heads) what each action becomes under each of COLOUR_ORDERS
 
     @property
     def adds(self) -> int:
-        return BOX_COUNT * self.cells * self.looks
+        return BOX_COUNT * self.cells * self.item_types
 
     @property
     def removes(self) -> int:
@@ -70,7 +70,7 @@ def _tower_edits() -> tuple[list[Action], list[Action]]:
 
 def _scatter_edits() -> tuple[list[Action], list[Action]]:
     cells = [(box * COLUMN_STEP + x, y) for box, x, y in product(range(BOX_COUNT), range(CELLS), range(CELLS))]
-    adds: list[Action] = [AddItem(*cell, *look) for cell in cells for look in LOOKS]
+    adds: list[Action] = [AddItem(*cell, *item_type) for cell in cells for item_type in ITEM_TYPES]
     return adds, [RemoveItem(*cell) for cell in cells]
 
 

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.learning.imitation.boxes import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
-from lilgym_mp.scene import BOX_COUNT, KIND_COUNT, Colour, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
 
 MOST_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
 GATES = 8  # relations between items that a layer looks at
@@ -77,7 +77,7 @@ class BoxesRead(NamedTuple):
     again: Tensor  # (S, U, d) and, once the scene is known, gives again
     acts: Tensor  # (S, U, d) and gives to what is to be done in it
     cells: Tensor | None  # (S, V, 25, C) what the cells are like
-    legal: Tensor | None  # (S, V, 25, 10) logits of what is valid there: an ADD of each kind, a REMOVE
+    legal: Tensor | None  # (S, V, 25, 10) logits of what is valid there: an ADD of each footprint, a REMOVE
 
 
 class Outputs(NamedTuple):
@@ -88,7 +88,7 @@ class Outputs(NamedTuple):
     adds: Tensor  # (S, A, adds)
     removes: Tensor  # (S, A, removes)
     steps: Tensor  # (S, A, MOST_STEPS) logits of how many actions are still to be taken
-    legal: Tensor | None  # (S, V, 25, 10) logits of an ADD of each kind and a REMOVE being valid
+    legal: Tensor | None  # (S, V, 25, 10) logits of an ADD of each footprint and a REMOVE being valid
 
 
 class Feedforward(nn.Module):
@@ -215,11 +215,11 @@ class Geometry(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
-        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
+        self.across = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
+        self.down = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, GEOMETRY_CHANNELS, padding_idx=0)
         self.cells = nn.Parameter(0.1 * torch.randn(CELLS * CELLS, GEOMETRY_CHANNELS))
         self.mix = nn.Linear(GEOMETRY_CHANNELS, CELL_HIDDEN)
-        self.legal = nn.Linear(CELL_HIDDEN, KIND_COUNT + 1)
+        self.legal = nn.Linear(CELL_HIDDEN, FOOTPRINT_COUNT + 1)
         for embedding in (self.across, self.down):
             nn.init.normal_(embedding.weight, std=0.5)
             nn.init.zeros_(embedding.weight[0])
@@ -240,25 +240,25 @@ class Geometry(nn.Module):
 class ScatterHeads(nn.Module):
     """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
 
-    kinds: Tensor  # (27,) the kind of each look
-    offered_kinds: Tensor  # (28,) that, and REMOVE's place after the kinds
+    footprints: Tensor  # (27,) the footprint of each item type
+    offered_footprints: Tensor  # (28,) that, and REMOVE's place after the footprints
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.looks = len(Shape) * len(Colour) * len(Size)
+        self.item_types = len(Shape) * len(Colour) * len(Size)
         self.geometry = Geometry()
-        self.across = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
-        self.down = nn.Embedding(1 + KIND_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
+        self.across = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
+        self.down = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.value = nn.Linear(width, VALUE_CHANNELS)
         self.mix = nn.Linear(VALUE_CHANNELS + CELL_HIDDEN, CELL_HIDDEN)
         self.box = nn.Linear(width, CELL_HIDDEN)
         self.out = nn.Linear(CELL_HIDDEN, CELL_CHANNELS)
-        self.wanted = nn.Linear(width, self.looks * CELL_CHANNELS)
+        self.wanted = nn.Linear(width, self.item_types * CELL_CHANNELS)
         self.wanted_remove = nn.Linear(width, CELL_CHANNELS)
-        self.look = nn.Linear(width, self.looks)
-        kinds = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
-        self.register_buffer("kinds", torch.tensor(kinds), persistent=False)
-        self.register_buffer("offered_kinds", torch.tensor([*kinds, KIND_COUNT]), persistent=False)
+        self.look = nn.Linear(width, self.item_types)
+        footprints = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
+        self.register_buffer("footprints", torch.tensor(footprints), persistent=False)
+        self.register_buffer("offered_footprints", torch.tensor([*footprints, FOOTPRINT_COUNT]), persistent=False)
 
     def cell_vectors(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """(S, V, 25, C) what the cells are like, (S, V, 25, 10) logits of what is valid there."""
@@ -281,7 +281,7 @@ class ScatterHeads(nn.Module):
         in one linear layer: C channels, and what is the same in every cell."""
 
         def rows(wanted: Tensor, look: Tensor, remove: Tensor) -> Tensor:
-            asked = torch.cat([wanted.unflatten(0, (self.looks, CELL_CHANNELS)), look[:, None]], 1).flatten(0, 1)
+            asked = torch.cat([wanted.unflatten(0, (self.item_types, CELL_CHANNELS)), look[:, None]], 1).flatten(0, 1)
             return torch.cat([asked, remove, torch.zeros_like(remove[:1])])
 
         layers = self.wanted, self.look, self.wanted_remove
@@ -290,13 +290,13 @@ class ScatterHeads(nn.Module):
 
     def offered(self, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(..., 25, C + 1), (..., 25, 28) what `of_offered` wants to know of cells."""
-        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.offered_kinds)
+        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.offered_footprints)
 
     def of_offered(
         self, boxes: Tensor, cells: Tensor, legal: Tensor, joined: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, Tensor]:
         """What `forward` gives, in fewer operations, from `joined` and what `offered` gives; may overwrite `legal`."""
-        asked = F.linear(boxes, *joined).view(-1, self.looks + 1, CELL_CHANNELS + 1)
+        asked = F.linear(boxes, *joined).view(-1, self.item_types + 1, CELL_CHANNELS + 1)
         valid, cells, asked = legal.flatten(0, 2), cells.flatten(0, 2), asked.transpose(1, 2)
         found = valid.baddbmm_(cells, asked) if asked.dtype == valid.dtype else valid + cells @ asked
         found = found.view(legal.shape)
@@ -304,9 +304,9 @@ class ScatterHeads(nn.Module):
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""
-        wanted = self.wanted(boxes).unflatten(-1, (self.looks, CELL_CHANNELS))
-        of_kinds = legal.gather(-1, self.kinds.expand(*legal.shape[:-1], -1))
-        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + of_kinds
+        wanted = self.wanted(boxes).unflatten(-1, (self.item_types, CELL_CHANNELS))
+        of_footprints = legal.gather(-1, self.footprints.expand(*legal.shape[:-1], -1))
+        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + of_footprints
         removes = (cells @ self.wanted_remove(boxes)[..., None]).squeeze(-1) + legal[..., -1]
         return adds.flatten(2), removes.flatten(2)
 

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Appearance, Scatter
-from lilgym_mp.appearances.numbering import LOOKS, look_of
+from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
@@ -49,25 +49,25 @@ class Layout:
     def actions(self, types: Int64Array, choices: Sequence[Int64Array]) -> Int64Array:
         """(N,) actions of N types and of N choices of each head, those not needed ignored."""
         found = np.full(len(types), STOP, np.int64)
-        for kind in (ActionType.ADD, ActionType.REMOVE):
-            rows = np.flatnonzero(types == kind)
-            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if kind in head.types)
-            found[rows] = self._table(kind)[needed]
+        for footprint in (ActionType.ADD, ActionType.REMOVE):
+            rows = np.flatnonzero(types == footprint)
+            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if footprint in head.types)
+            found[rows] = self._table(footprint)[needed]
         return found
 
-    def _table(self, kind: ActionType) -> Int64Array:
+    def _table(self, footprint: ActionType) -> Int64Array:
         """The action of each choice of the heads that the type needs."""
-        needed = [index for index, head in enumerate(self.heads) if kind in head.types]
-        return _table(self, kind, tuple(needed))
+        needed = [index for index, head in enumerate(self.heads) if footprint in head.types]
+        return _table(self, footprint, tuple(needed))
 
     def __hash__(self) -> int:
         return id(self)
 
 
 @cache
-def _table(layout: Layout, kind: ActionType, needed: tuple[int, ...]) -> Int64Array:
+def _table(layout: Layout, footprint: ActionType, needed: tuple[int, ...]) -> Int64Array:
     table = np.empty([layout.heads[index].size for index in needed], np.int64)
-    actions = np.flatnonzero(layout.types == kind)
+    actions = np.flatnonzero(layout.types == footprint)
     table[tuple(layout.choices[actions, index] for index in needed)] = actions
     return table
 
@@ -107,8 +107,8 @@ def joint_layout(appearance: Appearance) -> Layout:
     """
     count = appearance.action_count
     found = [_joint(appearance, appearance.decode(index)) for index in range(count)]
-    types = np.array([kind for kind, _ in found], np.int64)
-    adds, removes = ([choice for kind, choice in found if kind == wanted] for wanted in _EDITS)
+    types = np.array([footprint for footprint, _ in found], np.int64)
+    adds, removes = ([choice for footprint, choice in found if footprint == wanted] for wanted in _EDITS)
     choices = np.full((count, 2), NOT_NEEDED, np.int64)
     choices[types == ActionType.ADD, 0] = adds
     choices[types == ActionType.REMOVE, 1] = removes
@@ -126,7 +126,9 @@ def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
         case AddItem(column, row, shape, colour, size):
             cell = _cell(appearance, column, row)
             return (
-                (NOT_NEEDED, 0) if cell is None else (ActionType.ADD, cell * len(LOOKS) + look_of(shape, colour, size))
+                (NOT_NEEDED, 0)
+                if cell is None
+                else (ActionType.ADD, cell * len(ITEM_TYPES) + item_type_of(shape, colour, size))
             )
         case RemoveItem(column, row):
             cell = _cell(appearance, column, row)
@@ -202,12 +204,12 @@ class Policy:
 
     def _joined(self, actions: Tensor, of_heads: Sequence[Tensor]) -> Tensor:
         """(N,) log-probabilities of N actions: of the type, and of what the heads that it needs choose."""
-        kinds, choices = _tensors(self.layout, actions.device)
-        kind = kinds[actions]
-        total = self.types.gather(1, kind.clamp(min=0)[:, None]).squeeze(1)
+        footprints, choices = _tensors(self.layout, actions.device)
+        footprint = footprints[actions]
+        total = self.types.gather(1, footprint.clamp(min=0)[:, None]).squeeze(1)
         for index, found in enumerate(of_heads):
             total = total + torch.where(choices[actions, index] == NOT_NEEDED, torch.zeros_like(found), found)
-        return total.masked_fill(kind == NOT_NEEDED, -torch.inf)
+        return total.masked_fill(footprint == NOT_NEEDED, -torch.inf)
 
     def entropy(self) -> Tensor:
         """(N,) as `evaluate_actions` has it."""
@@ -215,13 +217,13 @@ class Policy:
 
     def joint(self) -> Tensor:
         """(N, actions) log-probability of every action."""
-        kinds, choices = _tensors(self.layout, self.types.device)
-        total = self.types[:, kinds.clamp(min=0)]
+        footprints, choices = _tensors(self.layout, self.types.device)
+        total = self.types[:, footprints.clamp(min=0)]
         for index, logits in enumerate(self._heads):
             needed = choices[:, index] != NOT_NEEDED
             found = torch.log_softmax(logits, -1)[:, choices[:, index].clamp(min=0)]
             total = total + torch.where(needed, found, torch.zeros_like(found))
-        return total.masked_fill(kinds == NOT_NEEDED, -torch.inf)
+        return total.masked_fill(footprints == NOT_NEEDED, -torch.inf)
 
     def probabilities(self) -> Tensor:
         """(N, actions) of being drawn; with a mask, of the legal ones alone."""

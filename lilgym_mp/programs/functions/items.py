@@ -14,121 +14,121 @@ WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; the release's two words for it r
 LEVEL_HEIGHT = 21  # pixels from one block of a tower to the next
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_yellow(x: AnItem) -> bool:
     """Whether `x` is yellow."""
     return x.color is Color.YELLOW
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_blue(x: AnItem) -> bool:
     """Whether `x` is blue."""
     return x.color is Color.BLUE
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_black(x: AnItem) -> bool:
     """Whether `x` is black."""
     return x.color is Color.BLACK
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_circle(x: AnItem) -> bool:
     """Whether `x` is a circle."""
     return x.shape is Shape.CIRCLE
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_square(x: AnItem) -> bool:
     """Whether `x` is a square."""
     return x.shape is Shape.SQUARE
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_triangle(x: AnItem) -> bool:
     """Whether `x` is a triangle."""
     return x.shape is Shape.TRIANGLE
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_big(x: AnItem) -> bool:
     """Whether `x` is big (30 pixels)."""
     return x.size is Size.BIG
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_medium(x: AnItem) -> bool:
     """Whether `x` is medium (20 pixels)."""
     return x.size is Size.MEDIUM
 
 
-@word("item tests", reach="look")
+@word("item tests", depends_on="attributes")
 def is_small(x: AnItem) -> bool:
     """Whether `x` is small (10 pixels)."""
     return x.size is Size.SMALL
 
 
-@word("item tests", reach="box")
+@word("item tests", depends_on="box")
 def is_top(x: AnItem) -> bool:
     """Whether no item of the box has a higher top than `x`."""
     return all(y.top <= x.top for y in x.box.members)
 
 
-@word("item tests", reach="box")
+@word("item tests", depends_on="box")
 def is_bottom(x: AnItem) -> bool:
     """Whether no item of the box has a lower top than `x` (tops are compared, not bottoms)."""
     return all(y.top >= x.top for y in x.box.members)
 
 
-@word("item tests", reach="box")
+@word("item tests", depends_on="box")
 def is_second(x: AnItem) -> bool:
     """Whether `x` is the second block from below of a tower."""
     return x.bottom == LEVEL_HEIGHT and x.box.is_tower()
 
 
-@word("item tests", reach="box")
+@word("item tests", depends_on="box")
 def is_third(x: AnItem) -> bool:
     """Whether `x` is the third block from below of a tower."""
     return x.bottom == 2 * LEVEL_HEIGHT and x.box.is_tower()
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` reaches the wall of its box on that side."""
     return _near_wall(x, side, 0)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_closely_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from the wall of its box on that side."""
     return _near_wall(x, side, MARGIN)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_close_to_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from the wall of its box on that side."""
     return _near_wall(x, side, WIDE_MARGIN)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` touches exactly two walls, one of them on that side."""
     return _near_corner(x, 0, side)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_closely_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, MARGIN, side)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_closely_touching_specific_corner(x: AnItem, side_a: ASide, side_b: ASide) -> bool:
     """Whether `x` is at most 4 pixels from exactly two walls, those on both sides among them."""
     return _near_corner(x, MARGIN, side_a, side_b)
 
 
-@word("walls", reach="place")
+@word("walls", depends_on="position")
 def is_close_to_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, WIDE_MARGIN, side)

@@ -9,69 +9,69 @@ from lilgym_mp.programs.words import EachItem, word
 TOUCHING = 1  # pixels
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_touching(x: EachItem) -> set[ItemView]:
     """The other items of the box at most 1 pixel from `x`."""
     return {y for y in x.box.members if _touching(x, y)}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_closely_touching(x: EachItem) -> set[ItemView]:
     """The other items of the box at most 4 pixels from `x`."""
     return {y for y in x.box.members if _within(x, y, MARGIN)}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_above(x: EachItem) -> set[ItemView]:
     """The items of the box whose bottom is at the top of `x` or higher; in a tower, those touching it."""
     tower = x.box.is_tower()
     return {y for y in x.box.members if _above(y, x) and (not tower or _touching(x, y))}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_below(x: EachItem) -> set[ItemView]:
     """The items of the box whose top is at the bottom of `x` or lower; in a tower, those touching it."""
     tower = x.box.is_tower()
     return {y for y in x.box.members if _above(x, y) and (not tower or _touching(x, y))}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_box_all_above(x: EachItem) -> set[ItemView]:
     """The items of the box whose bottom is at the top of `x` or higher, touching or not."""
     return {y for y in x.box.members if _above(y, x)}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_box_all_below(x: EachItem) -> set[ItemView]:
     """The items of the box whose top is at the bottom of `x` or lower, touching or not."""
     return {y for y in x.box.members if _above(x, y)}
 
 
-@word("related items", reach="scene")
+@word("related items", depends_on="scene")
 def get_img_all_above(x: EachItem) -> set[ItemView]:
     """The items of the image whose bottom is at the top of `x` or higher, whatever their box."""
     return {y for y in _image(x) if _above(y, x)}
 
 
-@word("related items", reach="scene")
+@word("related items", depends_on="scene")
 def get_img_all_below(x: EachItem) -> set[ItemView]:
     """The items of the image whose top is at the bottom of `x` or lower, whatever their box."""
     return {y for y in _image(x) if _above(x, y)}
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_box_inclusive(x: EachItem) -> set[ItemView]:
     """The items of the box of `x`, itself included."""
     return set(x.box.members)
 
 
-@word("related items", reach="box")
+@word("related items", depends_on="box")
 def get_box_exclusive(x: EachItem) -> set[ItemView]:
     """The other items of the box of `x`."""
     return set(x.box.members) - {x}
 
 
-@word("related items", reach="scene")
+@word("related items", depends_on="scene")
 def get_img_exclusive(x: EachItem) -> set[ItemView]:
     """The other items of the image."""
     return set(_image(x)) - {x}

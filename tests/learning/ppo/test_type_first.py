@@ -75,9 +75,9 @@ def place(appearance: Appearance, array: list[int]) -> tuple[int, ...]:
     """What edits are ordered by; nothing on a separator."""
     if appearance.name == "tower":
         return tuple(array[1:])
-    _, x, y, *look = array
+    _, x, y, *item_type = array
     x_px = 20 * x
-    return () if x_px % BOX_PITCH >= BOX_SIDE else (x_px // BOX_PITCH, y, x_px % BOX_PITCH, *look)
+    return () if x_px % BOX_PITCH >= BOX_SIDE else (x_px // BOX_PITCH, y, x_px % BOX_PITCH, *item_type)
 
 
 ENUMERATED = {factored_layout: by_slot, joint_layout: by_edit}

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter
-from lilgym_mp.appearances.numbering import LOOKS
+from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation.network import (
@@ -241,8 +241,8 @@ class ScatterArguments(nn.Module):
         self.place = nn.Parameter(0.02 * torch.randn(self.rows * self.columns, self.CELL))
         self.box = nn.Linear(width, self.CELL)
         self.cell = nn.Linear(self.CELL, self.CELL)
-        self.add = nn.Linear(self.CELL, len(LOOKS))
-        self.wanted = nn.Linear(width, len(LOOKS))
+        self.add = nn.Linear(self.CELL, len(ITEM_TYPES))
+        self.wanted = nn.Linear(width, len(ITEM_TYPES))
         self.remove = nn.Linear(self.CELL, 1)
         self.cell_of_box = nn.Linear(width, self.CELL)
         for layer in (self.add, self.wanted, self.remove):
