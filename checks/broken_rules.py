@@ -293,7 +293,7 @@ BREAKS = (
     ),
     Break(
         "deviation over runs in a report",
-        "lilgym_mp/report/numbers.py",
+        "lilgym_mp/report/aggregation.py",
         "stdev(values) if len(values) > 1",
         "stdev([*values, mean(values)]) if len(values) > 1",
         ("tests/report",),

@@ -23,7 +23,7 @@ from random import Random
 from typing import Any
 
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.visitors import ANNOTATOR, ORGANISER, give_token
+from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER, give_token
 
 METHODS = ("get", "post", "put", "delete", "patch")
 HURTFUL: tuple[Any, ...] = (

@@ -29,7 +29,7 @@ from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.visitors import give_token
+from lilgym_mp.web.authentication import give_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")

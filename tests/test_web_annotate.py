@@ -17,7 +17,7 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.evaluator import EvaluationError, Evaluator
+from lilgym_mp.web.program_evaluator import EvaluationError, Evaluator
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.models import Table
 from lilgym_mp.web.tutorial import TASKS

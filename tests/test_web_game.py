@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import Role
-from lilgym_mp.web import gaming
+from lilgym_mp.web import live_games
 from tests.web_app import Browser, server
 
 GAMES, SEATS = "/api/game/games", "/api/game/seats"
@@ -62,7 +62,7 @@ def legal(browser: Browser, key: str) -> list[str]:
     return browser.get(f"{SEATS}/{key}/legal").json()["actions"]
 
 
-def room(app: Any, key: str) -> gaming.GameRoom:
+def room(app: Any, key: str) -> live_games.GameRoom:
     return app.state.services.games.find(key)[0]
 
 
@@ -309,13 +309,13 @@ def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, 
 
 
 def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pytest.MonkeyPatch):
-    keys = [begin(browser)["proposer"] for _ in range(gaming.MOST_OF_ONE + 2)]
+    keys = [begin(browser)["proposer"] for _ in range(live_games.MOST_OF_ONE + 2)]
     found = [browser.get(f"{SEATS}/{key}").status_code for key in keys]
-    assert found == [404, 404] + [200] * gaming.MOST_OF_ONE
-    monkeypatch.setattr(gaming, "MOST_GAMES", 5)
+    assert found == [404, 404] + [200] * live_games.MOST_OF_ONE
+    monkeypatch.setattr(live_games, "MOST_GAMES", 5)
     begin(Browser(browser.app))
     assert len(browser.app.state.services.games) == 5
-    monkeypatch.setattr(gaming, "IDLE_SECONDS", -1.0)
+    monkeypatch.setattr(live_games, "IDLE_SECONDS", -1.0)
     assert browser.get(f"{SEATS}/{keys[-1]}").status_code == 404
 
 

@@ -19,7 +19,7 @@ with warnings.catch_warnings():
     from starlette.testclient import TestClient
 
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.visitors import give_token
+from lilgym_mp.web.authentication import give_token
 
 UNLIMITED: dict[str, Any] = {"requests_per_second": None}
 

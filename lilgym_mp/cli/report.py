@@ -48,8 +48,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.report import make_report
-    from lilgym_mp.report.document import check_document
-    from lilgym_mp.report.making import check_directory
+    from lilgym_mp.report.html_report import check_directory
+    from lilgym_mp.report.markdown_report import check_document
 
     check_directory(args.out)
     if args.document is not None:

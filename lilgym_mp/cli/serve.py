@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     try:
         from lilgym_mp.web import ServeOptions, create_app
-        from lilgym_mp.web.options import LOOPBACK_HOSTS, database_url
+        from lilgym_mp.web.serve_options import LOOPBACK_HOSTS, database_url
     except ModuleNotFoundError as fault:
         if fault.name not in WEB_PACKAGES:
             raise
@@ -116,7 +116,7 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
     """Serves until Ctrl-C or SIGTERM."""
     import uvicorn
 
-    from lilgym_mp.web.visitors import ORGANISER, give_token
+    from lilgym_mp.web.authentication import ORGANISER, give_token
 
     with app.state.services.database.writing() as session:
         token = give_token(session, ORGANISER, ORGANISER)

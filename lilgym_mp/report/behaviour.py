@@ -9,10 +9,10 @@ from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
-from lilgym_mp.report.drawing import Panel, bars, maps
-from lilgym_mp.report.gathering import Entry, Gathered
+from lilgym_mp.report.aggregation import Spread, average, over_runs, share
+from lilgym_mp.report.charts import Panel, bars, maps
 from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.numbers import Spread, average, over_runs, share
+from lilgym_mp.report.report_data import Entry, Gathered
 
 ADDS, REMOVES = (AddBlock, AddItem), (RemoveBlock, RemoveItem)
 KINDS: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}

@@ -8,11 +8,7 @@ from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.programs import compile_program
-from lilgym_mp.report.behaviour import stops
-from lilgym_mp.report.drawing import Line, Panel, bars, lines
-from lilgym_mp.report.gathering import Entry, Gathered
-from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.numbers import (
+from lilgym_mp.report.aggregation import (
     RESAMPLES,
     accuracy,
     accuracy_interval,
@@ -21,6 +17,10 @@ from lilgym_mp.report.numbers import (
     paired_difference,
     share,
 )
+from lilgym_mp.report.behaviour import stops
+from lilgym_mp.report.charts import Line, Panel, bars, lines
+from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
+from lilgym_mp.report.report_data import Entry, Gathered
 
 MOST_EDITS = 6  # counted alone; more are put together
 BINS = 10  # of the probability of STOP

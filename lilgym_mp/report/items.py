@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.report import aligned
-from lilgym_mp.report.numbers import Spread
+from lilgym_mp.report.aggregation import Spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

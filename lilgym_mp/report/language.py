@@ -10,10 +10,10 @@ from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.drawing import Panel, bars
-from lilgym_mp.report.gathering import Gathered, ReportError
+from lilgym_mp.report.aggregation import Spread, accuracy, over_runs
+from lilgym_mp.report.charts import Panel, bars
 from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.numbers import Spread, accuracy, over_runs
+from lilgym_mp.report.report_data import Gathered, ReportError
 
 Tags = Mapping[str, Sequence[str]]  # phenomena by statement, as people tagged them
 CHOICES = tuple(phenomenon.value for phenomenon in PHENOMENA)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from lilgym_mp.report.numbers import Spread
+from lilgym_mp.report.aggregation import Spread
 
 SOURCE = "Wu et al., ACL 2023"
 RUNS = 3

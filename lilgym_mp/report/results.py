@@ -9,10 +9,10 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.drawing import Panel, bars
-from lilgym_mp.report.gathering import Entry, Gathered
+from lilgym_mp.report.aggregation import Spread, accuracy, average, over_runs
+from lilgym_mp.report.charts import Panel, bars
 from lilgym_mp.report.items import NOTHING, Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.numbers import Spread, accuracy, average, over_runs
+from lilgym_mp.report.report_data import Entry, Gathered
 
 PAPER_NOTE = (
     f"Rows marked † are the paper's ({paper.SOURCE}), on the official corpus: trained from rewards alone, actions"

@@ -16,7 +16,7 @@ def __getattr__(name: str) -> Any:
 
         return create_app
     if name == "ServeOptions":
-        from lilgym_mp.web.options import ServeOptions
+        from lilgym_mp.web.serve_options import ServeOptions
 
         return ServeOptions
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

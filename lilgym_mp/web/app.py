@@ -10,14 +10,14 @@ from fastapi import FastAPI
 from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
+from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.authentication import Signer
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
-from lilgym_mp.web.options import ServeOptions
 from lilgym_mp.web.routes import ROUTERS
 from lilgym_mp.web.security import BodyLimit, Callers, KnownHosts, SecurityHeaders
-from lilgym_mp.web.services import Services
+from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.database import COOKIE_KEY
-from lilgym_mp.web.visitors import Signer
 
 ASSETS = Path(__file__).parent / "assets"
 

@@ -15,8 +15,8 @@ from fastapi import Request, Response
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Logins, Signer
 from lilgym_mp.web.errors import error_response
-from lilgym_mp.web.visitors import COOKIE, COOKIE_SECONDS, Logins, Signer
 
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")

@@ -19,16 +19,16 @@ from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, Recording, write_episodes
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.report import ReportError, make_report, making
+from lilgym_mp.report import ReportError, html_report, make_report
+from lilgym_mp.report.aggregation import Spread, accuracy, by_statement, over_runs, paired_difference, spread
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
-from lilgym_mp.report.curves import dev_curves, mean_line
 from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
-from lilgym_mp.report.document import commits_text
-from lilgym_mp.report.gathering import Gathered, gather
+from lilgym_mp.report.html_report import chapters
 from lilgym_mp.report.items import Chart, Lacking, Table
 from lilgym_mp.report.language import by_novelty, by_phenomenon, read_tags
-from lilgym_mp.report.making import chapters
-from lilgym_mp.report.numbers import Spread, accuracy, by_statement, over_runs, paired_difference, spread
+from lilgym_mp.report.learning_curves import dev_curves, mean_line
+from lilgym_mp.report.markdown_report import commits_text
+from lilgym_mp.report.report_data import Gathered, gather
 from lilgym_mp.report.results import figure_5, mean_reward, recorded_by, table_2
 from lilgym_mp.scene import Scene
 
@@ -308,7 +308,7 @@ def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
 
 
 def test_report__statements_are_shown_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(making, "save", lambda figure, path, kind: path.write_bytes(b""))  # drawing takes time
+    monkeypatch.setattr(html_report, "save", lambda figure, path, kind: path.write_bytes(b""))  # drawing takes time
     written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
     page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
     assert "<b>mine" not in page

@@ -12,14 +12,14 @@ from sqlalchemy import select
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.syntax import MAX_LENGTH
 from lilgym_mp.scene import Scene
-from lilgym_mp.web import annotating, importing, language, organising, tutorial
+from lilgym_mp.web import annotation, annotation_admin, language, statement_import, tutorial
+from lilgym_mp.web.app_services import ServicesOf
+from lilgym_mp.web.authentication import ANNOTATOR, CallerOf, LoggedIn, OrganiserOf, give_token
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.fields import RandomId, ShortText, storable
-from lilgym_mp.web.scenes import SceneBody, scene_body
-from lilgym_mp.web.services import ServicesOf
+from lilgym_mp.web.field_types import RandomId, ShortText, storable
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Person, Submission, TutorialAnswer
 from lilgym_mp.web.templating import page
-from lilgym_mp.web.visitors import ANNOTATOR, CallerOf, LoggedIn, OrganiserOf, give_token
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
@@ -144,7 +144,7 @@ def organise_page(request: Request, person: OrganiserOf) -> Response:
 @router.get("/annotate/{assignment_id}", include_in_schema=False)
 def work_page(request: Request, person: LoggedIn, services: ServicesOf, assignment_id: RowId) -> Response:
     with services.database.reading() as session:
-        annotating.find(session, person, assignment_id)
+        annotation.find(session, person, assignment_id)
     reasons = get_args(SkipReason)
     return page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
 
@@ -168,23 +168,23 @@ def check(text: ProgramBody) -> language.CheckBody:
 
 
 @api.get("/assignments")
-def assignments(services: ServicesOf, person: LoggedIn) -> list[annotating.AssignmentLine]:
+def assignments(services: ServicesOf, person: LoggedIn) -> list[annotation.AssignmentLine]:
     with services.database.reading() as session:
-        return annotating.assignments(session, person)
+        return annotation.assignments(session, person)
 
 
 @api.get("/assignments/{assignment_id}")
-async def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotating.AssignmentBody:
+async def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotation.AssignmentBody:
     """The statement, its shown scene and label, and the program as it was being written."""
 
-    def read() -> tuple[annotating.AssignmentBody, bool]:
+    def read() -> tuple[annotation.AssignmentBody, bool]:
         with services.database.reading() as session:
-            found = annotating.find(session, person, assignment_id)
-            return annotating.body(session, person, found), found.assignment.opened is None
+            found = annotation.find(session, person, assignment_id)
+            return annotation.body(session, person, found), found.assignment.opened is None
 
     told, is_new = await run_sync(read)
     if is_new:
-        await services.database.write(lambda session: annotating.note_opening(session, assignment_id), durable=False)
+        await services.database.write(lambda session: annotation.note_opening(session, assignment_id), durable=False)
     return told
 
 
@@ -192,57 +192,57 @@ async def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowI
 async def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
     """Keeps the editor's text, which the browser keeps as well."""
     version = await services.database.write(
-        lambda session: annotating.save_draft(session, person, assignment_id, written.program, written.version),
+        lambda session: annotation.save_draft(session, person, assignment_id, written.program, written.version),
         durable=False,
     )
     return DraftSaved(version=version)
 
 
 @api.post("/assignments/{assignment_id}/run")
-def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: ProgramBody) -> annotating.RunBody:
+def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: ProgramBody) -> annotation.RunBody:
     """Runs a program on the shown scene."""
     with services.database.reading() as session:
-        found = annotating.find(session, person, assignment_id)
+        found = annotation.find(session, person, assignment_id)
     scene = Scene.from_json(found.shown.scene)
-    return annotating.run(services.evaluator, written.program, scene, label=found.shown.label)
+    return annotation.run(services.evaluator, written.program, scene, label=found.shown.label)
 
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
 async def submit(
     services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSubmission
-) -> annotating.VerdictBody:
+) -> annotation.VerdictBody:
     """Submits a program that agrees with the shown scene; it is checked on the hidden ones."""
 
     def judged() -> Submission | str:
         with services.database.reading() as session:
-            found = annotating.find(session, person, assignment_id)
-            kept = annotating.earlier(session, assignment_id, new.key)
-        scenes = annotating.labelled_scenes(found)
-        return kept or annotating.judged(services.evaluator, new.program, scenes, found.assignment.shown)
+            found = annotation.find(session, person, assignment_id)
+            kept = annotation.earlier(session, assignment_id, new.key)
+        scenes = annotation.labelled_scenes(found)
+        return kept or annotation.judged(services.evaluator, new.program, scenes, found.assignment.shown)
 
     kept = await run_sync(judged)
     if isinstance(kept, str):
         verdict, said = kept, new.model_dump(exclude={"key"})
         kept = await services.database.write(
-            lambda session: annotating.submit(session, person, assignment_id, new.key, verdict, **said)
+            lambda session: annotation.submit(session, person, assignment_id, new.key, verdict, **said)
         )
-    return annotating.verdict_body(kept)
+    return annotation.verdict_body(kept)
 
 
 @api.post("/assignments/{assignment_id}/skip", status_code=201)
-def skip(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSkip) -> annotating.VerdictBody:
+def skip(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
     """Skips the statement, with a reason."""
     with services.database.writing() as session:
         said = new.model_dump(exclude={"key"})
-        kept = annotating.submit(session, person, assignment_id, new.key, annotating.SKIPPED, **said)
-    return annotating.verdict_body(kept)
+        kept = annotation.submit(session, person, assignment_id, new.key, annotation.SKIPPED, **said)
+    return annotation.verdict_body(kept)
 
 
 @api.get("/history")
-def history(services: ServicesOf, person: LoggedIn) -> list[annotating.SubmissionLine]:
+def history(services: ServicesOf, person: LoggedIn) -> list[annotation.SubmissionLine]:
     """Everything that you submitted, with what reviews say of it."""
     with services.database.reading() as session:
-        return annotating.history(session, person)
+        return annotation.history(session, person)
 
 
 # The tutorial
@@ -274,23 +274,23 @@ def _tutorial_task(name: str) -> tutorial.TutorialTask:
 
 
 @api.post("/tutorial/{name}/run")
-def run_tutorial(services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody) -> annotating.RunBody:
+def run_tutorial(services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody) -> annotation.RunBody:
     scene, label = _tutorial_task(name).scenes[0]
-    return annotating.run(services.evaluator, written.program, scene, label=label)
+    return annotation.run(services.evaluator, written.program, scene, label=label)
 
 
 @api.post("/tutorial/{name}/submissions", status_code=201)
 def submit_tutorial(
     services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody
-) -> annotating.VerdictBody:
+) -> annotation.VerdictBody:
     task = _tutorial_task(name)
-    verdict = annotating.judged(services.evaluator, written.program, task.scenes, 0)
-    if verdict == annotating.ACCEPTED:
+    verdict = annotation.judged(services.evaluator, written.program, task.scenes, 0)
+    if verdict == annotation.ACCEPTED:
         with services.database.writing() as session:
             answer = session.get(TutorialAnswer, (person.id, name)) or TutorialAnswer(person_id=person.id, task=name)
             answer.program = written.program
             session.add(answer)
-    return annotating.VerdictBody(id=0, verdict=verdict, message=annotating.MESSAGES[verdict])
+    return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.MESSAGES[verdict])
 
 
 # The organisers'
@@ -305,21 +305,21 @@ async def import_file(
 
     def imported() -> ImportBody:
         try:
-            found = importing.read_statements(data, split)
+            found = statement_import.read_statements(data, split)
         except CorpusError as fault:
             raise refusal(422, str(fault)) from None
         with services.database.writing() as session:
-            added = importing.keep_statements(session, found.statements)
-        first = found.faults[: importing.MOST_FAULTS]
+            added = statement_import.keep_statements(session, found.statements)
+        first = found.faults[: statement_import.MOST_FAULTS]
         return ImportBody(read=len(found.statements), added=added, faults=len(found.faults), first_faults=first)
 
     return await run_sync(imported)
 
 
 @api.get("/people")
-def people(services: ServicesOf, person: OrganiserOf) -> list[organising.PersonLine]:
+def people(services: ServicesOf, person: OrganiserOf) -> list[annotation_admin.PersonLine]:
     with services.database.reading() as session:
-        return organising.people(session)
+        return annotation_admin.people(session)
 
 
 @api.post("/people", status_code=201)
@@ -345,16 +345,16 @@ def revoke(services: ServicesOf, person: OrganiserOf, person_id: RowId) -> None:
 
 
 @api.get("/batches")
-def batches(services: ServicesOf, person: OrganiserOf) -> list[organising.BatchLine]:
+def batches(services: ServicesOf, person: OrganiserOf) -> list[annotation_admin.BatchLine]:
     with services.database.reading() as session:
-        return organising.batches(session)
+        return annotation_admin.batches(session)
 
 
 @api.post("/batches", status_code=201)
 def make_batch(services: ServicesOf, person: OrganiserOf, new: NewBatch) -> BatchMade:
     """Gives statements that nobody has yet to people, in turn."""
     with services.database.writing() as session:
-        batch, made = organising.make_batch(session, new.name, new.people, new.statements, new.annotators_each)
+        batch, made = annotation_admin.make_batch(session, new.name, new.people, new.statements, new.annotators_each)
         return BatchMade(id=batch.id, assignments=made)
 
 
@@ -362,7 +362,7 @@ def make_batch(services: ServicesOf, person: OrganiserOf, new: NewBatch) -> Batc
 def redistribute(services: ServicesOf, person: OrganiserOf, new: NewRedistribution) -> BatchMade:
     """Gives skipped and disputed statements to people who had not seen them."""
     with services.database.writing() as session:
-        batch, made = organising.redistribute(session, new.name, new.people)
+        batch, made = annotation_admin.redistribute(session, new.name, new.people)
         return BatchMade(id=batch.id, assignments=made)
 
 
@@ -372,30 +372,30 @@ def reviews(
     person: OrganiserOf,
     first: Annotated[int, Query(ge=0, le=MOST_ID)] = 0,
     most: Annotated[int, Query(ge=1, le=100)] = 20,
-) -> list[organising.StatementReview]:
+) -> list[annotation_admin.StatementReview]:
     """Statements with what was submitted for them, from number `first` on."""
     with services.database.reading() as session:
-        return organising.review_page(session, services.evaluator, first, most)
+        return annotation_admin.review_page(session, services.evaluator, first, most)
 
 
 @api.post("/submissions/{submission_id}/reviews", status_code=204)
 def review(services: ServicesOf, person: OrganiserOf, submission_id: RowId, new: NewReview) -> None:
     """Says what is to become of a submission; its sender sees verdict and note."""
     with services.database.writing() as session:
-        organising.add_review(session, person, submission_id, new.verdict, new.note)
+        annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
 
 
 @api.get("/statistics")
-def statistics(services: ServicesOf, person: OrganiserOf) -> organising.StatisticsBody:
+def statistics(services: ServicesOf, person: OrganiserOf) -> annotation_admin.StatisticsBody:
     with services.database.reading() as session:
-        return organising.statistics(session)
+        return annotation_admin.statistics(session)
 
 
 @api.get("/export", response_class=Response)
 def export(services: ServicesOf, person: OrganiserOf) -> Response:
     """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
     with services.database.reading() as session:
-        data = organising.export(session)
+        data = annotation_admin.export(session)
     headers = {"Content-Disposition": 'attachment; filename="annotated.jsonl"'}
     return Response(data, media_type="application/jsonl", headers=headers)
 

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request, Response
 
 from lilgym_mp.analysis.phenomena import Phenomenon
-from lilgym_mp.web import exploring
-from lilgym_mp.web.fields import Name
-from lilgym_mp.web.services import ServicesOf
+from lilgym_mp.web import corpus_statements
+from lilgym_mp.web.app_services import ServicesOf
+from lilgym_mp.web.field_types import Name
 from lilgym_mp.web.templating import page
 
 router = APIRouter()
@@ -30,7 +30,7 @@ def explore_page(request: Request) -> Response:
 def statement_page(
     request: Request, services: ServicesOf, appearance: AppearanceName, split: SplitName, statement_id: str
 ) -> Response:
-    found = exploring.find(services.catalogue, appearance, split, statement_id)
+    found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
     query = {"appearance": appearance, "split": split, "statement_id": found.id}
     return page(request, "explore_statement.html", statement=found.statement, query=query)
 
@@ -38,9 +38,9 @@ def statement_page(
 @api.get("/choices")
 def choices(
     services: ServicesOf, appearance: AppearanceName = "tower", split: SplitName = "dev"
-) -> exploring.ChoicesBody:
+) -> corpus_statements.ChoicesBody:
     """What the statements can be filtered by."""
-    return exploring.choices(services.catalogue, appearance, split)
+    return corpus_statements.choices(services.catalogue, appearance, split)
 
 
 @api.get("/statements")
@@ -54,9 +54,9 @@ def statements(
     least: Count = 0,
     most: Count = 1_000,
     first: Count = 0,
-) -> exploring.StatementsBody:
+) -> corpus_statements.StatementsBody:
     """Statements that hold the text (in the statement, the program or as the id) and pass the filters."""
-    return exploring.search(
+    return corpus_statements.search(
         services.catalogue,
         appearance,
         split,
@@ -75,10 +75,10 @@ def statement(
     statement_id: Annotated[Name, Query()],
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
-) -> exploring.StatementBody:
+) -> corpus_statements.StatementBody:
     """A statement with its program, scenes, solutions and what recorded runs did with it."""
-    found = exploring.find(services.catalogue, appearance, split, statement_id)
-    return exploring.statement_body(services.catalogue, found, appearance, services.outcomes)
+    found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
+    return corpus_statements.statement_body(services.catalogue, found, appearance, services.outcomes)
 
 
 router.include_router(api)

@@ -10,14 +10,14 @@ from pydantic import BaseModel, Field
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, Partner, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.web import gaming
+from lilgym_mp.web import live_games
+from lilgym_mp.web.app_services import Services, ServicesOf
+from lilgym_mp.web.authentication import CallerOf
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.fields import Name, RandomId
+from lilgym_mp.web.field_types import Name, RandomId
 from lilgym_mp.web.routes.play import ColourName, ConfigurationName, ShapeName, SizeName, SplitName
-from lilgym_mp.web.services import Services, ServicesOf
 from lilgym_mp.web.templating import page
 from lilgym_mp.web.trained_partners import OF_RUN, SHIPPED
-from lilgym_mp.web.visitors import CallerOf
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
@@ -37,7 +37,7 @@ class NewGame(BaseModel):
     verdict_bins: int | None = Field(
         None, ge=2, le=9, description="audit: how many probabilities the verifier chooses from; null: a plain verdict"
     )
-    proposer: PartnerName = gaming.PERSON
+    proposer: PartnerName = live_games.PERSON
     verifier: PartnerName = "oracle"
     proposer_view: ViewName = "everything"
     verifier_view: ViewName = "everything"
@@ -59,9 +59,9 @@ def game_page(request: Request, services: ServicesOf) -> Response:
         protocols=list(PROTOCOLS),
         rewards=list(PRESETS),
         verdict_bins=VERDICT_BINS,
-        views=list(gaming.VIEWS),
-        proposers=gaming.PROPOSERS,
-        verifiers=gaming.VERIFIERS,
+        views=list(live_games.VIEWS),
+        proposers=live_games.PROPOSERS,
+        verifiers=live_games.VERIFIERS,
         trained=services.trained_partners.names(),
         shapes=[shape.name for shape in Shape],
         colours=[colour.name for colour in Colour],
@@ -70,45 +70,45 @@ def game_page(request: Request, services: ServicesOf) -> Response:
 
 
 @api.post("/games", status_code=201)
-def begin(new: NewGame, services: ServicesOf, caller: CallerOf) -> gaming.NewGameBody:
+def begin(new: NewGame, services: ServicesOf, caller: CallerOf) -> live_games.NewGameBody:
     """Begins a game; gives a key for each seat that a person takes."""
     names = (new.proposer, new.verifier)
-    if gaming.PERSON not in names:
+    if live_games.PERSON not in names:
         raise refusal(422, "take at least one of the seats yourself")
     partners = {name: _partner(services, role, name, new) for role, name in zip(Role, names, strict=True)}
     chosen = new.model_dump(exclude={"proposer", "verifier"})
-    room = gaming.new_room(
+    room = live_games.new_room(
         caller.id,
         services.options.corpus,
         chosen,
         names,
         {name: partner for name, partner in partners.items() if partner is not None},
     )
-    roles = [role for role, name in zip(Role, names, strict=True) if name == gaming.PERSON]
+    roles = [role for role, name in zip(Role, names, strict=True) if name == live_games.PERSON]
     keys = services.games.add(room, roles)
-    return gaming.NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))
+    return live_games.NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))
 
 
 def _partner(services: Services, role: Role, name: str, new: NewGame) -> Partner | None:
-    if name == gaming.PERSON:
+    if name == live_games.PERSON:
         return None
     if name.startswith((SHIPPED, OF_RUN)):
         view = new.proposer_view if role is Role.PROPOSER else new.verifier_view
-        if view != gaming.WHOLE_VIEW:
+        if view != live_games.WHOLE_VIEW:
             raise refusal(422, f"a trained agent must see everything, not with {view!r}")
         return services.trained_partners.partner(name, Settings(new.configuration, services.options.corpus))
-    scripts = gaming.scripted(role)
+    scripts = live_games.scripted(role)
     if name not in scripts:
         raise refusal(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(scripts)}")
     return scripts[name]
 
 
 @api.get("/seats/{key}")
-def seat(key: RandomId, services: ServicesOf) -> gaming.SeatBody:
+def seat(key: RandomId, services: ServicesOf) -> live_games.SeatBody:
     """What the agent in this seat sees now."""
     room, role = services.games.find(key)
     with room.lock:
-        return gaming.seat_body(room, role)
+        return live_games.seat_body(room, role)
 
 
 @api.get("/seats/{key}/legal")
@@ -118,20 +118,20 @@ def legal(
     shape: ShapeName | None = None,
     colour: ColourName | None = None,
     size: SizeName | None = None,
-) -> gaming.LegalBody:
+) -> live_games.LegalBody:
     """What this seat may do now, by its action mask; of ADDs in Scatter those of the look."""
     room, role = services.games.find(key)
     with room.lock:
-        return gaming.LegalBody(actions=gaming.legal_names(room, role, (shape, colour, size)))
+        return live_games.LegalBody(actions=live_games.legal_names(room, role, (shape, colour, size)))
 
 
 @api.post("/seats/{key}/actions")
-def act(key: RandomId, taken: SeatAction, services: ServicesOf) -> gaming.SeatBody:
+def act(key: RandomId, taken: SeatAction, services: ServicesOf) -> live_games.SeatBody:
     """Acts in this seat; partners move until a person must."""
     room, role = services.games.find(key)
     with room.lock:
-        gaming.act(room, role, taken.action, taken.own_actions)
-        return gaming.seat_body(room, role)
+        live_games.act(room, role, taken.action, taken.own_actions)
+        return live_games.seat_body(room, role)
 
 
 router.include_router(api)

@@ -9,11 +9,11 @@ from fastapi.responses import RedirectResponse
 from pydantic import BaseModel
 from sqlalchemy import select
 
+from lilgym_mp.web.app_services import ServicesOf
+from lilgym_mp.web.authentication import CallerOf, keep_visitor, new_visitor_id, token_hash
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.services import ServicesOf
 from lilgym_mp.web.store.models import Person, Visitor
 from lilgym_mp.web.templating import page
-from lilgym_mp.web.visitors import CallerOf, keep_visitor, new_visitor_id, token_hash
 
 router = APIRouter()
 

@@ -11,12 +11,12 @@ from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.web import playing
+from lilgym_mp.web import played_episodes
+from lilgym_mp.web.app_services import Services, ServicesOf
+from lilgym_mp.web.authentication import CallerOf, keep_visitor
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.fields import Name, RandomId
-from lilgym_mp.web.services import Services, ServicesOf
+from lilgym_mp.web.field_types import Name, RandomId
 from lilgym_mp.web.templating import page
-from lilgym_mp.web.visitors import CallerOf, keep_visitor
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
@@ -108,37 +108,39 @@ def tasks(
 
 
 @api.post("/episodes", status_code=201)
-async def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
+async def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> played_episodes.EpisodeBody:
     """Begins an episode."""
     catalogue = services.catalogue
-    task = await run_sync(playing.find_task, catalogue, new.configuration, new.split, new.task_id)
+    task = await run_sync(played_episodes.find_task, catalogue, new.configuration, new.split, new.task_id)
     how = new.model_dump(exclude={"task_id"})
     begun = await services.database.write(
-        lambda session: playing.begin(session, catalogue, caller.id, task, **how), durable=False
+        lambda session: played_episodes.begin(session, catalogue, caller.id, task, **how), durable=False
     )
-    return playing.episode_body(begun)
+    return played_episodes.episode_body(begun)
 
 
-def _found(services: Services, visitor_id: str, episode_id: str) -> playing.Played:
+def _found(services: Services, visitor_id: str, episode_id: str) -> played_episodes.Played:
     with services.database.reading() as session:
-        return playing.find_episode(session, services.catalogue, visitor_id, episode_id)
+        return played_episodes.find_episode(session, services.catalogue, visitor_id, episode_id)
 
 
 @api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
+def episode(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.EpisodeBody:
     """An episode of this browser, as it stands."""
-    return playing.episode_body(_found(services, caller.id, episode_id))
+    return played_episodes.episode_body(_found(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
-async def act(episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf) -> playing.EpisodeBody:
+async def act(
+    episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf
+) -> played_episodes.EpisodeBody:
     """Takes an action."""
 
-    def acted(session: Session) -> playing.Played:
-        found = playing.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
-        return playing.act(found, taken.action, taken.steps)
+    def acted(session: Session) -> played_episodes.Played:
+        found = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+        return played_episodes.act(found, taken.action, taken.steps)
 
-    return playing.episode_body(await services.database.write(acted, durable=False))
+    return played_episodes.episode_body(await services.database.write(acted, durable=False))
 
 
 @api.get("/episodes/{episode_id}/legal")
@@ -152,37 +154,37 @@ def legal(
 ) -> LegalBody:
     """What is legal now, by the exact mask; of ADDs in Scatter those of the look."""
     found = _found(services, caller.id, episode_id)
-    return LegalBody(actions=[] if found.over else playing.legal_actions(found, (shape, colour, size)))
+    return LegalBody(actions=[] if found.over else played_episodes.legal_actions(found, (shape, colour, size)))
 
 
 @api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> playing.ExplanationBody:
+def explanation(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.ExplanationBody:
     """Why the episode ended so, part by part of the program."""
-    return playing.explanation(_found(services, caller.id, episode_id))
+    return played_episodes.explanation(_found(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> playing.SolutionBody:
+def solution(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.SolutionBody:
     """The expert's solution; asked for before the end, the episode does not count in tables."""
     with services.database.writing(durable=False) as session:
-        found = playing.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+        found = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
         if not found.over:
             found.episode.shown_solution = True
-    return playing.solution(services.catalogue, found)
+    return played_episodes.solution(services.catalogue, found)
 
 
 @api.get("/progress")
-def progress(services: ServicesOf, caller: CallerOf) -> playing.ProgressBody:
+def progress(services: ServicesOf, caller: CallerOf) -> played_episodes.ProgressBody:
     """What this browser has played."""
     with services.database.reading() as session:
-        return playing.progress(session, caller.id)
+        return played_episodes.progress(session, caller.id)
 
 
 @api.get("/best")
-def best(services: ServicesOf, caller: CallerOf) -> list[playing.BestLine]:
+def best(services: ServicesOf, caller: CallerOf) -> list[played_episodes.BestLine]:
     """The table of best play."""
     with services.database.reading() as session:
-        return playing.best(session, caller.id)
+        return played_episodes.best(session, caller.id)
 
 
 @api.put("/nickname", status_code=204)

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.metrics import ENDS
-from lilgym_mp.web import watching
-from lilgym_mp.web.services import ServicesOf
+from lilgym_mp.web import recording_views
+from lilgym_mp.web.app_services import ServicesOf
 from lilgym_mp.web.templating import page
 
 router = APIRouter()
@@ -32,15 +32,15 @@ def watch_page(request: Request) -> Response:
 
 
 @api.get("/recordings")
-def recordings(services: ServicesOf) -> watching.RecordingsBody:
+def recordings(services: ServicesOf) -> recording_views.RecordingsBody:
     """The recordings in the directory of runs, and the runs there whose agents can be recorded."""
-    return watching.recordings_body(services.recordings)
+    return recording_views.recordings_body(services.recordings)
 
 
 @api.get("/recordings/{recording_id}")
-def recording(recording_id: RecordingId, services: ServicesOf) -> watching.RecordingBody:
+def recording(recording_id: RecordingId, services: ServicesOf) -> recording_views.RecordingBody:
     """A recording: who played what, how it ended, and which other recordings are of the same tasks."""
-    return watching.recording_body(services.recordings, recording_id)
+    return recording_views.recording_body(services.recordings, recording_id)
 
 
 @api.get("/recordings/{recording_id}/episodes")
@@ -56,18 +56,18 @@ def episodes(
     task: Annotated[str | None, Query(max_length=200)] = None,
     text: Annotated[str, Query(max_length=200, description="in the statement or the task's id")] = "",
     offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
-) -> watching.EpisodesBody:
+) -> recording_views.EpisodesBody:
     """Episodes that pass the filters, at most 100 from `offset` on."""
-    filters = watching.Filters(success, outcome, invalid_reason, seen, phenomenon, target, task, text)
-    return watching.episodes_body(watching.opened(services.recordings, recording_id), filters, offset)
+    filters = recording_views.Filters(success, outcome, invalid_reason, seen, phenomenon, target, task, text)
+    return recording_views.episodes_body(recording_views.opened(services.recordings, recording_id), filters, offset)
 
 
 @api.get("/recordings/{recording_id}/episodes/{index}")
 def episode(
     recording_id: RecordingId, index: Annotated[int, Path(ge=0, le=10_000_000)], services: ServicesOf
-) -> watching.EpisodeBody:
+) -> recording_views.EpisodeBody:
     """An episode step by step: scenes, actions, legal places, and what the agent went by."""
-    return watching.episode_body(watching.opened(services.recordings, recording_id), index)
+    return recording_views.episode_body(recording_views.opened(services.recordings, recording_id), index)
 
 
 router.include_router(api)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from lilgym_mp.report.drawing import Line, lines
-from lilgym_mp.report.gathering import Curve, Gathered, differing, setting_shown
+from lilgym_mp.report.aggregation import Spread, spread
+from lilgym_mp.report.charts import Line, lines
 from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.numbers import Spread, spread
+from lilgym_mp.report.report_data import Curve, Gathered, differing, setting_shown
 
 ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
 # By learner, what its progress holds: what to draw, and what that is.

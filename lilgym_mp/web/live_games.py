@@ -38,7 +38,7 @@ from lilgym_mp.envs.proposer_verifier.states import AGENTS, NO_CHOICE, STOP_ACTI
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings as Configuration
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 
 PERSON = "person"
 PROPOSERS = ("helpful", "sneaky", "by_intent", "random")  # scripts that can propose

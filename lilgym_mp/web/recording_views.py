@@ -19,8 +19,8 @@ from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.recordings import FoundRecording, Recordings, Unreadable
-from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.run_directory import FoundRecording, Recordings, Unreadable
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 
 MOST_LISTED = 100  # episodes of one answer
 MOST_CELLS = 2_000  # of a grid whose cells are told one by one

@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.evaluator import Evaluation, EvaluationError, Evaluator, EvaluatorBusy
-from lilgym_mp.web.playing import ProgramPart
-from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.played_episodes import ProgramPart
+from lilgym_mp.web.program_evaluator import Evaluation, EvaluationError, Evaluator, EvaluatorBusy
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 
 NOT_YOURS = "there is no such assignment of yours"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.plotting import new_figure
-from lilgym_mp.report.numbers import Spread
+from lilgym_mp.report.aggregation import Spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from pathlib import Path
 from lilgym_mp.evaluation.circumstances import CHANGED, Circumstances
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
 from lilgym_mp.plotting import save
-from lilgym_mp.report.gathering import Gathered
 from lilgym_mp.report.items import Chart, Item, Lacking, Table
+from lilgym_mp.report.report_data import Gathered
 
 MARK = "<!-- made by lilgym-mp report; do not edit -->"
 PICTURES = "pictures"  # directory beside the page

@@ -19,9 +19,9 @@ from lilgym_mp.programs.tracing import trace
 from lilgym_mp.task import Task
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.playing import ProgramPart
-from lilgym_mp.web.recordings import Recordings, Unreadable
-from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.played_episodes import ProgramPart
+from lilgym_mp.web.run_directory import Recordings, Unreadable
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 
 PAGE = 30  # statements in one answer
 KEPT_LISTS = 12

@@ -14,13 +14,13 @@ from lilgym_mp.evaluation.files import OutputError, writable_directory
 from lilgym_mp.extras import install
 from lilgym_mp.plotting import save
 from lilgym_mp.report.behaviour import behaviour
-from lilgym_mp.report.curves import learning
 from lilgym_mp.report.difficulty import comparisons, difficulty
-from lilgym_mp.report.document import check_document, write_document
-from lilgym_mp.report.gathering import Gathered, gather
+from lilgym_mp.report.examples import failures, pictures
 from lilgym_mp.report.items import Chart, Item, Lacking, Table, shown
 from lilgym_mp.report.language import Tags, language, read_tags
-from lilgym_mp.report.pictures import failures, pictures
+from lilgym_mp.report.learning_curves import learning
+from lilgym_mp.report.markdown_report import check_document, write_document
+from lilgym_mp.report.report_data import Gathered, gather
 from lilgym_mp.report.results import results
 
 PAGE = "index.html"

@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from lilgym_mp.programs.tracing import BOX_TITLES
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
-from lilgym_mp.web.pictures import data_url
+from lilgym_mp.web.scene_images import data_url
 
 
 class ItemBody(BaseModel):

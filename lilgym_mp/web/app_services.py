@@ -6,15 +6,15 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
+from lilgym_mp.web.authentication import Logins
 from lilgym_mp.web.catalogue import Catalogue
-from lilgym_mp.web.evaluator import Evaluator
-from lilgym_mp.web.exploring import Outcomes
-from lilgym_mp.web.gaming import Games
-from lilgym_mp.web.options import ServeOptions
-from lilgym_mp.web.recordings import Recordings
+from lilgym_mp.web.corpus_statements import Outcomes
+from lilgym_mp.web.live_games import Games
+from lilgym_mp.web.program_evaluator import Evaluator
+from lilgym_mp.web.run_directory import Recordings
+from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import Database
 from lilgym_mp.web.trained_partners import TrainedPartners
-from lilgym_mp.web.visitors import Logins
 
 
 class Services:

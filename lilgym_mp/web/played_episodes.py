@@ -17,11 +17,11 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.tracing import trace
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.task import Task
+from lilgym_mp.web.authentication import keep_visitor
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.scenes import SceneBody, scene_body
+from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import PlayedEpisode, Visitor
-from lilgym_mp.web.visitors import keep_visitor
 
 MOST_BEST = 20  # rows of the table of best play
 

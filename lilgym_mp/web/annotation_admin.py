@@ -18,9 +18,9 @@ from sqlalchemy.orm import Session
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.exporting import LabelledScene, entry_json
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.annotating import ACCEPTED, DONE, FAILED, OPEN, SKIPPED, SKIPPED_STATE, latest_reviews
+from lilgym_mp.web.annotation import ACCEPTED, DONE, FAILED, OPEN, SKIPPED, SKIPPED_STATE, latest_reviews
 from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.evaluator import EvaluationError, Evaluator, EvaluatorBusy
+from lilgym_mp.web.program_evaluator import EvaluationError, Evaluator, EvaluatorBusy
 from lilgym_mp.web.store.models import (
     Assignment,
     Batch,

@@ -10,9 +10,9 @@ from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render import draw
 from lilgym_mp.report.behaviour import ERROR_KINDS, error_kind
-from lilgym_mp.report.drawing import Strip, strips
-from lilgym_mp.report.gathering import EXPERT, Entry, Gathered
+from lilgym_mp.report.charts import Strip, strips
 from lilgym_mp.report.items import Chart, Item, Lacking
+from lilgym_mp.report.report_data import EXPERT, Entry, Gathered
 
 MOST_FRAMES = 10  # of a failure that is shown
 EXAMPLE_ACTIONS = 4  # of the first example, if one of that length is there
