@@ -1,8 +1,8 @@
-"""Every quickstart line of README and site, run from the built wheel in fresh environments.
+"""Runs every quickstart line of README and site from the built wheel, in fresh environments.
 
-Each runs in an environment with only the extra that its part names. README is parted at its lead-ins in bold, and a
-part names its extra as (extra `sb3`); tutorials/index.md names those of the tutorials. Lines that train for minutes
-are shortened unless --full is given, which wants the official data where lines name it (LILGYM_DATA).
+Each environment has only the extra that the README section names, as in "Needs the extra `sb3`"; tutorials/index.md
+names those of the tutorials. Lines that train for minutes are shortened unless --full is given; with it, lines that
+name the official data need LILGYM_DATA.
 Run from the root of a checkout: python -m checks.quickstart [--full] [--python python3.12] [--torch-index URL]
 """
 
@@ -33,7 +33,7 @@ SHORTER: Mapping[str, str] = {  # parts of commands that take long, and what is 
     "--minutes 3": "--minutes 0.05",
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }
-_LEAD_IN = re.compile(r"^(?=\*\*[A-Z])", re.MULTILINE)
+_HEADING = re.compile(r"^(?=#{2,3} )", re.MULTILINE)
 _EXTRA = re.compile(r"extra `(\w+)`")
 _CODE = re.compile(r"^```python\n(.*?)^```$|^ {4}\$ \S*?lilgym-mp ([^\n]*?)(?:  +#[^\n]*)?$", re.DOTALL | re.MULTILINE)
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -79,7 +79,7 @@ class Quickstart(NamedTuple):
 
 def quickstarts(*, full: bool) -> Iterator[Quickstart]:
     """Every document's lines, by the extra that they need. Parts without an extra run before those with one."""
-    parts = [(_named_extra(part), list(_readme_lines(part))) for part in _LEAD_IN.split(README.read_text())]
+    parts = [(_named_extra(part), list(_readme_lines(part))) for part in _HEADING.split(README.read_text())]
     for extra in dict.fromkeys(extra for extra, _ in parts):
         lines = [line for needed, found in parts if needed in (NO_EXTRA, extra) for line in found]
         yield Quickstart("README.md", extra, _lengthened(lines, full=full))
