@@ -1,7 +1,7 @@
 """Write data/builtin.jsonl.gz and its figures in docs/corpus.md: statements written by hand, and generated ones.
 
 The same source, generator and rules give the same bytes. Every statement is proven sound (see
-lilgym_mp.generator.entries), every task of it is solved by the expert. With LILGYM_DATA set, statements that
+lilgym_mp.generator.validation), every task of it is solved by the expert. With LILGYM_DATA set, statements that
 are official ones are looked for too; the hashes of those met are kept in data/builtin_excluded.txt, so that a build
 without the official data leaves out the same ones.
 """
@@ -28,12 +28,12 @@ from builtin_report import Built, write_report
 from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
 from lilgym_mp.corpus.forms import normalised, statement_form
-from lilgym_mp.generator import LEVELS, Draft, Entry, Start, Stock, drafts, proven
-from lilgym_mp.generator.entries import clear_scenes, is_clear, is_trivial
-from lilgym_mp.generator.generated import split_of
-from lilgym_mp.generator.reading import meanings
-from lilgym_mp.generator.slips import mistyped
-from lilgym_mp.generator.starts import Truths, start_scenes
+from lilgym_mp.generator import LEVELS, Draft, Entry, ScenePool, StartScene, drafts, validate_draft
+from lilgym_mp.generator.generated_corpus import split_of
+from lilgym_mp.generator.noise import with_typo
+from lilgym_mp.generator.start_selection import TruthTable, start_scenes
+from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.validation import clear_scenes, is_clear, is_trivial
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
@@ -87,7 +87,7 @@ class Builder:
     def __init__(self, appearance: str) -> None:
         self.appearance = appearance
         self.rng = random.Random(f"{SEED} {appearance}")
-        self.stock = Stock.made(appearance, self.rng, STOCK_SIZE)
+        self.stock = ScenePool.sample(appearance, self.rng, STOCK_SIZE)
         self.solver = Solver(make_dynamics(make_appearance(appearance)), SCENE_BUDGET)
 
     def built(self, entry: Entry, split: str, rng: random.Random) -> Built | None:
@@ -112,7 +112,7 @@ class Builder:
     def solution(self, entry: Entry, start: Scene, *, target: bool) -> Solution:
         return self.solver.solve(Task("", entry.statement, entry.program, target, start))
 
-    def far_starts(self, entry: Entry, rng: random.Random) -> Iterator[Start]:
+    def far_starts(self, entry: Entry, rng: random.Random) -> Iterator[StartScene]:
         """For each truth value, the scene of some clear ones that needs the most actions, where that is over two."""
         taken = {start.scene for start in entry.starts}
         for label in (True, False):
@@ -123,7 +123,7 @@ class Builder:
             by_steps = {scene: self.solution(entry, scene, target=not label).steps for scene in few}
             farthest = max(by_steps, key=lambda scene: by_steps[scene], default=None)
             if farthest is not None and by_steps[farthest] > 2:
-                yield Start(farthest, label, by_steps[farthest] - 1)
+                yield StartScene(farthest, label, by_steps[farthest] - 1)
 
     def by_hand(self, source: Source) -> Built:
         """Raises SystemExit naming a hand-written statement that is not sound."""
@@ -136,10 +136,10 @@ class Builder:
         return built
 
     def entry_by_hand(self, draft: Draft, rng: random.Random) -> Entry | None:
-        """As `proven`, but taken at its author's word; what the grammar reads in it helps to choose the scenes."""
-        readings = meanings(draft.statement)
+        """As `validate_draft`, but the program is trusted; parses, if any, only help to choose the start scenes."""
+        readings = parse_statement(draft.statement)
         truth = compile_program(draft.program).evaluate
-        truths = Truths(self.stock, truth)
+        truths = TruthTable(self.stock, truth)
         edits = truths.edits_from_empty()
         starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
         return Entry(draft.statement, draft.program, 0, edits or 0, tuple(starts)) if starts else None
@@ -164,7 +164,7 @@ class Builder:
                 return
             if split_of(draft.program) != split or not chosen.wants(draft, split):
                 continue
-            entry = proven(draft, self.stock, choices)
+            entry = validate_draft(draft, self.stock, choices)
             built = None if entry is None else self.built(entry, split, choices)
             if built is None:
                 chosen.refuse(draft)
@@ -264,7 +264,7 @@ def with_typos(entries: Sequence[Built], rng: random.Random) -> Iterator[Built]:
     known = {word for built in entries for word in words(built.statement)}
     for built in entries:
         if built.level and rng.random() < TYPO_SHARE:
-            yield replace(built, statement=mistyped(built.statement, rng, known), mistyped=True)
+            yield replace(built, statement=with_typo(built.statement, rng, known), mistyped=True)
         else:
             yield built
 

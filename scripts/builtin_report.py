@@ -11,8 +11,8 @@ from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenome
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.generator import Start
-from lilgym_mp.generator.reading import meanings
+from lilgym_mp.generator import StartScene
+from lilgym_mp.generator.statement_grammar import parse_statement
 
 BEGIN, END = "<!-- figures by scripts/build_builtin_corpus.py: begin -->", "<!-- figures: end -->"
 MOST_STEPS = 12
@@ -28,7 +28,7 @@ class Built:
     level: int  # 0: hand-written
     steps: int  # to success from the empty scene, STOP included
     steps_proven: bool  # to be the fewest
-    starts: tuple[Start, ...]
+    starts: tuple[StartScene, ...]
     start_steps: tuple[int, ...]  # by start
     starts_proven: int  # how many of them are proven to be the fewest
     mistyped: bool = False
@@ -150,4 +150,4 @@ def _makings(built: Mapping[str, Sequence[Built]]) -> str:
 
 
 def _read_by_hand(entry: Built) -> bool:
-    return entry.level == 0 and bool(meanings(entry.statement))
+    return entry.level == 0 and bool(parse_statement(entry.statement))

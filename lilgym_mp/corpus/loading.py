@@ -23,7 +23,7 @@ from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
 CACHED_SETS = 16
 # Loads generated corpora: named, like an entry point of Gymnasium, since the generator builds on this package and is
 # imported only when a generated corpus is asked for.
-GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated:load_generated"
+GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated_corpus:load_generated"
 
 Loader = Callable[[str, str, str, str], TaskSet]  # of corpus, appearance, start and split
 

@@ -5,22 +5,22 @@ statement is read back by a grammar of its own (`reading`) and judged scene by s
 `entries` lets it pass. docs/corpus.md tells what each level holds and what is checked.
 """
 
-from lilgym_mp.generator.entries import Draft, Entry, drafts, proven, worded
-from lilgym_mp.generator.generated import Recipe, generated_entries, generated_tasks
-from lilgym_mp.generator.levels import LEVELS, random_meaning
-from lilgym_mp.generator.starts import Start, Stock
+from lilgym_mp.generator.generated_corpus import CorpusSpec, generated_entries, generated_tasks
+from lilgym_mp.generator.meaning_sampling import LEVELS, random_meaning
+from lilgym_mp.generator.start_selection import ScenePool, StartScene
+from lilgym_mp.generator.validation import Draft, Entry, drafts, realise, validate_draft
 
 __all__ = [
     "LEVELS",
+    "CorpusSpec",
     "Draft",
     "Entry",
-    "Recipe",
-    "Start",
-    "Stock",
+    "ScenePool",
+    "StartScene",
     "drafts",
     "generated_entries",
     "generated_tasks",
-    "proven",
     "random_meaning",
-    "worded",
+    "realise",
+    "validate_draft",
 ]

@@ -1,6 +1,6 @@
 """Whether a meaning holds in a scene, computed from pixels and not through the program language.
 
-It is the second opinion on every generated program. A `Reading` can also bend what people may see or mean
+It is the second opinion on every generated program. A `Interpretation` can also bend what people may see or mean
 differently (is two pixels from the wall touching it? is "all the circles" true of none?); start scenes are chosen
 where every reading agrees. Geometry: SPEC section 8.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.semantics import (
     AtLevel,
     Attribute,
     AtWall,
@@ -57,7 +57,7 @@ from lilgym_mp.scene import BOX_SIDE, Item, Scene
 SECOND_BOTTOM, THIRD_BOTTOM = 21, 42  # pixels above the floor
 
 
-class Reading(NamedTuple):
+class Interpretation(NamedTuple):
     """One way to take a statement. The defaults are the language's own."""
 
     wall_gap: int = 0  # pixels at which an item still touches a wall
@@ -70,10 +70,10 @@ class Reading(NamedTuple):
     ties: bool = False  # whether one of several tallest towers is "the tallest" one
 
 
-PRECISE = Reading()
-OTHER_READINGS = (
-    Reading(wall_gap=3, touch_gap=4, close_gap=7, overlap=14, vacuous=True, soft_shift=-1, ties=True),
-    Reading(touch_gap=0, close_gap=2, overlap=-2, soft_shift=1, exclusive=True),
+STANDARD = Interpretation()
+ALTERNATIVES = (
+    Interpretation(wall_gap=3, touch_gap=4, close_gap=7, overlap=14, vacuous=True, soft_shift=-1, ties=True),
+    Interpretation(touch_gap=0, close_gap=2, overlap=-2, soft_shift=1, exclusive=True),
 )
 
 
@@ -88,7 +88,7 @@ class Seen(NamedTuple):
     bottom: int
 
 
-def holds(clause: Clause, scene: Scene, reading: Reading = PRECISE) -> bool:
+def holds(clause: Clause, scene: Scene, reading: Interpretation = STANDARD) -> bool:
     """Whether the clause is true of the scene under that reading."""
     return _View(scene, reading).clause(clause)
 
@@ -96,7 +96,7 @@ def holds(clause: Clause, scene: Scene, reading: Reading = PRECISE) -> bool:
 class _View:
     """A scene looked at under one reading."""
 
-    def __init__(self, scene: Scene, reading: Reading) -> None:
+    def __init__(self, scene: Scene, reading: Interpretation) -> None:
         self.boxes = [[_seen(item, index) for item in box.items] for index, box in enumerate(scene.boxes)]
         self.items = [seen for box in self.boxes for seen in box]
         self.reading = reading

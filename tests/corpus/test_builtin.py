@@ -21,7 +21,7 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import TaskSet, Vocabulary, check_corpus, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.generator.interpretation import holds
-from lilgym_mp.generator.reading import meanings
+from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
@@ -137,7 +137,7 @@ def test_builtin__dev_and_test_tell_which_forms_train_has(appearance: str, split
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_builtin__statements_that_can_be_read_say_what_their_start_scenes_are_labelled(appearance: str):
     for statement, mine in starts(appearance, "test").items():
-        for reading in meanings(statement):
+        for reading in parse_statement(statement):
             assert all(holds(reading, task.start) != task.target for task in mine), statement
 
 

@@ -11,9 +11,9 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised
-from lilgym_mp.generator import Recipe, Stock, generated_entries
-from lilgym_mp.generator.generated import SIZES, TRIVIAL_SHARE, WORDINGS, split_of
-from lilgym_mp.generator.starts import Truths
+from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries
+from lilgym_mp.generator.generated_corpus import SIZES, TRIVIAL_SHARE, WORDINGS, split_of
+from lilgym_mp.generator.start_selection import TruthTable
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Item, Scene
@@ -44,7 +44,7 @@ def test_load_flipit__has_four_start_scenes_of_each_statement_half_of_them_true(
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_start_scenes__of_a_pair_differ_in_one_item(appearance: str):
-    for entry in generated_entries(Recipe(3), appearance, "dev"):
+    for entry in generated_entries(CorpusSpec(3), appearance, "dev"):
         for place in (0, 2):
             one, other = (everything(start.scene) for start in entry.starts[place : place + 2])
             assert sorted((len(one - other), len(other - one))) in ([0, 1], [1, 1])
@@ -96,7 +96,7 @@ def test_environment__plays_a_generated_corpus():
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_stock__neighbours_are_one_legal_edit_apart(appearance: str):
-    stock = Stock.made(appearance, random.Random(4), 4)
+    stock = ScenePool.sample(appearance, random.Random(4), 4)
     dynamics = make_dynamics(APPEARANCES[appearance])
     for family in (family for chain in stock.chains for family in chain[:2]):
         task = Task("", "", "exist(all_items)", True, stock.scenes[family.parent])
@@ -107,6 +107,6 @@ def test_stock__neighbours_are_one_legal_edit_apart(appearance: str):
 
 
 def test_truths__edits_from_the_empty_scene_are_those_that_grew_a_true_one():
-    stock = Stock.made("tower", random.Random(0), 40)
+    stock = ScenePool.sample("tower", random.Random(0), 40)
     blocks = [compile_program(f"count(all_items) == {number}").evaluate for number in (0, 1, 3, 13)]
-    assert [Truths(stock, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]
+    assert [TruthTable(stock, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]

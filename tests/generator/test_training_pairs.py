@@ -1,4 +1,4 @@
-"""The endless stream of statements with programs: lilgym_mp.generator.pairs."""
+"""The endless stream of statements with programs: lilgym_mp.generator.training_pairs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from itertools import islice
 import pytest
 
 from lilgym_mp.generator.interpretation import holds
-from lilgym_mp.generator.pairs import Pair, training_pairs
-from lilgym_mp.generator.paraphrases import paraphrased
-from lilgym_mp.generator.reading import meanings
-from lilgym_mp.generator.starts import Stock
+from lilgym_mp.generator.noise import with_noise
+from lilgym_mp.generator.start_selection import ScenePool
+from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.training_pairs import Pair, training_pairs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
@@ -43,7 +43,7 @@ def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -
 
 def scenes(appearance: str, number: int) -> list[Scene]:
     rng = random.Random(7)
-    return rng.sample(Stock.made(appearance, rng, 60).scenes, number)
+    return rng.sample(ScenePool.sample(appearance, rng, 60).scenes, number)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
@@ -93,7 +93,7 @@ def test_training_pairs__statements_that_can_be_read_back_mean_their_program(app
     stock = scenes(appearance, 25)
     agreeing = read = 0
     for pair in pairs(appearance, 500):
-        found = meanings(pair.statement)
+        found = parse_statement(pair.statement)
         if found and not pair.statement.startswith("one of the"):  # exactly one, to that grammar
             read += 1
             truth = compile_program(pair.program)
@@ -125,21 +125,22 @@ def pairs_of(share: float) -> list[Pair]:
     return list(islice(training_pairs("tower", 8, noise=False, bound_share=share), 25_000))
 
 
-def test_paraphrased__is_repeatable_and_keeps_most_words() -> None:
+def test_with_noise__is_repeatable_and_keeps_most_words() -> None:
     statement = "there is a box with exactly two yellow triangles"
-    told = [paraphrased(statement, random.Random(seed)) for seed in range(300)]
-    assert told == [paraphrased(statement, random.Random(seed)) for seed in range(300)]
+    told = [with_noise(statement, random.Random(seed)) for seed in range(300)]
+    assert told == [with_noise(statement, random.Random(seed)) for seed in range(300)]
     assert len(set(told)) > 40
     kept = [len(set(statement.split()) & set(text.lower().strip(" .").split())) for text in told]
     assert min(kept) >= len(statement.split()) - 4
 
 
-def test_paraphrased__sets_no_second_full_stop() -> None:
-    told = {paraphrased("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
+def test_with_noise__sets_no_second_full_stop() -> None:
+    told = {with_noise("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
     assert any(text[:1].islower() for text in told)
     assert max(text.count(".") for text in told) == 1
 
 
 def test_training_pairs__are_not_imported_with_the_package() -> None:
-    code = "import sys, lilgym_mp; print([name for name in sys.modules if name.endswith(('.pairs', '.spelling'))])"
+    lazy = ("lilgym_mp.generator.training_pairs", "lilgym_mp.corpus.spelling")
+    code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

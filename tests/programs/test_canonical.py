@@ -7,7 +7,7 @@ import random
 import pytest
 
 from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.generator import Stock
+from lilgym_mp.generator import ScenePool
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_of
@@ -25,7 +25,7 @@ def canonical(source: str) -> str:
 
 def scenes(appearance: str) -> list[Scene]:
     rng = random.Random(3)
-    stock = Stock.made(appearance, rng, 24).scenes
+    stock = ScenePool.sample(appearance, rng, 24).scenes
     return [Scene.empty(), *rng.sample(stock, min(SCENES, len(stock)))]
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.augmentation import facts, random_pair
 from lilgym_mp.corpus.tokens import words
-from lilgym_mp.generator.pairs import training_pairs
+from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.layout import ActionLayout, action_layout
 from lilgym_mp.programs import Program, compile_program

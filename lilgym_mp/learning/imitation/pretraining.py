@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.generator.pairs import training_pairs
+from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.imitation.batches import Numbering
 from lilgym_mp.learning.imitation.boxes import BoxTable
 from lilgym_mp.learning.imitation.lessons import Lesson

@@ -20,7 +20,7 @@ from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.generator.pairs import training_pairs
+from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, Shape, describe
 from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from lilgym_mp.generator import Stock
+from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.devices import one_thread
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
@@ -62,7 +62,7 @@ class Parse:
 def probe_scenes(appearance: str) -> Sequence[Scene]:
     """Scenes on which programs are compared: the same in every process."""
     rng = random.Random(f"probes {appearance}")
-    stock = Stock.made(appearance, rng, 1 + PROBE_SCENES // 8)
+    stock = ScenePool.sample(appearance, rng, 1 + PROBE_SCENES // 8)
     scenes = rng.sample(stock.scenes, min(PROBE_SCENES, len(stock.scenes)))
     return (Scene.empty(), *scenes)
 

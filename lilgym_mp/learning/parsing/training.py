@@ -22,7 +22,7 @@ from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from lilgym_mp.generator.pairs import training_pairs
+from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.devices import chosen_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription

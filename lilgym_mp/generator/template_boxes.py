@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lilgym_mp.generator.conditions import BOX, PLACES, Condition, Family, Said, in_box
-from lilgym_mp.generator.item_frames import ItemFrames
-from lilgym_mp.generator.meanings import NONE, SOME, Quantity
-from lilgym_mp.generator.phrases import pluralised
-from lilgym_mp.generator.speech import Noun, Phrase, exactly, items, numbered
+from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.template_conditions import BOX, PLACES, Condition, Family, Said, in_box
+from lilgym_mp.generator.template_items import ItemFrames
+from lilgym_mp.generator.template_phrases import Noun, Phrase, exactly, items, numbered
 
 FIRST_TWO = (
     ((0, 1), ("first two", "two left", "left two", "first 2")),

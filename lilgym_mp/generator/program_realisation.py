@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.semantics import (
     ANYTHING,
     AtLevel,
     Attribute,

@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus.forms import normalised, statement_form
-from lilgym_mp.generator import LEVELS, Draft, Stock, drafts, proven, random_meaning, worded
-from lilgym_mp.generator.interpretation import PRECISE, Reading, holds
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator import LEVELS, Draft, ScenePool, drafts, random_meaning, realise, validate_draft
+from lilgym_mp.generator.interpretation import STANDARD, Interpretation, holds
+from lilgym_mp.generator.noise import with_typo
+from lilgym_mp.generator.program_realisation import program_source
+from lilgym_mp.generator.semantics import (
     AtWall,
     Beside,
     BoxCount,
@@ -32,13 +34,11 @@ from lilgym_mp.generator.meanings import (
     SharedCount,
     Wall,
 )
-from lilgym_mp.generator.reading import meanings
-from lilgym_mp.generator.slips import mistyped
-from lilgym_mp.generator.sources import program_source
+from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
-STOCKS = {appearance: Stock.made(appearance, random.Random(1), 20) for appearance in ("tower", "scatter")}
+STOCKS = {appearance: ScenePool.sample(appearance, random.Random(1), 20) for appearance in ("tower", "scatter")}
 APPEARANCE = st.sampled_from(sorted(STOCKS))
 
 BLUE, BLACK = Look(colours=frozenset({Colour.BLUE})), Look(colours=frozenset({Colour.BLACK}))
@@ -66,7 +66,7 @@ def truths(program: str, appearance: str) -> list[bool]:
 @given(APPEARANCE, st.sampled_from(LEVELS), st.integers(0, 10**9))
 def test_statement__is_read_back_as_what_its_program_says(appearance: str, level: int, seed: int):
     draft = next(drafts(appearance, level, random.Random(seed)))
-    readings = meanings(draft.statement)
+    readings = parse_statement(draft.statement)
     assert readings, f"no grammar for: {draft.statement}"
     scenes = STOCKS[appearance].scenes[::7]
     program = compile_program(draft.program).evaluate
@@ -87,11 +87,11 @@ def test_program__agrees_with_the_meaning_that_it_was_made_from(appearance: str,
 def test_paraphrases__of_one_meaning_are_many_and_all_mean_it(case: str):
     meaning = MEANINGS[case]
     program = program_source(meaning)
-    texts = {worded(meaning, "scatter", 1, random.Random(seed)).statement for seed in range(30)}
+    texts = {realise(meaning, "scatter", 1, random.Random(seed)).statement for seed in range(30)}
     assert len(set(map(normalised, texts))) >= 5
     wanted = truths(program, "scatter")
     for text in texts:
-        for reading in meanings(text):
+        for reading in parse_statement(text):
             assert truths(program_source(reading), "scatter") == wanted, f"{text!r} is not {program}"
 
 
@@ -128,17 +128,17 @@ SCENE = Scene.of([YELLOW_CIRCLE, BLACK_SQUARE], [BLUE_SQUARE], [])
     ],
 )
 def test_reading__says_of_a_scene_what_a_person_says(statement: str, truth: bool):
-    readings = meanings(statement)
+    readings = parse_statement(statement)
     assert {holds(reading, SCENE) for reading in readings} == {truth}
 
 
 def test_reading__what_is_no_statement_is_not_read():
-    assert meanings("Blue is a lovely colour.") == []
-    assert meanings("") == []
+    assert parse_statement("Blue is a lovely colour.") == []
+    assert parse_statement("") == []
 
 
 def test_reading__finds_both_sides_of_an_ambiguous_statement():
-    (outer, inner) = meanings("There is a circle touching a square that is not blue.")
+    (outer, inner) = parse_statement("There is a circle touching a square that is not blue.")
     scene = Scene.of(
         [Item(0, 0, Shape.CIRCLE, Colour.BLACK, Size.SMALL), Item(10, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)], [], []
     )
@@ -147,9 +147,9 @@ def test_reading__finds_both_sides_of_an_ambiguous_statement():
 
 def test_proven__an_ambiguous_statement_is_refused():
     statement = "There is a circle touching a square that is not blue."
-    for meaning in meanings(statement):
+    for meaning in parse_statement(statement):
         draft = Draft(statement, program_source(meaning), 3)
-        assert all(proven(draft, STOCKS["scatter"], random.Random(seed)) is None for seed in range(3))
+        assert all(validate_draft(draft, STOCKS["scatter"], random.Random(seed)) is None for seed in range(3))
 
 
 @pytest.mark.parametrize(
@@ -162,14 +162,14 @@ def test_proven__an_ambiguous_statement_is_refused():
     ],
 )
 def test_proven__a_program_that_is_not_what_the_statement_says_is_refused(statement: str, program: str):
-    assert proven(Draft(statement, program, 1), STOCKS["scatter"], random.Random(0)) is None
+    assert validate_draft(Draft(statement, program, 1), STOCKS["scatter"], random.Random(0)) is None
 
 
 def test_reading__one_way_to_see_a_scene_may_differ_from_another():
     near = Scene.of([Item(3, 40, Shape.CIRCLE, Colour.BLUE, Size.SMALL)], [], [])
-    (meaning,) = meanings("A circle touches the left wall.")
-    assert not holds(meaning, near, PRECISE)
-    assert holds(meaning, near, Reading(wall_gap=3))
+    (meaning,) = parse_statement("A circle touches the left wall.")
+    assert not holds(meaning, near, STANDARD)
+    assert holds(meaning, near, Interpretation(wall_gap=3))
 
 
 def test_drafts__some_of_one_form_follow_each_other():
@@ -187,7 +187,7 @@ def test_statements__are_varied_and_hardly_repeat():
 def test_slip__changes_one_word_into_no_word_of_the_list(seed: int):
     statement = "There is a black circle near the wall."
     known = {word.strip(".").lower() for word in statement.split()} | {"back"}
-    slipped = mistyped(statement, random.Random(seed), known)
+    slipped = with_typo(statement, random.Random(seed), known)
     changed = [(old, new) for old, new in zip(statement.split(), slipped.split(), strict=True) if old != new]
     assert len(changed) == 1
     ((old, new),) = changed

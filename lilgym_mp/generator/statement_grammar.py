@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.chart_parser import Grammar
+from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
     SOME,
@@ -57,7 +58,6 @@ from lilgym_mp.generator.meanings import (
     Varied,
     Wall,
 )
-from lilgym_mp.generator.parsing import Grammar
 from lilgym_mp.scene import Colour, Shape, Size
 
 EXPANSIONS = (
@@ -106,7 +106,7 @@ LEXICON: Mapping[str, Mapping[str, object]] = {
 }
 
 
-def meanings(statement: str) -> list[Clause]:
+def parse_statement(statement: str) -> list[Clause]:
     """Everything that the statement can mean; empty where the grammar cannot read it."""
     return _grammar().readings("STATEMENT", _tokens(statement))
 

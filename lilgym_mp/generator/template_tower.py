@@ -6,11 +6,11 @@ import random
 from collections.abc import Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.box_frames import Frames
-from lilgym_mp.generator.conditions import BOX, TWO_COLOURS, Condition, Family, Said, in_box
-from lilgym_mp.generator.meanings import NONE, SOME, Quantity
-from lilgym_mp.generator.phrases import pluralised
-from lilgym_mp.generator.speech import (
+from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.template_boxes import Frames
+from lilgym_mp.generator.template_conditions import BOX, TWO_COLOURS, Condition, Family, Said, in_box
+from lilgym_mp.generator.template_phrases import (
     ANYTHING,
     Look,
     Noun,

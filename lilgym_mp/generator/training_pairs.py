@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.generator.box_frames import Frames
-from lilgym_mp.generator.paraphrases import paraphrased
-from lilgym_mp.generator.scatter_frames import ScatterFrames, scatter_voice
-from lilgym_mp.generator.speech import Voice
-from lilgym_mp.generator.tower_frames import TowerFrames, tower_voice
+from lilgym_mp.generator.noise import with_noise
+from lilgym_mp.generator.template_boxes import Frames
+from lilgym_mp.generator.template_phrases import Voice
+from lilgym_mp.generator.template_scatter import ScatterFrames, scatter_voice
+from lilgym_mp.generator.template_tower import TowerFrames, tower_voice
 
 BOUND_SHARE = 0.4
 
@@ -34,7 +34,7 @@ def training_pairs(
 ) -> Iterator[Pair]:
     """Endless pairs, the same for the same arguments.
 
-    `noise` types statements as people do (`paraphrased`); without it they are in lower case, without a full stop.
+    `noise` types statements as people do (`with_noise`); without it they are in lower case, without a full stop.
     A share `bound_share` of them comes from writers for whom a bare number can mean at least that many, and "one of the
     boxes" exactly one: people differ there. With 0 a statement always has the same meaning.
     Raises ValueError for an unknown appearance.
@@ -50,4 +50,4 @@ def _pairs(
     while True:
         speaker.voice = voice(rng)._replace(bare_number_is_bound=rng.random() < bound_share)
         text, program = speaker.said()
-        yield Pair(paraphrased(text, rng) if noise else text, program)
+        yield Pair(with_noise(text, rng) if noise else text, program)

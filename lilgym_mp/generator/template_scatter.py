@@ -6,10 +6,10 @@ import random
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.box_frames import Frames
-from lilgym_mp.generator.conditions import TWO_COLOURS, Condition, Family, Said, in_box
-from lilgym_mp.generator.phrases import pluralised
-from lilgym_mp.generator.speech import ANYTHING, SHAPES, Look, Noun, Test, Trait, Voice, items
+from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.template_boxes import Frames
+from lilgym_mp.generator.template_conditions import TWO_COLOURS, Condition, Family, Said, in_box
+from lilgym_mp.generator.template_phrases import ANYTHING, SHAPES, Look, Noun, Test, Trait, Voice, items
 
 EXACTLY_CLOSE = ("closely touching", "closely touching", "closely touching", "almost touching", "nearly touching",
                  "very close to", "close to", "near", "close touching")  # fmt: skip

@@ -14,7 +14,7 @@ from itertools import combinations
 from typing import TypeVar
 
 from lilgym_mp.choices import choose
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
     SOME,

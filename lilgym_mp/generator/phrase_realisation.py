@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.semantics import (
     NONE,
     SOME,
     AtLevel,

@@ -22,9 +22,9 @@ from lilgym_mp.corpus.places import is_generated
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.scenes import SAMPLERS
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
-from lilgym_mp.generator.entries import Draft, Entry, drafts, is_trivial, proven
-from lilgym_mp.generator.levels import LEVELS
-from lilgym_mp.generator.starts import Stock
+from lilgym_mp.generator.meaning_sampling import LEVELS
+from lilgym_mp.generator.start_selection import ScenePool
+from lilgym_mp.generator.validation import Draft, Entry, drafts, is_trivial, validate_draft
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
@@ -38,15 +38,15 @@ CACHED_CORPORA = 16
 NAME = "lilgym_mp generated corpus"
 
 
-class Recipe(NamedTuple):
+class CorpusSpec(NamedTuple):
     """Which generated corpus."""
 
     level: int
     seed: int = 0
 
     @classmethod
-    def named(cls, corpus: object) -> Recipe | None:
-        """The recipe that a corpus name gives; None when it is no name of a generated corpus.
+    def parse(cls, corpus: object) -> CorpusSpec | None:
+        """The spec that a corpus name gives; None when it is no name of a generated corpus.
 
         Raises CorpusError for a level that there is not, or a seed that is not a whole number from 0 on.
         """
@@ -58,27 +58,27 @@ class Recipe(NamedTuple):
             raise CorpusError(
                 f'no corpus {corpus!r}: a generated corpus is "generated:LEVEL" or "generated:LEVEL:SEED"'
             )
-        recipe = cls(*map(int, parts))
-        if recipe.level not in LEVELS:
-            raise CorpusError(f"no corpus {corpus!r}: unknown level {recipe.level}; choose from {levels}")
-        return recipe
+        spec = cls(*map(int, parts))
+        if spec.level not in LEVELS:
+            raise CorpusError(f"no corpus {corpus!r}: unknown level {spec.level}; choose from {levels}")
+        return spec
 
 
 def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
     """The tasks of a corpus named "generated:LEVEL" or "generated:LEVEL:SEED". Raises CorpusError for another name."""
-    recipe = Recipe.named(corpus)
-    if recipe is None:
+    spec = CorpusSpec.parse(corpus)
+    if spec is None:
         raise CorpusError(f"{corpus!r} names no generated corpus; names look like generated:1 or generated:1:7")
-    return generated_tasks(corpus, recipe, appearance, start, split)
+    return generated_tasks(corpus, spec, appearance, start, split)
 
 
-def generated_tasks(corpus: str, recipe: Recipe, appearance: str, start: str, split: str) -> TaskSet:
+def generated_tasks(corpus: str, spec: CorpusSpec, appearance: str, start: str, split: str) -> TaskSet:
     """The tasks of one configuration and split of a generated corpus: the same whenever and wherever it is made."""
-    entries = generated_entries(recipe, appearance, split)
+    entries = generated_entries(spec, appearance, split)
     sha256 = hashlib.sha256(repr([(entry.statement, entry.program) for entry in entries]).encode()).hexdigest()
     provenance = Provenance(corpus, NAME, corpus, appearance, start, split, sha256)
     make = _scratch_tasks if start == SCRATCH else _flipit_tasks
-    names = (f"{appearance}-{split}-{recipe.level}-{recipe.seed}-{number}" for number in range(1, len(entries) + 1))
+    names = (f"{appearance}-{split}-{spec.level}-{spec.seed}-{number}" for number in range(1, len(entries) + 1))
     return TaskSet(
         (task for name, entry in zip(names, entries, strict=True) for task in make(name, entry, appearance)), provenance
     )
@@ -95,17 +95,17 @@ def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
 
 
 @lru_cache(maxsize=CACHED_CORPORA)
-def generated_entries(recipe: Recipe, appearance: str, split: str) -> tuple[Entry, ...]:
+def generated_entries(spec: CorpusSpec, appearance: str, split: str) -> tuple[Entry, ...]:
     """The sound statements of a generated corpus's split. Raises ValueError for an unknown appearance."""
     choose("appearance", appearance, SAMPLERS)
-    rng = random.Random(f"{recipe.seed} {recipe.level} {appearance}")  # for all splits, so that they share forms
-    stock = Stock.made(appearance, rng, STOCK_SIZE)
+    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # for all splits, so that they share forms
+    stock = ScenePool.sample(appearance, rng, STOCK_SIZE)
     choices = random.Random(rng.getrandbits(64))
     chosen = Selection()
-    for number, draft in enumerate(drafts(appearance, recipe.level, rng)):
+    for number, draft in enumerate(drafts(appearance, spec.level, rng)):
         wordings = WORDINGS * (1 + number // PATIENCE)
         if split_of(draft.program) == split and chosen.wants(draft, wordings):
-            entry = proven(draft, stock, choices)
+            entry = validate_draft(draft, stock, choices)
             if entry is not None:
                 chosen.add(entry)
         if len(chosen.entries) == SIZES[split]:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from lilgym_mp.generator.meanings import NONE, SOME, Quantity
-from lilgym_mp.generator.phrases import NUMBER_WORDS, article, conjugated, pluralised
+from lilgym_mp.generator.phrase_realisation import NUMBER_WORDS, article, conjugated, pluralised
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 
 Test = Callable[[str], str]  # program text that tests the variable named
 Option = TypeVar("Option")

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.generator.scenes import EDIT_LIMIT, chains
+from lilgym_mp.generator.scene_sampling import EDIT_LIMIT, chains
 from lilgym_mp.scene import Scene
 
 Truth = Callable[[Scene], bool]
 Number = int  # of a scene in a stock
 
 
-class Start(NamedTuple):
+class StartScene(NamedTuple):
     """A start scene, the statement's truth in it, and by how many edits that is known to change."""
 
     scene: Scene
@@ -32,14 +32,14 @@ class NumberedFamily(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Stock:
+class ScenePool:
     """Many chains of scenes of one appearance."""
 
     scenes: tuple[Scene, ...]
     chains: tuple[tuple[NumberedFamily, ...], ...]
 
     @classmethod
-    def made(cls, appearance: str, rng: random.Random, size: int) -> Stock:
+    def sample(cls, appearance: str, rng: random.Random, size: int) -> ScenePool:
         """A stock of `size` chains."""
         numbers: dict[Scene, Number] = {}
         numbered = tuple(
@@ -56,10 +56,10 @@ class Stock:
         return cls(tuple(numbers), numbered)
 
 
-class Truths:
+class TruthTable:
     """A statement's truth in every scene of a stock, by number."""
 
-    def __init__(self, stock: Stock, truth: Truth) -> None:
+    def __init__(self, stock: ScenePool, truth: Truth) -> None:
         self.stock = stock
         self.values = [truth(scene) for scene in stock.scenes]
 
@@ -81,36 +81,36 @@ class Truths:
                     best = edits + 1
         return best
 
-    def neighbours(self, rng: random.Random) -> Iterator[tuple[Start, Start]]:
+    def neighbours(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
         """Pairs of scenes one edit apart of which the statement tells one from the other, in random order."""
         return self._pairs(rng, 1, lambda family: [(family.parent, child) for child in family.children])
 
-    def twins(self, rng: random.Random) -> Iterator[tuple[Start, Start]]:
+    def twins(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
         """The same for scenes that are equally full and differ in one item: two edits apart."""
         return self._pairs(rng, 2, lambda family: list(combinations(family.children, 2)))
 
     def _pairs(
         self, rng: random.Random, edits: int, couples: Callable[[NumberedFamily], Sequence[tuple[Number, Number]]]
-    ) -> Iterator[tuple[Start, Start]]:
+    ) -> Iterator[tuple[StartScene, StartScene]]:
         for chain in self._shuffled_chains(rng):
             for family in chain:
                 for one, other in couples(family):
                     if self.values[one] != self.values[other] and any(self.stock.scenes[one].items()):
                         yield self._start(one, edits), self._start(other, edits)
 
-    def _start(self, number: Number, edits: int) -> Start:
-        return Start(self.stock.scenes[number], self.values[number], edits)
+    def _start(self, number: Number, edits: int) -> StartScene:
+        return StartScene(self.stock.scenes[number], self.values[number], edits)
 
     def _shuffled_chains(self, rng: random.Random) -> list[tuple[NumberedFamily, ...]]:
         return rng.sample(self.stock.chains, len(self.stock.chains))
 
 
-def start_scenes(truths: Truths, rng: random.Random, is_clear: Truth) -> list[Start]:
+def start_scenes(truths: TruthTable, rng: random.Random, is_clear: Truth) -> list[StartScene]:
     """A pair of neighbours and a pair of twins (or neighbours again), the true scene of each pair first.
 
     Only scenes that `is_clear` accepts; empty when there are not two such pairs.
     """
-    chosen: list[Start] = []
+    chosen: list[StartScene] = []
     for source in (truths.neighbours, truths.twins, truths.neighbours):
         if len(chosen) < 4:
             chosen += next(_fresh_pairs(source(rng), chosen, is_clear), ())
@@ -118,8 +118,8 @@ def start_scenes(truths: Truths, rng: random.Random, is_clear: Truth) -> list[St
 
 
 def _fresh_pairs(
-    pairs: Iterator[tuple[Start, Start]], chosen: Sequence[Start], is_clear: Truth
-) -> Iterator[list[Start]]:
+    pairs: Iterator[tuple[StartScene, StartScene]], chosen: Sequence[StartScene], is_clear: Truth
+) -> Iterator[list[StartScene]]:
     taken = {start.scene for start in chosen}
     for pair in pairs:
         if all(start.scene not in taken and is_clear(start.scene) for start in pair):

@@ -5,7 +5,18 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 
-from lilgym_mp.generator.meanings import (
+from lilgym_mp.generator.phrase_realisation import (
+    ATTRIBUTE_NAMES,
+    BOX_NAMES,
+    Phrase,
+    Phrases,
+    Style,
+    article,
+    conjugated,
+    listed,
+    pluralised,
+)
+from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
     SOME,
@@ -37,17 +48,6 @@ from lilgym_mp.generator.meanings import (
     Share,
     SharedCount,
     Varied,
-)
-from lilgym_mp.generator.phrases import (
-    ATTRIBUTE_NAMES,
-    BOX_NAMES,
-    Phrase,
-    Phrases,
-    Style,
-    article,
-    conjugated,
-    listed,
-    pluralised,
 )
 
 Frame = Callable[[], str]

@@ -13,14 +13,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from lilgym_mp.generator.interpretation import OTHER_READINGS, PRECISE, Reading, holds
-from lilgym_mp.generator.levels import random_meaning
-from lilgym_mp.generator.meanings import Clause, relabelled
-from lilgym_mp.generator.reading import meanings
-from lilgym_mp.generator.scenes import is_legible
-from lilgym_mp.generator.sources import program_source
-from lilgym_mp.generator.starts import Start, Stock, Truths, start_scenes
-from lilgym_mp.generator.wording import random_style, statement
+from lilgym_mp.generator.interpretation import ALTERNATIVES, STANDARD, Interpretation, holds
+from lilgym_mp.generator.meaning_sampling import random_meaning
+from lilgym_mp.generator.program_realisation import program_source
+from lilgym_mp.generator.scene_sampling import is_legible
+from lilgym_mp.generator.semantics import Clause, relabelled
+from lilgym_mp.generator.sentence_realisation import random_style, statement
+from lilgym_mp.generator.start_selection import ScenePool, StartScene, TruthTable, start_scenes
+from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Colour, Scene, Shape
 
@@ -48,7 +48,7 @@ class Entry:
     program: str
     level: int
     edits_from_empty: int  # an upper bound of the fewest
-    starts: tuple[Start, ...]
+    starts: tuple[StartScene, ...]
 
 
 def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
@@ -56,30 +56,30 @@ def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
     while True:
         meaning = random_meaning(appearance, level, rng)
         manner = rng.getrandbits(64)
-        yield worded(meaning, appearance, level, random.Random(manner))
+        yield realise(meaning, appearance, level, random.Random(manner))
         for _ in range(OF_ONE_FORM if level <= COMMON_LEVEL else 0):
             other = relabelled(meaning, _exchange(list(Colour), rng), _exchange(list(Shape), rng))
             if other != meaning:
-                yield worded(other, appearance, level, random.Random(manner))
+                yield realise(other, appearance, level, random.Random(manner))
 
 
 def _exchange(members: list[Member], rng: random.Random) -> dict[Member, Member]:
     return dict(zip(members, rng.sample(members, len(members)), strict=True))
 
 
-def worded(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:
+def realise(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:
     """One of the ways to say a meaning."""
     return Draft(statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
 
 
-def proven(draft: Draft, stock: Stock, rng: random.Random) -> Entry | None:
+def validate_draft(draft: Draft, stock: ScenePool, rng: random.Random) -> Entry | None:
     """The draft with start scenes, or None when it is not sound."""
-    readings = meanings(draft.statement)
+    readings = parse_statement(draft.statement)
     truth = compile_program(draft.program).evaluate
     probes = rng.sample(stock.scenes, PROBES)
     if not readings or any(holds(reading, scene) != truth(scene) for reading in readings for scene in probes):
         return None
-    truths = Truths(stock, truth)
+    truths = TruthTable(stock, truth)
     edits = truths.edits_from_empty()
     if edits is None or not RAREST <= truths.share <= 1 - RAREST:
         return None
@@ -99,13 +99,13 @@ def is_clear(readings: Sequence[Clause], scene: Scene, label: bool) -> bool:
     """
     if not readings:
         return is_plain(scene)
-    ways: tuple[Reading, ...] = (PRECISE, *OTHER_READINGS)
+    ways: tuple[Interpretation, ...] = (STANDARD, *ALTERNATIVES)
     return all(holds(clause, scene, way) == label for clause in readings for way in ways)
 
 
-def clear_scenes(entry: Entry, stock: Stock, label: bool, rng: random.Random) -> Iterator[Scene]:
+def clear_scenes(entry: Entry, stock: ScenePool, label: bool, rng: random.Random) -> Iterator[Scene]:
     """Scenes of the stock, not empty, in random order, which clearly have that label."""
-    readings, truth = meanings(entry.statement), compile_program(entry.program).evaluate
+    readings, truth = parse_statement(entry.statement), compile_program(entry.program).evaluate
     for scene in rng.sample(stock.scenes, len(stock.scenes)):
         if truth(scene) == label and any(scene.items()) and is_clear(readings, scene, label):
             yield scene

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lilgym_mp.generator.conditions import Conditions, Said, in_box
-from lilgym_mp.generator.meanings import NONE, SOME, Quantity
-from lilgym_mp.generator.phrases import pluralised
-from lilgym_mp.generator.speech import ALL_ITEMS, ANYTHING, Look, Noun, Phrase, exactly, items, numbered
+from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.template_conditions import Conditions, Said, in_box
+from lilgym_mp.generator.template_phrases import ALL_ITEMS, ANYTHING, Look, Noun, Phrase, exactly, items, numbered
 
 
 class ItemFrames(Conditions):

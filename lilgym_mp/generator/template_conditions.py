@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from lilgym_mp.generator.meanings import NONE, SOME, Quantity
-from lilgym_mp.generator.phrases import pluralised
-from lilgym_mp.generator.speech import (
+from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.template_phrases import (
     ANYTHING,
     COLOURS,
     SHAPES,

@@ -1,0 +1,143 @@
+"""Typing noise: spelling mistakes, missing or doubled words, capitals and full stops. The meaning stays the same."""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Container
+from itertools import pairwise
+
+MIN_LETTERS = 4  # of a word that may be misspelt
+MISSPELLINGS = {
+    "color": ("colour",),
+    "colors": ("colours",),
+    "grey": ("gray",),
+    "gray": ("grey",),
+    "there": ("their", "ther", "thre"),
+    "exactly": ("exactely", "exacty", "excatly"),
+    "triangle": ("traingle", "triangel", "trianlge"),
+    "triangles": ("traingles", "triangels"),
+    "yellow": ("yelow", "yellw", "yello"),
+    "square": ("sqaure", "squre"),
+    "circle": ("cirlce", "circel"),
+    "touching": ("toching", "touchng", "touchig"),
+    "least": ("leas", "lest"),
+    "which": ("wich", "whcih"),
+}
+ARTICLES = frozenset({"a", "an", "the"})
+NEEDS_ARTICLE = ("only", "other", "same", "most", "single", "couple", "pair")
+JOINABLE = frozenset({("at", "least"), ("is", "a"), ("at", "most"), ("a", "box"), ("there", "is"), ("in", "the")})
+SYNONYMS = {
+    "contains": ("has",),
+    "has": ("contains",),
+    "which": ("that",),
+    "beneath": ("below",),
+    "image": ("picture",),
+    "picture": ("image",),
+}
+_LONG_WORD = re.compile(rf"[a-zA-Z]{{{MIN_LETTERS},}}")
+
+
+def with_typo(statement: str, rng: random.Random, words: Container[str]) -> str:
+    """The statement with one word mistyped: a letter left out, doubled, or swapped with the next.
+
+    The word keeps its first letter and does not turn into one of `words` (lower case).
+    """
+    matches = list(_LONG_WORD.finditer(statement))
+    while matches:
+        match = rng.choice(matches)
+        typo = _typo(match.group(), rng, ("swap", "swap", "drop", "double"))
+        if typo.lower() not in words and typo != match.group():
+            return statement[: match.start()] + typo + statement[match.end() :]
+    return statement
+
+
+def with_noise(statement: str, rng: random.Random) -> str:
+    """The statement as people type it: synonyms, articles, word boundaries, spelling, capitals and full stop vary."""
+    text = statement.rstrip(" .!")
+    text = text[:1].lower() + text[1:]
+    draw = rng.random
+    if draw() < 0.05:
+        text = _with_synonym(text, rng)
+    if draw() < 0.1:
+        text = _without_article(text, rng)
+    if draw() < 0.04:
+        text = _with_joined_words(text)
+    if draw() < 0.02:
+        text = _with_doubled_word(text, rng)
+    if draw() < 0.12:
+        text = _misspelt(text, rng)
+    return _capitalised_and_stopped(text, rng)
+
+
+def _with_synonym(text: str, rng: random.Random) -> str:
+    words = text.split(" ")
+    indices = [index for index, word in enumerate(words) if word in SYNONYMS]
+    if indices:
+        index = rng.choice(indices)
+        words[index] = rng.choice(SYNONYMS[words[index]])
+    return " ".join(words)
+
+
+def _without_article(text: str, rng: random.Random) -> str:
+    words = text.split(" ")
+    indices = [
+        index for index, (word, following) in enumerate(pairwise(words))
+        if word in ARTICLES and following not in NEEDS_ARTICLE
+    ]  # fmt: skip
+    if indices:
+        del words[rng.choice(indices)]
+    return " ".join(words)
+
+
+def _with_joined_words(text: str) -> str:
+    words = text.split(" ")
+    for index, pair in enumerate(pairwise(words)):
+        if pair in JOINABLE:
+            return " ".join([*words[:index], "".join(pair), *words[index + 2 :]])
+    return text
+
+
+def _with_doubled_word(text: str, rng: random.Random) -> str:
+    words = text.split(" ")
+    index = rng.randrange(len(words))
+    return " ".join([*words[: index + 1], *words[index:]])
+
+
+def _misspelt(text: str, rng: random.Random) -> str:
+    words = text.split(" ")
+    indices = [index for index, word in enumerate(words) if len(word) >= MIN_LETTERS and word.isalpha()]
+    if indices:
+        index = rng.choice(indices)
+        word = words[index]
+        if word in MISSPELLINGS and rng.random() < 0.4:
+            words[index] = rng.choice(MISSPELLINGS[word])
+        else:
+            words[index] = _typo(word, rng, ("swap", "drop", "double", "replace"))
+    return " ".join(words)
+
+
+def _typo(word: str, rng: random.Random, edits: tuple[str, ...]) -> str:
+    """The word with one random edit at a letter that is neither the first nor the last."""
+    at = rng.randrange(1, len(word) - 1)
+    match rng.choice(edits):
+        case "swap":
+            return word[:at] + word[at + 1] + word[at] + word[at + 2 :]
+        case "drop":
+            return word[:at] + word[at + 1 :]
+        case "double":
+            return word[:at] + word[at] + word[at:]
+        case _:
+            return word[:at] + rng.choice("aeionrst") + word[at + 1 :]
+
+
+def _capitalised_and_stopped(text: str, rng: random.Random) -> str:
+    """The text with or without a capital and full stop; rarely without its first letter."""
+    draw = rng.random()
+    if draw < 0.85:
+        text = text[:1].upper() + text[1:]
+    if draw > 0.99:
+        text = text[1:]
+    draw = rng.random()
+    stop = "." if draw < 0.82 else "" if draw < 0.95 else " ." if draw < 0.98 else ". "
+    return text + stop
