@@ -238,8 +238,8 @@ BREAKS = (
     Break(
         "advantages end with their episode",
         f"{LEARNING}/ppo/objective.py",
-        "goes_on = ~ended[step]",
-        "goes_on = np.ones_like(ended[step])",
+        "continues = ~ended[step]",
+        "continues = np.ones_like(ended[step])",
         ("tests/learning/ppo/test_objective.py",),
     ),
     Break(

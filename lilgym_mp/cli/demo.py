@@ -198,7 +198,7 @@ def _explanation(place: Path, settings: Settings) -> str:
     """What the agent that parses and plans makes of one of the split's longer statements."""
     from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.explaining import explained
+    from lilgym_mp.learning.parsing.explanation import explanation_lines
 
     agent = open_agent(place / "parse-and-plan", "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
@@ -206,7 +206,7 @@ def _explanation(place: Path, settings: Settings) -> str:
     tasks = sorted(settings.make(SPLIT).tasks, key=lambda task: (len(task.statement), task.id))
     task = tasks[len(tasks) * 3 // 4]
     plan = planner.plan(task.start, task.statement, task.target)
-    lines = explained(plan, planner, task.statement, task.target)
+    lines = explanation_lines(plan, planner, task.statement, task.target)
     return "\n".join([f"lilgym-mp explain --task {task.id} --agent {place / 'parse-and-plan'}", "", *lines])
 
 

@@ -51,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     import torch
 
-    from lilgym_mp.learning.parsing.explaining import explained
+    from lilgym_mp.learning.parsing.explanation import explanation_lines
 
     if args.statement is None and args.task is None:
         raise CommandError("name a statement, or a task with --task")
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
     plan = planner.plan(task.start, statement, task.target)
-    print("\n".join(explained(plan, planner, statement, task.target)))
+    print("\n".join(explanation_lines(plan, planner, statement, task.target)))
     if args.task is not None and args.statement is None:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
         print(f"what comes of it: {outcome} (the task's program: {task.program})")
@@ -104,7 +104,7 @@ def _asked(args: argparse.Namespace) -> tuple[Settings, Task]:
 
 
 def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[FilmFrame]:
-    from lilgym_mp.learning.parsing.explaining import scenes_of
+    from lilgym_mp.learning.parsing.explanation import scenes_of
 
     task = f'"{statement}" Make it {str(target).lower()}.'
     scenes = scenes_of(plan, planner)

@@ -150,7 +150,7 @@ class _Display:
         print(
             f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
             f" tasks, {len(run.tasks.validation):,} for validation; {self._steps:,} steps{origin}\n"
-            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}{run.papers_count()};"
+            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}{run.reported_parameters()};"
             f" {'PPO+SF' if recipe.stop_forcing else 'PPO'}, {'a' if recipe.mask else 'no'} mask of legal actions,"
             f" seed {recipe.seed}\n"
             f"run directory: {self._place}",

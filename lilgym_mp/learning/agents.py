@@ -14,12 +14,12 @@ from typing import Protocol
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.learning.agent_files import AGENT_FILE, shipped_agents
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
-from lilgym_mp.learning.places import AGENT_FILE, shipped_agents
 
 __all__ = [
     "AGENT_FILE",
-    "KINDS",
+    "LOADERS",
     "Agent",
     "AgentError",
     "agent_file",
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 # By kind, where its loader is: a function of a path and a device's name that gives an Agent.
-KINDS: Mapping[str, str] = {
+LOADERS: Mapping[str, str] = {
     "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
     "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
     "ppo": "lilgym_mp.learning.ppo.agent:load_agent",
@@ -70,9 +70,9 @@ def open_agent(place: Path, device: str = "auto") -> Agent:
     """The agent of a run directory or model file. Raises ValueError naming the file and what is wrong."""
     path = agent_file(place)
     description = read_description(path)
-    if description.kind not in KINDS:
-        raise ModelFileError(f"{path}: of the unknown kind {description.kind!r}; known: {', '.join(sorted(KINDS))}")
-    module, name = choose("kind", description.kind, KINDS).split(":")
+    if description.kind not in LOADERS:
+        raise ModelFileError(f"{path}: of the unknown kind {description.kind!r}; known: {', '.join(sorted(LOADERS))}")
+    module, name = choose("kind", description.kind, LOADERS).split(":")
     load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
     return load(path, device)
 

@@ -16,7 +16,7 @@ class DeviceError(ValueError):
     """A device that this machine does not have."""
 
 
-def chosen_device(name: str) -> torch.device:
+def select_device(name: str) -> torch.device:
     """The device of that name; "auto" is CUDA where there is one. Raises ValueError naming the choices."""
     name = choose("device", name, DEVICES)
     available = torch.cuda.is_available()
@@ -26,7 +26,7 @@ def chosen_device(name: str) -> torch.device:
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def single_thread() -> Iterator[None]:
     """Has torch calculate in one thread: networks as small as the parser's lose time by sharing their work."""
     before = torch.get_num_threads()
     if before == 1:

@@ -88,7 +88,7 @@ def load_model(
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
 
 
-def load_model_of(
+def load_model_of_kind(
     kind: str, version: int, path: Path, device: str | torch.device = "cpu"
 ) -> tuple[ModelDescription, dict[str, Tensor]]:
     """`load_model` of one kind of model. Raises ModelFileError for others too."""

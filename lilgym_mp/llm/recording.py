@@ -17,7 +17,7 @@ from lilgym_mp.evaluation.policies import Policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm.playing import Episode, Player, Turn
+from lilgym_mp.llm.player import Episode, Player, Turn
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.task import Task
 

@@ -11,7 +11,7 @@ from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
 
 if TYPE_CHECKING:
-    from lilgym_mp.llm.playing import Episode
+    from lilgym_mp.llm.player import Episode
 
 SURENESS = 1.959964  # standard deviations of a two-sided 95 % interval
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
-from lilgym_mp.learning.places import AGENT_FILE
+from lilgym_mp.learning.agent_files import AGENT_FILE
 
 MOST_FILES = 2_000  # recordings and runs that are listed
 MOST_DEPTH = 6  # directories below the one that is given

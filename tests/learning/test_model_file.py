@@ -12,7 +12,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.devices import DeviceError, chosen_device
+from lilgym_mp.learning.devices import DeviceError, select_device
 from lilgym_mp.learning.model_file import (
     METADATA_KEY,
     ModelDescription,
@@ -132,8 +132,8 @@ def test_open_agent__a_directory_without_agent_is_refused(tmp_path: Path):
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
 def test_device__cuda_is_refused_where_there_is_none():
-    assert chosen_device("auto") == chosen_device("cpu") == torch.device("cpu")
+    assert select_device("auto") == select_device("cpu") == torch.device("cpu")
     with pytest.raises(DeviceError, match="finds no CUDA device here; choose cpu or auto"):
-        chosen_device("cuda")
+        select_device("cuda")
     with pytest.raises(ValueError, match="unknown device 'tpu'; choose from auto, cpu, cuda"):
-        chosen_device("tpu")
+        select_device("tpu")

@@ -15,14 +15,14 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.imitation.batches import Numbering
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import STOP_HEAD, action_layout
+from lilgym_mp.learning.devices import select_device
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
+from lilgym_mp.learning.imitation.batches import StatementTokenizer
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, decide
 from lilgym_mp.learning.imitation.network import ImitationNetwork
-from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore, save_model
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore, save_model
 from lilgym_mp.perception import read_scenes
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import BOX_COUNT
@@ -136,8 +136,8 @@ class _ImagePolicy:
 
     def _fresh(self) -> Player:
         agent = self._agent
-        numbering = Numbering(Vocabulary(agent.shape.vocabulary))
-        return Player(agent.network, BoxTable(), action_layout(self._appearance), numbering)
+        tokenizer = StatementTokenizer(Vocabulary(agent.shape.vocabulary))
+        return Player(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if len(self._player.table) > MOST_BOXES:
@@ -147,18 +147,18 @@ class _ImagePolicy:
         self._latest = asked = observations.statements, boxes, observations.targets
         if self._sampled:
             found = player.log_probabilities(*asked)
-            log_stops = found[:, STOP_HEAD]
-            heads = decide(found, observations.steps, self._horizon, self._rule, rng)
+            log_stops = found[:, STOP_INDEX]
+            chosen = decide(found, observations.steps, self._horizon, self._rule, rng)
         else:
-            heads, log_stops = player.likeliest(*asked, observations.steps, self._horizon, self._rule)
+            chosen, log_stops = player.likeliest(*asked, observations.steps, self._horizon, self._rule)
         self.stop_probabilities = np.exp(log_stops)
-        return player.layout.action_of[heads]
+        return player.heads.action_of[chosen]
 
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
         """The network's own probabilities in the latest call, before its rule for when to stop."""
         found = self._player.log_probabilities(*self._latest)
         probabilities = np.zeros((len(found), self._appearance.action_count), np.float32)
-        probabilities[:, self._player.layout.action_of] = np.exp(found)
+        probabilities[:, self._player.heads.action_of] = np.exp(found)
         return PolicyOutput(probabilities)
 
 
@@ -184,8 +184,8 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-    place = chosen_device(device)
-    description, tensors = load_model_of(KIND, VERSION, path, place)
+    place = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, place)
     try:
         shape = Shape.from_json(description.details["network"])
         kept = description.details["stop_rules"]

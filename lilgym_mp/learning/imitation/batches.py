@@ -1,4 +1,4 @@
-"""Batches of lessons as tensors, each distinct box of a statement once, with colours exchanged at random."""
+"""Batches of entries as tensors, each distinct box of a statement once, with colours exchanged at random."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from torch import Tensor
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, ActionLayout
-from lilgym_mp.learning.imitation.lessons import Lesson
-from lilgym_mp.learning.imitation.network import FEWEST_PLACES, LONGEST_STATEMENT, MOST_STEPS, Inputs
+from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, ActionHeads
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DatasetEntry
+from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDED_WORDS, Inputs
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 KEPT_STATEMENTS = 20_000
@@ -31,7 +31,7 @@ class Batch(NamedTuple):
     inputs: Inputs
     targets: Tensor  # (S, A) the other truth value: what is to be brought about
     truths: Tensor  # (S, N) 0.0 or 1.0
-    steps: Tensor  # (S, A) how many actions to success, 2 to MOST_STEPS + 1, less 2
+    steps: Tensor  # (S, A) how many actions to success, 2 to MAX_STEPS + 1, less 2
     optimal: Tensor  # (S, A, heads) whether each action starts a shortest solution
     legal: Tensor  # (S, V, 25, 10); (S, V, 0, 1) where there are no cells
     box_mask: Tensor  # (S, V) whether there is such a box
@@ -49,7 +49,7 @@ def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
     return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= least)})))
 
 
-class Numbering:
+class StatementTokenizer:
     """Statements as rows of word numbers, after `normalised_words`: digits for number words, slips repaired."""
 
     def __init__(self, vocabulary: Vocabulary) -> None:
@@ -62,11 +62,11 @@ class Numbering:
                 row[[vocabulary.number(name) for name in names]] = [vocabulary.number(names[new]) for new in order]
         self._kept: dict[str, Int64Array] = {}
 
-    def numbers(self, statement: str) -> Int64Array:
-        """(T,) at least one number, LONGEST_STATEMENT at most."""
+    def encode(self, statement: str) -> Int64Array:
+        """(T,) at least one number, MAX_WORDS at most."""
         found = self._kept.get(statement)
         if found is None:
-            said = normalised_words(statement[:LONGEST_TEXT], self._known)[:LONGEST_STATEMENT]
+            said = normalised_words(statement[:LONGEST_TEXT], self._known)[:MAX_WORDS]
             found = np.array([self.vocabulary.number(word) for word in said] or [UNKNOWN], np.int64)
             if len(self._kept) < KEPT_STATEMENTS:
                 self._kept[statement] = found
@@ -112,7 +112,7 @@ def _distinct(scenes: Int64Array, acting: int) -> tuple[Int64Array, Int64Array, 
     return np.array(list(places), np.int64), np.array(within, np.int64).reshape(scenes.shape), count
 
 
-def box_inputs(table: BoxTable, boxes: Boxes, orders: Int64Array, device: torch.device) -> dict[str, Tensor]:
+def box_inputs(table: BoxFeatureTable, boxes: Boxes, orders: Int64Array, device: torch.device) -> dict[str, Tensor]:
     """What the network is told of the boxes and scenes, recoloured by statement."""
     statements, most = boxes.indices.shape
     counts = np.where(boxes.present, table.counts[boxes.indices], 0)
@@ -146,12 +146,12 @@ def box_inputs(table: BoxTable, boxes: Boxes, orders: Int64Array, device: torch.
     return {name: torch.from_numpy(array).to(device) for name, array in arrays.items()}
 
 
-class BatchMaker:
+class BatchSampler:
     def __init__(
         self,
-        table: BoxTable,
-        layout: ActionLayout,
-        numbering: Numbering,
+        table: BoxFeatureTable,
+        heads: ActionHeads,
+        tokenizer: StatementTokenizer,
         device: torch.device,
         *,
         recolours: bool = True,
@@ -160,34 +160,34 @@ class BatchMaker:
     ) -> None:
         """`unknown_words`: the share of words made unknown; `single_action`: mark one optimal action alone."""
         self._table = table
-        self._layout = layout
-        self._numbering = numbering
+        self._heads = heads
+        self._tokenizer = tokenizer
         self._device = device
         self._recolours = recolours
         self._unknown_words = unknown_words
         self._single_action = single_action
 
-    def batch(self, lessons: Sequence[Lesson], solved: int, judged: int, rng: Rng) -> Batch:
-        """`solved` scenes with actions and `judged` of any kind of each lesson, which must have some with actions."""
-        rows = [_drawn(lesson, solved, judged, rng) for lesson in lessons]
+    def batch(self, entries: Sequence[DatasetEntry], solved: int, judged: int, rng: Rng) -> Batch:
+        """`solved` scenes with actions and `judged` of any kind of each entry, which must have some with actions."""
+        rows = [_drawn(entry, solved, judged, rng) for entry in entries]
         scenes = np.array(
-            [[lesson.scenes[index] for index in row] for lesson, row in zip(lessons, rows, strict=True)], np.int64
+            [[entry.scenes[index] for index in row] for entry, row in zip(entries, rows, strict=True)], np.int64
         )
         truths = np.array(
-            [[lesson.truths[index] for index in row] for lesson, row in zip(lessons, rows, strict=True)], np.float32
+            [[entry.truths[index] for index in row] for entry, row in zip(entries, rows, strict=True)], np.float32
         )
         steps = np.array(
-            [[lesson.steps[index] for index in row[:solved]] for lesson, row in zip(lessons, rows, strict=True)]
+            [[entry.steps[index] for index in row[:solved]] for entry, row in zip(entries, rows, strict=True)]
         )
         orders = np.array(
             [
-                rng.integers(len(COLOUR_ORDERS)) if self._recolours and lesson.exchanges_colours else 0
-                for lesson in lessons
+                rng.integers(len(COLOUR_ORDERS)) if self._recolours and entry.exchanges_colours else 0
+                for entry in entries
             ]
         )
         text = padded(
-            [self._numbers(lesson, order, rng) for lesson, order in zip(lessons, orders.tolist(), strict=True)],
-            FEWEST_PLACES,
+            [self._numbers(entry, order, rng) for entry, order in zip(entries, orders.tolist(), strict=True)],
+            MIN_PADDED_WORDS,
         )
         boxes = Boxes.of(scenes, solved)
         self._table.describe()
@@ -197,31 +197,31 @@ class BatchMaker:
             **box_inputs(self._table, boxes, orders, device),
         )
         acting = boxes.indices[:, : boxes.acting]
-        legal = self._table.legal[acting] if self._layout.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
+        legal = self._table.legal[acting] if self._heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
         return Batch(
             inputs,
             torch.from_numpy((1 - truths[:, :solved]).astype(np.int64)).to(device),
             torch.from_numpy(truths).to(device),
-            torch.from_numpy((steps - 2).clip(0, MOST_STEPS - 1)).to(device),
-            torch.from_numpy(self._optimal(lessons, rows, orders, solved)).to(device),
+            torch.from_numpy((steps - 2).clip(0, MAX_STEPS - 1)).to(device),
+            torch.from_numpy(self._optimal(entries, rows, orders, solved)).to(device),
             torch.from_numpy(legal).to(device),
             torch.from_numpy(boxes.present[:, : boxes.acting]).to(device),
         )
 
-    def _numbers(self, lesson: Lesson, order: int, rng: Rng) -> Int64Array:
-        numbers = self._numbering.recoloured(self._numbering.numbers(lesson.statement), order)
+    def _numbers(self, entry: DatasetEntry, order: int, rng: Rng) -> Int64Array:
+        numbers = self._tokenizer.recoloured(self._tokenizer.encode(entry.statement), order)
         if self._unknown_words:
             numbers = np.where(rng.random(len(numbers)) < self._unknown_words, UNKNOWN, numbers)
         return numbers
 
     def _optimal(
-        self, lessons: Sequence[Lesson], rows: Sequence[Int64Array], orders: Int64Array, solved: int
+        self, entries: Sequence[DatasetEntry], rows: Sequence[Int64Array], orders: Int64Array, solved: int
     ) -> NDArray[np.bool_]:
-        found = np.zeros((len(lessons), solved, self._layout.heads), np.bool_)
-        for lesson, row, order, of_lesson in zip(lessons, rows, orders.tolist(), found, strict=True):
-            recoloured = self._layout.recoloured[order]
-            for index, marks in zip(row[:solved].tolist(), of_lesson, strict=True):
-                actions = lesson.actions[index]
+        found = np.zeros((len(entries), solved, self._heads.size), np.bool_)
+        for entry, row, order, of_entry in zip(entries, rows, orders.tolist(), found, strict=True):
+            recoloured = self._heads.recoloured[order]
+            for index, marks in zip(row[:solved].tolist(), of_entry, strict=True):
+                actions = entry.actions[index]
                 assert actions is not None
                 if self._single_action:
                     actions = actions[:1]
@@ -229,11 +229,11 @@ class BatchMaker:
         return found
 
 
-def _drawn(lesson: Lesson, solved: int, judged: int, rng: Rng) -> Int64Array:
+def _drawn(entry: DatasetEntry, solved: int, judged: int, rng: Rng) -> Int64Array:
     """Indices of scenes: some with actions, then others of which as many are true as false, where there are such."""
-    known = np.array(lesson.with_actions)
+    known = np.array(entry.with_actions)
     with_actions = rng.choice(known, solved, replace=len(known) < solved)
-    truths = np.array(lesson.truths)
+    truths = np.array(entry.truths)
     sides = [np.flatnonzero(truths), np.flatnonzero(~truths)]
     halves = [rng.choice(side, judged // 2, replace=len(side) < judged // 2) for side in sides if len(side)]
     if len(halves) < len(sides):

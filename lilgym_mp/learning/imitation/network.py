@@ -15,16 +15,16 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
-from lilgym_mp.learning.imitation.boxes import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
+from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
 
-MOST_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
-GATES = 8  # relations between items that a layer looks at
+MAX_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
+RELATION_GATES = 8  # relations between items that a layer looks at
 CELL_CHANNELS = 32  # of a cell's vector, against what a look asks for
 CELL_HIDDEN = 64
 GEOMETRY_CHANNELS = VALUE_CHANNELS = 16
-LONGEST_STATEMENT = 64  # words; the rest is cut off
-FEWEST_PLACES = 16  # for the words of a batch of statements: torch is slow at softmax over fewer
+MAX_WORDS = 64  # words; the rest is cut off
+MIN_PADDED_WORDS = 16  # for the words of a batch of statements: torch is slow at softmax over fewer
 
 
 class Inputs(NamedTuple):
@@ -46,17 +46,17 @@ class Inputs(NamedTuple):
     scenes: Tensor  # (S, N, 3) the boxes of each scene, 0 to U - 1
 
 
-class Read(NamedTuple):
+class StatementEncodings(NamedTuple):
     """S statements as the parts of a network attend to them."""
 
     key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each layer that attends to words
     mask: Tensor  # (S, 1, 1, T) what hides the places without a word, to be added to scores
 
     @classmethod
-    def of_remembered(cls, statements: Sequence[Sequence[Tensor]]) -> Read:
+    def from_cache(cls, statements: Sequence[Sequence[Tensor]]) -> StatementEncodings:
         """Statements read before: the key-values of each without the places that have no word."""
         padded = [pad_sequence(list(parts), batch_first=True) for parts in zip(*statements, strict=True)]
-        missing = max(0, FEWEST_PLACES - padded[0].shape[1])
+        missing = max(0, MIN_PADDED_WORDS - padded[0].shape[1])
         key_values = tuple(F.pad(key_value, (0, 0, 0, missing)) for key_value in padded)
         lengths = torch.tensor([len(parts[0]) for parts in statements], device=key_values[0].device)
         places = torch.arange(key_values[0].shape[1], device=lengths.device)
@@ -70,7 +70,7 @@ class Packing(NamedTuple):
     places: Tensor  # (R,) where each row is among the S * N
 
 
-class BoxesRead(NamedTuple):
+class BoxEncodings(NamedTuple):
     """U boxes of each of S statements, V of them with their cells (Scatter)."""
 
     sums: Tensor  # (S, U, 2 d) what each box gives to a scene
@@ -87,7 +87,7 @@ class Outputs(NamedTuple):
     types: Tensor  # (S, A, 2) logits of ADD and REMOVE, given that it is not STOP
     adds: Tensor  # (S, A, adds)
     removes: Tensor  # (S, A, removes)
-    steps: Tensor  # (S, A, MOST_STEPS) logits of how many actions are still to be taken
+    steps: Tensor  # (S, A, MAX_STEPS) logits of how many actions are still to be taken
     legal: Tensor | None  # (S, V, 25, 10) logits of an ADD of each footprint and a REMOVE being valid
 
 
@@ -115,7 +115,7 @@ class Attention(nn.Module):
 
     def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
         """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) what `self.key_value` makes of words, or
-        that by heads (S, 2, heads, T, d / heads); `mask` as in `Read`."""
+        that by heads (S, 2, heads, T, d / heads); `mask` as in `StatementEncodings`."""
         query = self.query(self.norm(x))
         if packing is not None:
             query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
@@ -135,13 +135,13 @@ class Attention(nn.Module):
         return key_value.view(batch, places, 2, self.heads, width // (2 * self.heads)).permute(0, 2, 3, 1, 4)
 
 
-class Relating(nn.Module):
+class RelationLayer(nn.Module):
     """Sums over a box's items, weighted by where they lie from each item: sums, so that items can be counted."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.norm = nn.LayerNorm(width)
-        self.gates = nn.Embedding(RELATIONS, GATES)
+        self.gates = nn.Embedding(RELATIONS, RELATION_GATES)
         self.value = nn.Linear(width, width)
         self.out = nn.Linear(width, width)
 
@@ -151,7 +151,7 @@ class Relating(nn.Module):
         pairs, items, width = value.shape
         gates = F.embedding(inputs.relations.flatten(0, 1), torch.sigmoid(self.gates.weight))
         gates = gates.permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
-        found = gates @ value.view(pairs, items, GATES, -1).transpose(1, 2)
+        found = gates @ value.view(pairs, items, RELATION_GATES, -1).transpose(1, 2)
         found = found.transpose(1, 2).reshape(pairs * items, width)
         return x + self.out(found.index_select(0, inputs.by_item.flatten()).view(x.shape))
 
@@ -166,7 +166,7 @@ class ItemLayer(nn.Module):
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
         self.reading = Attention(width, heads)
-        self.relating = Relating(width)
+        self.relating = RelationLayer(width)
         self.feedforward = Feedforward(width)
 
     def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, inputs: Inputs) -> Tensor:
@@ -189,11 +189,11 @@ class TextLayer(nn.Module):
         return self.feedforward(self.attention(x, self.attention.key_value(self.attention.norm(x)), mask))
 
 
-class Text(nn.Module):
+class TextEncoder(nn.Module):
     def __init__(self, vocabulary: int, width: int, heads: int, layers: int, dropout: float) -> None:
         super().__init__()
         self.words = nn.Embedding(vocabulary, width, padding_idx=0)
-        self.places = nn.Parameter(0.02 * torch.randn(LONGEST_STATEMENT, width))
+        self.places = nn.Parameter(0.02 * torch.randn(MAX_WORDS, width))
         self.dropout = nn.Dropout(dropout)
         self.layers = nn.ModuleList(TextLayer(width, heads) for _ in range(layers))
         self.norm = nn.LayerNorm(width)
@@ -210,7 +210,7 @@ class Text(nn.Module):
         return self.norm(x)
 
 
-class Geometry(nn.Module):
+class CellGeometry(nn.Module):
     """What lies where in a box, cell by cell, and what may be done there; no matter what the statement says."""
 
     def __init__(self) -> None:
@@ -246,7 +246,7 @@ class ScatterHeads(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.item_types = len(Shape) * len(Colour) * len(Size)
-        self.geometry = Geometry()
+        self.geometry = CellGeometry()
         self.across = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.down = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.value = nn.Linear(width, VALUE_CHANNELS)
@@ -337,7 +337,7 @@ class ImitationNetwork(nn.Module):
     ) -> None:
         """`appearance`: "tower" or "scatter"; `vocabulary`: how many word numbers there are."""
         super().__init__()
-        self.text = Text(vocabulary, width, heads, text_layers, dropout)
+        self.text = TextEncoder(vocabulary, width, heads, text_layers, dropout)
         self.item = nn.Linear(FIXED_FEATURES, width)
         self.colour = nn.Embedding(len(Colour), width)
         self.item_layers = nn.ModuleList(ItemLayer(width, heads) for _ in range(item_layers))
@@ -359,7 +359,7 @@ class ImitationNetwork(nn.Module):
         self.act_scene = nn.Linear(width, width)
         self.act_feedforward = Feedforward(width)
         self.types = nn.Linear(width, 2)
-        self.steps = nn.Linear(width, MOST_STEPS)
+        self.steps = nn.Linear(width, MAX_STEPS)
         self.dropout = nn.Dropout(dropout)
         self.scatter = ScatterHeads(width) if appearance == "scatter" else None
         self.tower = TowerHeads(width) if appearance == "tower" else None
@@ -369,15 +369,15 @@ class ImitationNetwork(nn.Module):
         read = self.read(inputs.words)
         return self.judged(read, self.boxes_read(inputs, read), inputs.scenes, targets)
 
-    def read(self, words: Tensor) -> Read:
+    def read(self, words: Tensor) -> StatementEncodings:
         """(S, T) words, read."""
         mask = word_mask(words)
         x = self.text(words)
         layers = (cast("ItemLayer", layer).reading for layer in self.item_layers)
         readers = (*layers, self.box_reading, self.scene_reading)
-        return Read(tuple(reader.key_value(x) for reader in readers), mask)
+        return StatementEncodings(tuple(reader.key_value(x) for reader in readers), mask)
 
-    def boxes_read(self, inputs: Inputs, read: Read) -> BoxesRead:
+    def boxes_read(self, inputs: Inputs, read: StatementEncodings) -> BoxEncodings:
         """The boxes in the light of the words; those whose cells are asked for come first."""
         known = self.item(inputs.features.to(read.key_values[0].dtype))
         x = known + self.colour(inputs.colours).to(known.dtype)
@@ -388,10 +388,10 @@ class ImitationNetwork(nn.Module):
         box = self.box_feedforward(self.box_reading(box, read.key_values[len(self.item_layers)], read.mask))
         given = self.box_sum(box), self.box_again(box), self.act_box(box)
         if self.scatter is None:
-            return BoxesRead(*given, None, None)
-        return BoxesRead(*given, *self.scatter.cell_vectors(x, box, inputs))
+            return BoxEncodings(*given, None, None)
+        return BoxEncodings(*given, *self.scatter.cell_vectors(x, box, inputs))
 
-    def judged(self, read: Read, boxes: BoxesRead, scenes: Tensor, targets: Tensor) -> Outputs:
+    def judged(self, read: StatementEncodings, boxes: BoxEncodings, scenes: Tensor, targets: Tensor) -> Outputs:
         """What the network says of `scenes` (S, N, 3), made of the boxes; `targets` (S, A) as in `forward`."""
         scene, truth = self.understood(chosen(boxes.sums, scenes), chosen(boxes.again, scenes), read)
         acting = scenes[:, : targets.shape[1]]
@@ -418,7 +418,7 @@ class ImitationNetwork(nn.Module):
             None,
         )
 
-    def understood(self, sums: Tensor, again: Tensor, read: Read) -> tuple[Tensor, Tensor]:
+    def understood(self, sums: Tensor, again: Tensor, read: StatementEncodings) -> tuple[Tensor, Tensor]:
         """(S, N, d) scenes and (S, N) the logits of their truth, from what their boxes give: `sums` (S, N, 3, 2 d) and
         `again` (S, N, 3, d)."""
         scene = self.scene_in(F.relu(sums.sum(2)))

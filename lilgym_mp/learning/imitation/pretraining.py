@@ -13,16 +13,23 @@ from torch.nn import functional
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.generator.training_pairs import training_pairs
-from lilgym_mp.learning.imitation.batches import Numbering
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.lessons import Lesson
-from lilgym_mp.learning.imitation.network import LONGEST_STATEMENT, Geometry, ImitationNetwork
+from lilgym_mp.learning.imitation.batches import StatementTokenizer
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DatasetEntry
+from lilgym_mp.learning.imitation.network import MAX_WORDS, CellGeometry, ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.parsing.batches import Example, Source, Sources, Stream, drawn_batches, generated_share
+from lilgym_mp.learning.parsing.batches import (
+    Example,
+    ExamplePool,
+    ExampleStream,
+    PairSources,
+    generated_share,
+    sample_batches,
+)
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import Pair, Variations
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, tokens_recoloured, words_recoloured
+from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, tokens_recoloured, words_recoloured
 
 PARSER = ParserRecipe()  # whose batches, rates and variations serve here too
 GEOMETRY_RATE = 0.01
@@ -38,28 +45,30 @@ class TextPretraining:
     def __init__(
         self,
         network: ImitationNetwork,
-        numbering: Numbering,
-        lessons: Sequence[Lesson],
+        tokenizer: StatementTokenizer,
+        entries: Sequence[DatasetEntry],
         appearance: str,
         left_out: set[str],
         recipe: ImitationRecipe,
         seed: int,
     ) -> None:
         """`left_out`: normalised statements that no generated one may be, those of other splits."""
-        self._numbering = numbering
+        self._tokenizer = tokenizer
         self._rng = random.Random(f"text {seed}")
         self._recipe = recipe
         self._done = 0.0
         device = next(network.parameters()).device
-        sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=LONGEST_STATEMENT)
+        sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=MAX_WORDS)
         self._writer = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
         self._optimiser = torch.optim.AdamW(
             self._writer.parameters(), PARSER.learning_rate, weight_decay=PARSER.weight_decay, fused=True
         )
-        known = frozenset(numbering.vocabulary.words)
-        examples = [Example(lesson.statement, lesson.program.source, appearance) for lesson in lessons]
-        self._batches = drawn_batches(
-            Sources(Source(examples, known), Stream(generated_examples(appearance, seed, left_out), known)),
+        known = frozenset(tokenizer.vocabulary.words)
+        examples = [Example(entry.statement, entry.program.source, appearance) for entry in entries]
+        self._batches = sample_batches(
+            PairSources(
+                ExamplePool(examples, known), ExampleStream(generated_examples(appearance, seed, left_out), known)
+            ),
             lambda: generated_share(PARSER.generated, self._done),
             Variations(PARSER.shapes, PARSER.numbers),
             self._indices,
@@ -86,17 +95,17 @@ class TextPretraining:
         return loss.item()
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        rng, number = self._rng, self._numbering.vocabulary.number
+        rng, number = self._rng, self._tokenizer.vocabulary.number
         exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
-        said = words_recoloured(pair.words[1:], exchange)[:LONGEST_STATEMENT]  # less the word of the appearance
+        said = words_recoloured(pair.words[1:], exchange)[:MAX_WORDS]  # less the word of the appearance
         words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in said]
-        return words or [UNKNOWN], [TOKENS.of(token) for token in tokens_recoloured(pair.tokens, exchange)]
+        return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 
 class GeometryPretraining:
-    """Which edits are valid in a box, learnt from the boxes of the scenes explored so far."""
+    """Which edits are valid in a box, learnt from the boxes of the scenes collected so far."""
 
-    def __init__(self, geometry: Geometry, table: BoxTable, warmup: float, rng: np.random.Generator) -> None:
+    def __init__(self, geometry: CellGeometry, table: BoxFeatureTable, warmup: float, rng: np.random.Generator) -> None:
         self._geometry = geometry
         self._table = table
         self._warmup = warmup

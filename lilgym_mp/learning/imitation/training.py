@@ -21,24 +21,24 @@ from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
-from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, Shape, describe
-from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.lessons import (
-    Explorer,
-    Lesson,
+from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, best_rule, chooser, play, precision
+from lilgym_mp.learning.imitation.dataset import (
+    DataCollector,
+    DatasetEntry,
     Pool,
-    derived_lesson,
-    generated_lessons,
+    derived_entry,
+    entries_from_tasks,
+    generated_entries,
     held_out,
-    lessons_of,
 )
 from lilgym_mp.learning.imitation.losses import Losses, losses
-from lilgym_mp.learning.imitation.playing import Player, StopRule, best_rule, chooser, play, precision
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.parsing.batches import tested
+from lilgym_mp.learning.parsing.batches import evaluation_statements
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
@@ -46,9 +46,9 @@ from lilgym_mp.task import Task
 
 SAVE_SECONDS = 30.0  # of processor time between checkpoints
 REPORT_SECONDS = 10.0
-EXPLORED_AT_ONCE = 32  # statements
+ENTRIES_PER_COLLECTION = 32  # statements
 GEOMETRY_SHARE = 0.2  # of the share of the run that pretraining takes; on top of it (Scatter)
-OWN_AFTER = 0.2  # share of the budget after which the network's own states are explored
+ON_POLICY_AFTER = 0.2  # share of the budget after which the network's own states are collected
 MOST_TASKS_FOR_RULE = 600
 POOL_FIRST = 100  # further statements before learning begins
 POOL_GROWTH = 8  # and whenever it explores
@@ -133,7 +133,7 @@ class _Run:
         self._began = cpu_seconds()
         self._settings, self._recipe, self._seed = settings, recipe, seed
         self._minutes, self._steps = minutes, steps
-        self._device = chosen_device(device)
+        self._device = select_device(device)
         self._standing = _Standing()
         tasks = settings.make("train").tasks
         identity = {
@@ -147,23 +147,23 @@ class _Run:
         self._run = begin_run(out, identity, resume=resume)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
-        lessons, self._apart = held_out(lessons_of(tasks), recipe.held_out, seed=0)
-        self._lessons = lessons
-        self._others = lessons_of(others)
+        entries, self._apart = held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
+        self._entries = entries
+        self._others = entries_from_tasks(others)
         played = {settings.configuration: tasks}
         if settings.start == "flipit" and recipe.empty_starts:
             scratch = f"{settings.appearance.capitalize()}{START_TITLES['scratch']}"
             with suppress(NoTasksError):
                 played[scratch] = replace(settings, configuration=scratch).make("train").tasks
         self._tasks_apart = {name: _tasks_of(found, self._apart) for name, found in played.items()}
-        self._elsewhere = sorted_scenes(lessons) if settings.start == "flipit" else []
+        self._other_scenes = sorted_scenes(entries) if settings.start == "flipit" else []
         self._rng = np.random.default_rng(seed)
-        self._table = BoxTable()
+        self._table = BoxFeatureTable()
         empty_starts = recipe.empty_starts if settings.start == "flipit" else 0.0
-        self._explorer = Explorer(self._dynamics, self._table, self._rng, recipe.budget, empty_starts)
+        self._collector = DataCollector(self._dynamics, self._table, self._rng, recipe.budget, empty_starts)
         self._pools = self._new_pools()
         vocabulary = vocabulary_of(self._statements())
-        self._numbering = Numbering(vocabulary)
+        self._tokenizer = StatementTokenizer(vocabulary)
         self._shape = Shape.of(settings.appearance, vocabulary, recipe)
         torch.manual_seed(seed)
         self._network = self._shape.network(recipe.dropout).to(self._device)
@@ -172,13 +172,13 @@ class _Run:
         )
         if resume and self._run.has_checkpoint:
             self._load_checkpoint()
-        layout = self._explorer.layout
-        self._player = Player(self._network, self._table, layout, self._numbering)
+        heads = self._collector.heads
+        self._player = Player(self._network, self._table, heads, self._tokenizer)
         self._player.reduced_precision = recipe.reduced_precision
-        self._batches = BatchMaker(
+        self._batches = BatchSampler(
             self._table,
-            layout,
-            self._numbering,
+            heads,
+            self._tokenizer,
             self._device,
             recolours=recipe.recolour,
             unknown_words=recipe.unknown_words,
@@ -186,17 +186,17 @@ class _Run:
         )
 
     def _new_pools(self) -> list[tuple[Pool, float]]:
-        """Pools of further lessons, and their shares of a batch."""
+        """Pools of further entries, and their shares of a batch."""
         recipe, rng = self._recipe, self._rng
-        starts = self._elsewhere or [Scene.empty()]
-        derived = (derived_lesson(self._lessons[rng.integers(len(self._lessons))], rng) for _ in itertools.count())
-        generated = generated_lessons(self._settings.appearance, self._seed, starts, rng)
+        starts = self._other_scenes or [Scene.empty()]
+        derived = (derived_entry(self._entries[rng.integers(len(self._entries))], rng) for _ in itertools.count())
+        generated = generated_entries(self._settings.appearance, self._seed, starts, rng)
         pools = [(Pool(derived, recipe.pool), recipe.derived), (Pool(generated, recipe.pool), recipe.generated)]
         return [(pool, share) for pool, share in pools if share]
 
     def _statements(self) -> Iterator[str]:
         """Those whose words are to be known."""
-        yield from (lesson.statement for lesson in (*self._lessons, *self._others))
+        yield from (entry.statement for entry in (*self._entries, *self._others))
         if self._recipe.generated or self._recipe.pretraining:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, PAIRS_FOR_WORDS))
@@ -220,14 +220,14 @@ class _Run:
         recent: list[tuple[float, float, float]] = []
         try:
             self._pretrain_text(on_progress)
-            self._explore_first()
+            self._collect_initial_data()
             if not self._standing.begun_at:
                 self._pretrain_geometry()
                 self._standing.begun_at = self._done()
             saved = reported = self._seconds()
             while self._done() < 1:
-                if self._wants_to_explore():
-                    self._explore_more()
+                if self._is_collection_due():
+                    self._collect_more()
                 recent.append(self._step())
                 now = self._seconds()
                 if now - reported > REPORT_SECONDS:
@@ -257,13 +257,13 @@ class _Run:
         share = self._recipe.pretraining
         if self._done() >= share:
             return
-        statements = [*self._lessons, *self._others]
+        statements = [*self._entries, *self._others]
         text = TextPretraining(
             self._network,
-            self._numbering,
+            self._tokenizer,
             statements,
             self._settings.appearance,
-            tested(self._settings.corpus),
+            evaluation_statements(self._settings.corpus),
             self._recipe,
             self._seed,
         )
@@ -288,7 +288,7 @@ class _Run:
     def _step(self) -> tuple[float, float, float]:
         """One step of the optimiser. Gives the losses of truth and actions, and how often the truth was right."""
         recipe = self._recipe
-        batch = self._batches.batch(self._drawn_lessons(), recipe.solved, recipe.judged, self._rng)
+        batch = self._batches.batch(self._sample_entries(), recipe.solved, recipe.judged, self._rng)
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
         self._network.train()
@@ -318,73 +318,73 @@ class _Run:
         rising = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
         return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
-    def _drawn_lessons(self) -> list[Lesson]:
-        """Lessons for a batch: of the pools and of other tasks by their shares, the rest of the training tasks."""
-        sources: list[tuple[Sequence[Lesson], float]] = [(pool.lessons, share) for pool, share in self._pools]
+    def _sample_entries(self) -> list[DatasetEntry]:
+        """TrainingData for a batch: of the pools and of other tasks by their shares, the rest of the training tasks."""
+        sources: list[tuple[Sequence[DatasetEntry], float]] = [(pool.entries, share) for pool, share in self._pools]
         sources.append((self._ready(self._others), self._recipe.mixed_share))
         count = self._recipe.statements
-        drawn: list[Lesson] = []
-        for lessons, share in sources:
-            if lessons:
-                drawn += self._some(lessons, round(count * share))
-        return [*drawn, *self._some(self._ready(self._lessons), count - len(drawn))]
+        sample: list[DatasetEntry] = []
+        for entries, share in sources:
+            if entries:
+                sample += self._some(entries, round(count * share))
+        return [*sample, *self._some(self._ready(self._entries), count - len(sample))]
 
-    def _some(self, lessons: Sequence[Lesson], count: int) -> list[Lesson]:
+    def _some(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
         if not count:
             return []
-        chosen = self._rng.choice(len(lessons), count, replace=len(lessons) < count)
-        return [lessons[index] for index in chosen]
+        chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
+        return [entries[index] for index in chosen]
 
     @staticmethod
-    def _ready(lessons: Sequence[Lesson]) -> list[Lesson]:
-        return [lesson for lesson in lessons if lesson.with_actions]
+    def _ready(entries: Sequence[DatasetEntry]) -> list[DatasetEntry]:
+        return [entry for entry in entries if entry.with_actions]
 
     # Exploring
 
-    def _explore_first(self) -> None:
+    def _collect_initial_data(self) -> None:
         began = self._seconds()
-        for lesson in (*self._lessons, *self._others):
-            if not lesson.with_actions:
-                self._explorer.explore(lesson, self._recipe.first_scenes, self._recipe.judged, self._elsewhere)
+        for entry in (*self._entries, *self._others):
+            if not entry.with_actions:
+                self._collector.collect(entry, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
         for pool, _ in self._pools:
             self._grow(pool, POOL_FIRST)
-        if not self._ready(self._lessons):
+        if not self._ready(self._entries):
             raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
         self._standing.exploring_seconds += self._seconds() - began
 
     def _grow(self, pool: Pool, count: int) -> None:
-        pool.grow(self._explorer, count, self._recipe.first_scenes, self._recipe.judged, self._elsewhere)
+        pool.grow(self._collector, count, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
 
-    def _wants_to_explore(self) -> bool:
+    def _is_collection_due(self) -> bool:
         if self._steps is not None:  # by steps, so that equal arguments give equal agents
             return self._standing.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
         return self._standing.exploring_seconds < self._recipe.exploring * self._seconds()
 
-    def _explore_more(self) -> None:
+    def _collect_more(self) -> None:
         began = self._seconds()
         for pool, _ in self._pools:
             self._grow(pool, POOL_GROWTH)
-        lessons = self._some([*self._lessons, *self._others], EXPLORED_AT_ONCE)
-        if self._done() > OWN_AFTER and self._rng.random() < self._recipe.own_states:
-            self._explore_own(lessons)
+        entries = self._some([*self._entries, *self._others], ENTRIES_PER_COLLECTION)
+        if self._done() > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
+            self._collect_on_policy(entries)
         else:
-            for lesson in lessons:
-                self._explorer.explore(lesson, 1, 2, self._elsewhere)
+            for entry in entries:
+                self._collector.collect(entry, 1, 2, self._other_scenes)
         self._standing.exploring_seconds += self._seconds() - began
 
-    def _explore_own(self, lessons: Sequence[Lesson]) -> None:
-        """Adds the scenes that the network comes to, from starts of the lessons (DAgger)."""
+    def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
+        """Adds the scenes that the network comes to, from starts of the entries (DAgger)."""
         tasks: list[Task] = []
-        for lesson in lessons:
-            start = self._explorer.start(lesson)
-            tasks.append(Task("", lesson.statement, lesson.program.source, not lesson.program(start), start))
+        for entry in entries:
+            start = self._collector.start(entry)
+            tasks.append(Task("", entry.statement, entry.program.source, not entry.program(start), start))
         rule = StopRule(never_first=self._settings.start == "flipit")
         rng = self._rng if self._rng.random() < 0.5 else None
         self._player.forget()
         choose = chooser(self._player, self._dynamics.horizon, rule, rng)
-        for lesson, episode in zip(lessons, play(self._player, self._dynamics, tasks, choose), strict=True):
+        for entry, episode in zip(entries, play(self._player, self._dynamics, tasks, choose), strict=True):
             for scene in dict.fromkeys(episode.scenes[-3:]):
-                self._explorer.add(lesson, scene, solve=True)
+                self._collector.add(entry, scene, solve=True)
 
     # What is left behind
 
@@ -407,7 +407,7 @@ class _Run:
             standing.states,
             round(self._seconds(), 1),
             round(standing.exploring_seconds, 1),
-            self._explorer.sets,
+            self._collector.sets,
             text,
             truth,
             actions,
@@ -434,7 +434,7 @@ class _Run:
             reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
         self._rng = np.random.default_rng([self._seed, self._standing.steps])
-        self._explorer.use(self._rng)
+        self._collector.use(self._rng)
 
     def finish(self) -> ImitationAgent:
         """Chooses the rule for when to stop on the statements kept apart, and writes the agent."""
@@ -464,11 +464,11 @@ class _Run:
         return agent
 
 
-def sorted_scenes(lessons: Iterable[Lesson]) -> list[Any]:
-    """Every distinct start scene of the lessons, in their order."""
-    return list(dict.fromkeys(start for lesson in lessons for start in lesson.starts))
+def sorted_scenes(entries: Iterable[DatasetEntry]) -> list[Any]:
+    """Every distinct start scene of the entries, in their order."""
+    return list(dict.fromkeys(start for entry in entries for start in entry.starts))
 
 
-def _tasks_of(tasks: Iterable[Task], lessons: Sequence[Lesson]) -> list[Task]:
-    statements = {lesson.statement for lesson in lessons}
+def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:
+    statements = {entry.statement for entry in entries}
     return [task for task in tasks if task.statement in statements]

@@ -14,8 +14,8 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput, certain
 from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
+from lilgym_mp.learning.devices import select_device
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser, move
 from lilgym_mp.learning.parsing.planning import Plan, Planner
@@ -28,7 +28,7 @@ KEPT_EPISODES = 4096  # whose plans are remembered
 
 
 @dataclass
-class _Course:
+class _EpisodePlan:
     """What is left of an episode's plan."""
 
     actions: Sequence[Action]
@@ -43,7 +43,7 @@ class ParseAndPlanPolicy:
 
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
-        self._courses: dict[int, _Course] = {}
+        self._courses: dict[int, _EpisodePlan] = {}
         self._latest: list[Plan | None] = []  # B, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -74,16 +74,16 @@ class ParseAndPlanPolicy:
             programs=programs,
         )
 
-    def _planned(self, image: UInt8Array, statement: str, target: bool, step: int) -> _Course:
+    def _planned(self, image: UInt8Array, statement: str, target: bool, step: int) -> _EpisodePlan:
         dynamics = self.planner.dynamics
         try:
             scene = dynamics.appearance.check_scene(read_scene(image, dynamics.appearance.name))
         except (PerceptionError, ValueError):  # a picture that cannot be read leaves nothing to plan with
-            return _Course((STOP,), Scene.empty())
+            return _EpisodePlan((STOP,), Scene.empty())
         plan = self.planner.plan(scene, statement, target, step)
-        return _Course(plan.actions, scene, plan)
+        return _EpisodePlan(plan.actions, scene, plan)
 
-    def _advance(self, episode: int, course: _Course) -> None:
+    def _advance(self, episode: int, course: _EpisodePlan) -> None:
         """Remembers what follows the next action of the plan."""
         action, *rest = course.actions
         if not rest:
@@ -92,7 +92,7 @@ class ParseAndPlanPolicy:
             self._courses.clear()
         dynamics = self.planner.dynamics
         scene = dynamics.appearance.apply(course.scene, action, dynamics.rules.placement).scene
-        self._courses[episode] = _Course(rest, scene, course.plan)
+        self._courses[episode] = _EpisodePlan(rest, scene, course.plan)
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class ParseAndPlanAgent:
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    target = chosen_device(device)
-    description, tensors = load_model_of(KIND, VERSION, path, target)
+    target = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, target)
     try:
         parser = move(Parser.from_details(description.details), target)
         Calibration(**description.details["calibration"])

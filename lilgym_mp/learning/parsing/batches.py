@@ -1,4 +1,4 @@
-"""Batches of statements with programs, as indices, drawn from a corpus and from the generator."""
+"""Batches of statements with programs, as indices, sample from a corpus and from the generator."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from torch import Tensor
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.learning.parsing.network import Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import Pair, Variations, pair_of, reading_of, slots_of
+from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, slots_of
 from lilgym_mp.learning.training_run import TrainingError
 
 LAST_GENERATED = 1 / 8  # of the generator's share at the first step, at the last one
-POOL = 16  # batches that are drawn together and sorted by length
+POOL = 16  # batches that are sample together and sorted by length
 
 
 class Example(NamedTuple):
@@ -27,8 +27,8 @@ class Example(NamedTuple):
     appearance: str
 
 
-class Source:
-    """Examples to draw pairs from; each is brought into the parser's terms when it is first drawn."""
+class ExamplePool:
+    """Examples to draw pairs from; each is brought into the parser's terms when it is first sample."""
 
     def __init__(self, examples: Sequence[Example], known: frozenset[str]) -> None:
         self.appearances = {example.appearance for example in examples}
@@ -39,7 +39,7 @@ class Source:
     def __len__(self) -> int:
         return len(self._examples)
 
-    def drawn(self, rng: random.Random) -> Pair:
+    def sample(self, rng: random.Random) -> Pair:
         """A pair at random. Raises TrainingError when no example has a program that can be learnt."""
         while self._examples:
             index = rng.randrange(len(self._examples))
@@ -51,45 +51,45 @@ class Source:
     def _made(self, index: int) -> Pair | None:
         """The pair of an example; one that has none is dropped."""
         statement, program, appearance = self._examples[index]
-        reading = reading_of(statement, appearance, self._known)
-        pair = self._pairs[index] = pair_of(reading, program, most_tokens=Sizes.longest_program)
+        normalised = normalise_statement(statement, appearance, self._known)
+        pair = self._pairs[index] = pair_of(normalised, program, most_tokens=Sizes.longest_program)
         if pair is None:
             self._examples[index], self._pairs[index] = self._examples[-1], self._pairs[-1]
             del self._examples[-1], self._pairs[-1]
         return pair
 
 
-class Stream:
-    """Examples without end, each drawn once."""
+class ExampleStream:
+    """Examples without end, each sample once."""
 
     def __init__(self, examples: Iterator[Example], known: frozenset[str]) -> None:
         self._examples = examples
         self._known = known
 
-    def drawn(self, rng: random.Random) -> Pair:
+    def sample(self, rng: random.Random) -> Pair:
         """The next example's pair; those that have none are passed over."""
         while True:
             statement, program, appearance = next(self._examples)
-            reading = reading_of(statement, appearance, self._known)
-            pair = pair_of(reading, program, most_tokens=Sizes.longest_program)
+            normalised = normalise_statement(statement, appearance, self._known)
+            pair = pair_of(normalised, program, most_tokens=Sizes.longest_program)
             if pair is not None:
                 return pair
 
 
-class Drawn(Protocol):
-    """What pairs are drawn from."""
+class PairSource(Protocol):
+    """What pairs are sample from."""
 
-    def drawn(self, rng: random.Random) -> Pair: ...
+    def sample(self, rng: random.Random) -> Pair: ...
 
 
-class Sources(NamedTuple):
+class PairSources(NamedTuple):
     """Where pairs come from."""
 
-    corpus: Drawn
-    generated: Drawn | None
+    corpus: PairSource
+    generated: PairSource | None
 
 
-def tested(corpus: str) -> set[str]:
+def evaluation_statements(corpus: str) -> set[str]:
     """The statements of the corpus's other splits, normalised: what no generated statement may be, even by chance."""
     try:
         sets = list(load_all_tasks(corpus, splits=("dev", "test")))
@@ -112,8 +112,8 @@ def generated_share(first: float, done: float) -> float:
     return first * (1 + (LAST_GENERATED - 1) * done)
 
 
-def drawn_batches(
-    sources: Sources,
+def sample_batches(
+    sources: PairSources,
     share: Callable[[], float],
     variations: Variations,
     indices: Callable[[Pair], tuple[list[int], list[int]]],
@@ -129,7 +129,7 @@ def drawn_batches(
     while True:
         now = 0.0 if generated is None else share()
         chosen = (generated if generated and rng.random() < now else corpus for _ in range(POOL * size))
-        pool = [variations.of(source.drawn(rng), rng) for source in chosen]
+        pool = [variations.of(source.sample(rng), rng) for source in chosen]
         pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
         batches = [pool[first : first + size] for first in range(0, len(pool), size)]
         rng.shuffle(batches)

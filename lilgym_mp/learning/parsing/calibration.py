@@ -30,7 +30,7 @@ class Calibration:
         return 0.0 if probability <= 0 else _logistic(self.slope * _logit(probability) + self.shift)
 
 
-def fitted(forecasts: Iterable[Forecast]) -> Calibration:
+def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
     """The likeliest curve for the forecasts; without any, probabilities as they are."""
     points = [(_logit(probability), float(success)) for probability, success in forecasts]
     slope, shift = 1.0, 0.0

@@ -117,7 +117,7 @@ def _feed_forward(sizes: Sizes, dropout: float) -> nn.Module:
 
 
 class ParserNetwork(nn.Module):
-    """Word indices to logits of program tokens. Index 0 pads words, and pads tokens."""
+    """Word indices to logits of program tokens. SymbolTable 0 pads words, and pads tokens."""
 
     def __init__(
         self, word_count: int, token_count: int, sizes: Sizes, dropout: float = 0.0, encoder: nn.Module | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lilgym_mp.corpus.spelling import normalised_words
-from lilgym_mp.learning.parsing.texts import (
+from lilgym_mp.learning.parsing.symbols import (
     TOKENS,
     inverse,
     standard_colours,
@@ -34,32 +34,32 @@ class Pair(NamedTuple):
     tokens: tuple[str, ...]
 
 
-class Reading(NamedTuple):
+class NormalisedStatement(NamedTuple):
     """A statement as the parser reads it."""
 
     words: tuple[str, ...]  # the appearance's word first, colours in standard order
     exchange: Mapping[str, str]  # by colour as it was said, the one that stands for it
 
 
-def reading_of(statement: str, appearance: str, known: Collection[str]) -> Reading:
+def normalise_statement(statement: str, appearance: str, known: Collection[str]) -> NormalisedStatement:
     """`known`: the words that misspelt ones are repaired to; colours and numbers are always known."""
     words = normalised_words(statement, known)[: MOST_WORDS - 1]
     exchange = standard_colours(words)
-    return Reading((APPEARANCE_WORDS[appearance], *words_recoloured(words, exchange)), exchange)
+    return NormalisedStatement((APPEARANCE_WORDS[appearance], *words_recoloured(words, exchange)), exchange)
 
 
-def pair_of(reading: Reading, program: str, *, most_tokens: int) -> Pair | None:
-    """The reading with its program in the same colours; None where the program has no tokens, or too many."""
+def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) -> Pair | None:
+    """The normalised with its program in the same colours; None where the program has no tokens, or too many."""
     try:
         tokens = prefix_tokens(canonical_form(parse(program)))
-        tokens = prefix_tokens(canonical_form(tree_of(tokens_recoloured(tokens, reading.exchange))))
+        tokens = prefix_tokens(canonical_form(tree_of(tokens_recoloured(tokens, normalised.exchange))))
     except PrefixError:
         return None
-    return Pair(reading.words, tuple(tokens)) if len(tokens) <= most_tokens else None
+    return Pair(normalised.words, tuple(tokens)) if len(tokens) <= most_tokens else None
 
 
 def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
-    """The source of the program that the parser wrote for a reading. Raises PrefixError, ProgramError."""
+    """The source of the program that the parser wrote for a normalised. Raises PrefixError, ProgramError."""
     tree = canonical_form(tree_of(tokens_recoloured(tokens, inverse(exchange))))
     return compile_program(source_of(tree)).source
 
@@ -123,7 +123,7 @@ class Slot(NamedTuple):
     part: int
 
 
-_ARITY = [0, *(token_arities()[text] for text in TOKENS.texts)]  # by index
+_ARITY = [0, *(token_arities()[text] for text in TOKENS.symbols)]  # by index
 
 
 def slots_of(tokens: Sequence[int]) -> Iterator[Slot]:

@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.generator import ScenePool
-from lilgym_mp.learning.devices import one_thread
+from lilgym_mp.learning.devices import single_thread
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
-from lilgym_mp.learning.parsing.pairs import program_of, reading_of
-from lilgym_mp.learning.parsing.texts import TOKENS, Index, inverse, words_recoloured
+from lilgym_mp.learning.parsing.pairs import normalise_statement, program_of
+from lilgym_mp.learning.parsing.symbols import TOKENS, SymbolTable, inverse, words_recoloured
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.scene import Scene
@@ -85,13 +85,13 @@ class Parser:
     """A network with the words it knows."""
 
     network: ParserNetwork
-    vocabulary: Index
+    vocabulary: SymbolTable
     temperature: float = 1.0  # by which log-probabilities are divided
     _known: frozenset[str] = field(init=False, repr=False)
     _parses: dict[tuple[str, str, int], Parse] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._known = frozenset(self.vocabulary.texts)
+        self._known = frozenset(self.vocabulary.symbols)
 
     def parse(self, statement: str, appearance: str, beam_width: int = BEAM_WIDTH) -> Parse:
         """The likely programs of any text, such as an empty one: then they are what statements mean most often."""
@@ -100,22 +100,22 @@ class Parser:
         if found is None:
             if len(self._parses) >= KEPT_STATEMENTS:
                 self._parses.clear()
-            with one_thread():
+            with single_thread():
                 found = self._parse(statement, appearance, beam_width)
             self._parses[key] = found
         return found
 
     def _parse(self, statement: str, appearance: str, beam_width: int) -> Parse:
-        reading = reading_of(statement, appearance, self._known)
-        unknown = self.vocabulary.of(UNKNOWN)
-        words = [self.vocabulary.of(word, unknown) for word in reading.words]
+        normalised = normalise_statement(statement, appearance, self._known)
+        unknown = self.vocabulary.index(UNKNOWN)
+        words = [self.vocabulary.index(word, unknown) for word in normalised.words]
         scores: dict[tuple[bool | None, ...], list[float]] = {}
         programs: dict[tuple[bool | None, ...], str] = {}
         found = beam_search(self.network, words, beam_width)
         total = sum(math.exp(candidate.log_probability) for candidate in found)
         for candidate in found:
             try:
-                program = program_of([TOKENS.text(token) for token in candidate.tokens], reading.exchange)
+                program = program_of([TOKENS.symbol(token) for token in candidate.tokens], normalised.exchange)
             except (PrefixError, ProgramError):
                 continue
             well_typed = compile_program(program).is_fast
@@ -126,14 +126,14 @@ class Parser:
                 continue
             programs.setdefault(meaning, program)  # the likeliest comes first
             scores.setdefault(meaning, []).append(candidate.log_probability / self.temperature)
-        said = words_recoloured(reading.words, inverse(reading.exchange))
+        said = words_recoloured(normalised.words, inverse(normalised.exchange))
         return Parse(tuple(said), words.count(unknown), _ranked(programs, scores))
 
     def to_details(self) -> dict[str, Any]:
         """What `from_details` needs beside the tensors."""
         return {
-            "words": list(self.vocabulary.texts),
-            "tokens": list(TOKENS.texts),
+            "words": list(self.vocabulary.symbols),
+            "tokens": list(TOKENS.symbols),
             "sizes": asdict(self.network.sizes),
             "temperature": self.temperature,
         }
@@ -141,12 +141,12 @@ class Parser:
     @classmethod
     def from_details(cls, details: Mapping[str, Any]) -> Parser:
         """A parser whose network is still to be given its tensors. Raises ValueError, TypeError, KeyError."""
-        if tuple(details["tokens"]) != TOKENS.texts:
+        if tuple(details["tokens"]) != TOKENS.symbols:
             raise ValueError("its program tokens are not those of this version of the language")
         words = details["words"]
         if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or UNKNOWN not in words:
             raise ValueError("its vocabulary is not a list of words with one for unknown ones")
-        vocabulary = Index(tuple(words))
+        vocabulary = SymbolTable(tuple(words))
         network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]))
 

@@ -23,26 +23,26 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.generator.training_pairs import training_pairs
-from lilgym_mp.learning.devices import chosen_device
+from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription
 from lilgym_mp.learning.parsing.batches import (
     LAST_GENERATED,
     Batch,
     Example,
-    Source,
-    Sources,
-    drawn_batches,
+    ExamplePool,
+    PairSources,
+    evaluation_statements,
     generated_share,
-    tested,
+    sample_batches,
 )
-from lilgym_mp.learning.parsing.calibration import Forecast, fitted
+from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, Pair, Variations
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, tensors_of, truths
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, Index
+from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
 from lilgym_mp.learning.training_run import TrainingError, TrainingRun, TrainingRunError, begin_run
 from lilgym_mp.rules import Outcome
 
@@ -64,13 +64,13 @@ class Progress(NamedTuple):
     cpu_seconds: float  # of this process since training began, preparation included
 
 
-class Lessons(NamedTuple):
+class TrainingData(NamedTuple):
     """What there is to learn from."""
 
-    corpus: Source
-    generated: Source
+    corpus: ExamplePool
+    generated: ExamplePool
     held_out: Sequence[Example]
-    vocabulary: Index
+    vocabulary: SymbolTable
     sha256: str  # of the corpus's statements and programs
 
 
@@ -92,45 +92,45 @@ def train_parser(
     when the loss is not finite: the last checkpoint is left as it was.
     """
     began = time.process_time()
-    target = chosen_device(device)
-    lessons = lessons_of(corpus, recipe)
-    identity = {"learner": KIND, "corpus": corpus, "corpus_sha256": lessons.sha256, "recipe": asdict(recipe)}
+    target = select_device(device)
+    data = load_training_data(corpus, recipe)
+    identity = {"learner": KIND, "corpus": corpus, "corpus_sha256": data.sha256, "recipe": asdict(recipe)}
     run = begin_run(out, identity, resume=resume)
     torch.manual_seed(recipe.seed)
     sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
-    network = ParserNetwork(len(lessons.vocabulary), len(TOKENS), sizes, recipe.dropout).to(target)
-    learner = _Learner(network, recipe, lessons, target)
+    network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(target)
+    trainer = _Trainer(network, recipe, data, target)
     if resume and run.has_checkpoint:
-        learner.restore(run)
-    earlier = learner.cpu_seconds
+        trainer.restore(run)
+    earlier = trainer.cpu_seconds
     losses: list[float] = []
     with stop_on_signals() as stop:
-        while learner.step < recipe.steps and not stop.requested:
-            losses.append(learner.learn(run))
-            learner.cpu_seconds = earlier + time.process_time() - began
-            if learner.step % REPORT_EVERY == 0:
-                progress = Progress(learner.step, recipe.steps, sum(losses) / len(losses), learner.cpu_seconds)
+        while trainer.step < recipe.steps and not stop.requested:
+            losses.append(trainer.learn(run))
+            trainer.cpu_seconds = earlier + time.process_time() - began
+            if trainer.step % REPORT_EVERY == 0:
+                progress = Progress(trainer.step, recipe.steps, sum(losses) / len(losses), trainer.cpu_seconds)
                 losses.clear()
                 run.record(progress._asdict())
                 on_progress(progress)
-            if learner.step % save_every == 0:
-                run.save_checkpoint(learner.state())
-        run.save_checkpoint(learner.state())
-        if learner.step == recipe.steps:
-            _finish(run, learner, lessons, corpus, stop)
+            if trainer.step % save_every == 0:
+                run.save_checkpoint(trainer.state())
+        run.save_checkpoint(trainer.state())
+        if trainer.step == recipe.steps:
+            _finish(run, trainer, data, corpus, stop)
     return run
 
 
-def _finish(run: TrainingRun, learner: _Learner, lessons: Lessons, corpus: str, stop: StopRequest) -> None:
+def _finish(run: TrainingRun, trainer: _Trainer, data: TrainingData, corpus: str, stop: StopRequest) -> None:
     """Calibrates the parser and writes the agent."""
-    parser = Parser(learner.network.eval(), lessons.vocabulary)
-    parser.temperature = calibrated_temperature(parser, lessons.held_out)
-    coverage = share_covered(parser, lessons.held_out)
-    calibration = fitted(forecasts(parser, corpus, lessons.held_out))
+    parser = Parser(trainer.network.eval(), data.vocabulary)
+    parser.temperature = calibrated_temperature(parser, data.held_out)
+    coverage = share_covered(parser, data.held_out)
+    calibration = fit_calibration(forecasts(parser, corpus, data.held_out))
     configurations = tuple(
-        name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in lessons.corpus.appearances
+        name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
     )
-    generated = ", generated statements" if lessons.generated else ""
+    generated = ", generated statements" if data.generated else ""
     description = ModelDescription(
         KIND,
         VERSION,
@@ -141,13 +141,13 @@ def _finish(run: TrainingRun, learner: _Learner, lessons: Lessons, corpus: str, 
             **parser.to_details(),
             "coverage": coverage,
             "calibration": asdict(calibration),
-            "cpu_seconds": round(learner.cpu_seconds, 1),
+            "cpu_seconds": round(trainer.cpu_seconds, 1),
         },
     )
     run.save_agent(description, tensors_of(parser))
 
 
-def lessons_of(corpus: str, recipe: ParserRecipe) -> Lessons:
+def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     """The pairs to learn from, those of the corpus that are held out, and the words."""
     examples = corpus_examples(corpus)
     digest = hashlib.sha256(repr(examples).encode()).hexdigest()
@@ -155,11 +155,13 @@ def lessons_of(corpus: str, recipe: ParserRecipe) -> Lessons:
     held_out = shuffled[: min(recipe.held_out, len(examples) // 5)]
     kept = shuffled[len(held_out) :]
     rng = random.Random(f"generated {recipe.seed}")
-    generated = list(_generated(recipe, sorted({example.appearance for example in examples}), tested(corpus), rng))
+    generated = list(
+        _generated(recipe, sorted({example.appearance for example in examples}), evaluation_statements(corpus), rng)
+    )
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= RAREST_WORD), *COLOURS])
-    vocabulary = Index((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    return Lessons(Source(kept, known), Source(generated, known), held_out, vocabulary, digest)
+    vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
+    return TrainingData(ExamplePool(kept, known), ExamplePool(generated, known), held_out, vocabulary, digest)
 
 
 def corpus_examples(corpus: str) -> list[Example]:
@@ -185,15 +187,15 @@ def _generated(
         )
 
 
-class _Learner:
+class _Trainer:
     """The network, its optimiser, and where training stands."""
 
-    def __init__(self, network: ParserNetwork, recipe: ParserRecipe, lessons: Lessons, device: torch.device) -> None:
+    def __init__(self, network: ParserNetwork, recipe: ParserRecipe, data: TrainingData, device: torch.device) -> None:
         self.network = network
         self.recipe = recipe
         self.step = 0
         self.cpu_seconds = 0.0
-        self._lessons = lessons
+        self._data = data
         self._device = device
         self._optimiser = torch.optim.AdamW(
             network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
@@ -231,21 +233,21 @@ class _Learner:
         return generated_share(self.recipe.generated, self.step / self.recipe.steps)
 
     def _drawn(self) -> Iterator[Batch]:
-        recipe, lessons = self.recipe, self._lessons
+        recipe, data = self.recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
-        sources = Sources(lessons.corpus, lessons.generated if len(lessons.generated) else None)
-        return drawn_batches(
+        sources = PairSources(data.corpus, data.generated if len(data.generated) else None)
+        return sample_batches(
             sources, self._generated_share, variations, self._indices, recipe.batch_size, self._rng, self._device
         )
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        vocabulary, rng = self._lessons.vocabulary, self._rng
-        unknown = vocabulary.of(UNKNOWN)
+        vocabulary, rng = self._data.vocabulary, self._rng
+        unknown = vocabulary.index(UNKNOWN)
         words = [
-            unknown if place and rng.random() < self.recipe.unknown else vocabulary.of(word, unknown)
+            unknown if place and rng.random() < self.recipe.unknown else vocabulary.index(word, unknown)
             for place, word in enumerate(pair.words)
         ]
-        return words, [TOKENS.of(token) for token in pair.tokens]
+        return words, [TOKENS.index(token) for token in pair.tokens]
 
     def state(self) -> dict[str, Any]:
         return {

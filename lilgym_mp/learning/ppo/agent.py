@@ -13,19 +13,18 @@ import torch
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import VocabularyError
-from lilgym_mp.evaluation import Observations, Settings
-from lilgym_mp.evaluation import Policy as EvaluatedPolicy
+from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
-from lilgym_mp.learning.devices import chosen_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of, restore
-from lilgym_mp.learning.ppo.models.making import make_model
+from lilgym_mp.learning.devices import select_device
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore
+from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
+from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.learning.ppo.rollout import policy_of
-from lilgym_mp.learning.ppo.states import BoxTable
-from lilgym_mp.learning.ppo.type_first import Policy
+from lilgym_mp.learning.ppo.rollout import policy_and_values
+from lilgym_mp.learning.ppo.states import BoxImageTable
 
 KIND = "ppo"
 VERSION = 2
@@ -40,20 +39,20 @@ class ModelPolicy:
     def __init__(self, model: Model, *, mask: bool, sampled: bool) -> None:
         self.needs_masks = mask
         self._model, self._sampled = model, sampled
-        self._table = BoxTable()
+        self._table = BoxImageTable()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
-        self._latest: tuple[Policy, torch.Tensor] | None = None  # and the values, of the latest call
+        self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and the values, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         if len(self._table) > MOST_BOXES:
-            self._table = BoxTable()
+            self._table = BoxImageTable()
         numbers: dict[str, int] = {}
         statement_of = [numbers.setdefault(text, len(numbers)) for text in observations.statements]
         boxes_of = self._table.indices(observations.images)
         targets = observations.targets.astype(np.int64)
         states = self._table.states(tuple(numbers), np.array(statement_of, np.int64), boxes_of, targets)
         with torch.no_grad():
-            policy, values = policy_of(self._model, states, legal if self.needs_masks else None)
+            policy, values = policy_and_values(self._model, states, legal if self.needs_masks else None)
         self.stop_probabilities = policy.stop_probability().float().cpu().numpy()
         self._latest = policy, values
         return policy.sample(rng) if self._sampled else policy.likeliest()
@@ -74,7 +73,7 @@ class PPOAgent:
     model: Model
     mask: bool
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> EvaluatedPolicy:
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Raises AgentError for another configuration or grid than it was trained in."""
         check_configuration(self.description, settings)
         if settings.grid != self.settings.grid:
@@ -106,8 +105,8 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    target = chosen_device(device)
-    description, tensors = load_model_of(KIND, VERSION, path, target)
+    target = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, target)
     try:
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)

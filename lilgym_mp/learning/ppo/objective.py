@@ -30,14 +30,14 @@ def generalised_advantages(
     advantages = np.zeros_like(rewards)
     following, after = last_values, np.zeros_like(last_values)
     for step in range(len(rewards) - 1, -1, -1):
-        goes_on = ~ended[step]
-        difference = rewards[step] + gamma * following * goes_on - values[step]
-        after = advantages[step] = difference + gamma * gae_lambda * goes_on * after
+        continues = ~ended[step]
+        difference = rewards[step] + gamma * following * continues - values[step]
+        after = advantages[step] = difference + gamma * gae_lambda * continues * after
         following = values[step]
     return advantages
 
 
-def weighed(advantages: Float32Array, manner: str) -> Float32Array:
+def scale_advantages(advantages: Float32Array, manner: str) -> Float32Array:
     """The advantages of a rollout as the recipe's `advantages` says: centred and scaled, or scaled alone."""
     centre = advantages.mean() if manner == "normalised" else 0.0
     return (advantages - centre) / (advantages.std() + SMALLEST_DEVIATION)
@@ -63,7 +63,7 @@ def value_loss(values: Tensor, old_values: Tensor, returns: Tensor, clip: float 
     return 0.5 * errors.mean()
 
 
-class Learnt(NamedTuple):
+class ActionEvaluation(NamedTuple):
     """What the loss is made of, for M states."""
 
     log_probabilities: Tensor  # (M,) of the actions taken, by the policy as it is now
@@ -71,12 +71,12 @@ class Learnt(NamedTuple):
     values: Tensor  # (M,)
 
 
-class Experience(NamedTuple):
+class RolloutBatch(NamedTuple):
     """What was played in M states."""
 
     log_probabilities: Tensor  # (M,) by the policy that played; of a forced STOP too, as if it had been free
     values: Tensor  # (M,)
-    advantages: Tensor  # (M,) weighed
+    advantages: Tensor  # (M,) scale_advantages
     returns: Tensor  # (M,)
     forced: Tensor  # (M,) bool: a STOP that the policy was made to take
 
@@ -89,7 +89,7 @@ class Losses(NamedTuple):
     clipped: Tensor  # share of the ratios outside of the clip
 
 
-def losses(recipe: PPORecipe, learnt: Learnt, experience: Experience, entropy_coefficient: float) -> Losses:
+def losses(recipe: PPORecipe, learnt: ActionEvaluation, experience: RolloutBatch, entropy_coefficient: float) -> Losses:
     """Of a mini-batch."""
     log_ratios = learnt.log_probabilities - experience.log_probabilities
     capped = torch.ones_like(experience.forced) if recipe.cap_every_ratio else experience.forced

@@ -28,7 +28,7 @@ TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # these need a director
 TRAINED_THROUGHOUT = ("vilt", "flava")
 DEFAULT_MODEL = "ours"
 DEFAULT_RECIPE = "ours"
-PAPERS_PARAMETERS = {  # as the paper or the release has them
+REPORTED_PARAMETERS = {  # as the paper or the release has them
     "c3-bert": "the release's: 2.59 million trained",
     "vilt": "the paper's: 87.4 million",
     "flava": "the paper's: 350 million",

@@ -15,17 +15,17 @@ from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy, mask_of
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.learning.ppo.states import BoxTable, States
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TaskDraw, TrainingTasks
-from lilgym_mp.learning.ppo.type_first import STOP, Policy, mask_of
+from lilgym_mp.learning.ppo.states import BoxImageTable, States
+from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 
 
 class Rollout(NamedTuple):
     """T steps in N environments; rows of the flattened arrays are counted step by step."""
 
-    table: BoxTable
+    table: BoxImageTable
     statements: tuple[str, ...]
     statement_of: Int64Array  # (T, N)
     boxes_of: Int64Array  # (T, N, 3)
@@ -50,7 +50,7 @@ class Rollout(NamedTuple):
 
 
 @dataclass
-class Tally:
+class EpisodeStatistics:
     """The episodes that ended since the last update."""
 
     ends: Counter[str] = field(default_factory=Counter[str])
@@ -59,7 +59,7 @@ class Tally:
     forced: int = 0  # states, of all episodes, in which STOP was forced
 
 
-class Player:
+class RolloutCollector:
     """N environments and the episodes in them."""
 
     def __init__(self, settings: Settings, recipe: PPORecipe, tasks: TrainingTasks) -> None:
@@ -79,21 +79,21 @@ class Player:
             return tasks.tasks
 
         self._envs.change_tasks(ours)
-        self._draw = TaskDraw(tasks, recipe)
+        self._draw = TaskSampler(tasks, recipe)
         self._ids = tasks.tasks.ids
         self._playing = np.zeros(recipe.envs, np.int64)  # number of each environment's task
         self._taken: list[list[int]] = [[] for _ in range(recipe.envs)]  # actions of the episodes under way
         self._rewards = np.zeros(recipe.envs)  # of the episodes under way
         self._seen: dict[str, Any] = {}
-        self.tally = Tally()
+        self.statistics = EpisodeStatistics()
 
     def begin(self, rng: np.random.Generator) -> None:
         """Begins an episode everywhere."""
-        self._draw.new_statements(rng)
+        self._draw.resample_statements(rng)
         self._reset(np.ones(self._recipe.envs, np.bool_), self._draw.draw(np.arange(self._recipe.envs), rng))
 
     def to_json(self) -> dict[str, Any]:
-        """The episodes under way, for `go_on`."""
+        """The episodes under way, for `restore_episodes`."""
         return {
             "statements": self._draw.current.tolist(),
             "tasks": self._playing.tolist(),
@@ -101,7 +101,7 @@ class Player:
             "rewards": self._rewards.tolist(),
         }
 
-    def go_on(self, data: dict[str, Any]) -> None:
+    def restore_episodes(self, data: dict[str, Any]) -> None:
         """Plays the episodes again up to where they were. Raises ValueError, KeyError, TypeError for other data."""
         count = self._recipe.envs
         self._draw.current = np.array(data["statements"], np.int64)
@@ -132,11 +132,11 @@ class Player:
         """As many steps as the recipe's rollout has."""
         recipe, count = self._recipe, self._recipe.envs
         if recipe.same_statement > 1:
-            self._draw.new_statements(rng)
-        table, steps = BoxTable(), recipe.rollout // count
+            self._draw.resample_statements(rng)
+        table, steps = BoxImageTable(), recipe.rollout // count
         kept: dict[str, list[Any]] = {name: [] for name in Rollout._fields}
         for _ in range(steps):
-            seen, states = self._look(table)
+            seen, states = self._observe(table)
             legal = self._envs.action_masks() if recipe.mask else None
             actions, forced, log_probabilities, values = self._act(model, states, legal, rng)
             rewards, ended = self._step(actions, rng)
@@ -153,7 +153,7 @@ class Player:
             for name, value in told.items():
                 kept[name].append(value)
         with torch.no_grad():
-            last_values = _numpy(model(self._look(table)[1]).values)
+            last_values = _numpy(model(self._observe(table)[1]).values)
         arrays = {name: np.stack(rows) for name, rows in kept.items() if rows and rows[0] is not None}
         return Rollout(
             table=table,
@@ -163,7 +163,7 @@ class Player:
             **arrays,
         )
 
-    def _look(self, table: BoxTable) -> tuple[dict[str, Int64Array], States]:
+    def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:
         statement_of = self._draw.statement_of[self._playing]
         boxes_of, targets = table.indices(self._seen["image"]), self._seen["target"].astype(np.int64)
         seen = {"statement_of": statement_of, "boxes_of": boxes_of, "targets": targets}
@@ -174,13 +174,13 @@ class Player:
     ) -> tuple[Int64Array, BoolArray, Float32Array, Float32Array]:
         """Actions, which of them were forced, their log-probabilities by the policy left free, and values."""
         with torch.no_grad():
-            policy, values = policy_of(model, states, legal)
+            policy, values = policy_and_values(model, states, legal)
         actions = policy.sample(rng)
         forced = self._envs.goal_reached() if self._recipe.stop_forcing else np.zeros(len(actions), np.bool_)
         actions[forced] = STOP
         with torch.no_grad():
             found = policy.log_prob(torch.from_numpy(actions).to(values.device))
-        self.tally.forced += int(forced.sum())
+        self.statistics.forced += int(forced.sum())
         return actions, forced, _numpy(found), _numpy(values)
 
     def _step(self, actions: Int64Array, rng: np.random.Generator) -> tuple[Float32Array, BoolArray]:
@@ -192,9 +192,9 @@ class Player:
             taken.append(action)
         places = np.flatnonzero(ended)
         for place in places.tolist():
-            self.tally.ends[infos["outcome"][place]] += 1
-            self.tally.reward += float(self._rewards[place])
-            self.tally.steps += len(self._taken[place])
+            self.statistics.ends[infos["outcome"][place]] += 1
+            self.statistics.reward += float(self._rewards[place])
+            self.statistics.steps += len(self._taken[place])
         if len(places):
             self._reset(ended, self._draw.draw(places, rng))
         return rewards.astype(np.float32), ended
@@ -203,11 +203,11 @@ class Player:
         self._envs.close()
 
 
-def policy_of(model: Model, states: States, legal: BoolArray | None) -> tuple[Policy, torch.Tensor]:
+def policy_and_values(model: Model, states: States, legal: BoolArray | None) -> tuple[FactoredPolicy, torch.Tensor]:
     """The policy in the states, over the legal actions where a mask is given, and the values."""
     found = model(states)
     mask = None if legal is None else mask_of(legal, found.types.device)
-    return Policy(model.layout, found.types, found.heads, mask), found.values
+    return FactoredPolicy(model.factorisation, found.types, found.heads, mask), found.values
 
 
 def _numpy(tensor: torch.Tensor) -> Float32Array:

@@ -46,7 +46,7 @@ class States(NamedTuple):
         return images
 
 
-class BoxTable:
+class BoxImageTable:
     """Distinct boxes of images and the distinct patches they are made of, numbered in the order they are met."""
 
     def __init__(self) -> None:

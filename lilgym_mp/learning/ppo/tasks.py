@@ -105,7 +105,7 @@ def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
     return replace(colours, shapes=SHAPE_ORDERS[rng.integers(1, len(SHAPE_ORDERS))], mirrored=bool(rng.integers(2)))
 
 
-class TaskDraw:
+class TaskSampler:
     """Draws tasks: environments in groups, each of one statement at a time."""
 
     def __init__(self, tasks: TrainingTasks, recipe: PPORecipe) -> None:
@@ -124,7 +124,7 @@ class TaskDraw:
         self._shares = (sizes / sizes.sum()).cumsum()
         self.current = np.full(recipe.envs // self._group, -1, np.int64)  # (groups,) statement that each plays
 
-    def new_statements(self, rng: np.random.Generator) -> None:
+    def resample_statements(self, rng: np.random.Generator) -> None:
         """Gives every group another statement, for the episodes that begin henceforth."""
         found = np.searchsorted(self._shares, rng.random(len(self.current)), side="right")
         self.current = np.minimum(found, len(self.statements) - 1)

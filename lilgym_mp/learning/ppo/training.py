@@ -22,15 +22,22 @@ from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.learning.dev_evaluation import DevEvaluator, TrainingClock, last_steps
-from lilgym_mp.learning.devices import DeviceError, chosen_device
+from lilgym_mp.learning.devices import DeviceError, select_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.ppo.agent import KIND, ModelPolicy, PPOAgent, describe
-from lilgym_mp.learning.ppo.models.making import make_model
+from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.models.weights import weights_digest
-from lilgym_mp.learning.ppo.objective import Experience, Learnt, Losses, generalised_advantages, losses, weighed
-from lilgym_mp.learning.ppo.recipe import PAPERS_PARAMETERS, PPORecipe
-from lilgym_mp.learning.ppo.rollout import Player, Rollout, Tally, policy_of
+from lilgym_mp.learning.ppo.objective import (
+    ActionEvaluation,
+    Losses,
+    RolloutBatch,
+    generalised_advantages,
+    losses,
+    scale_advantages,
+)
+from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, PPORecipe
+from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TrainingTasks, plays_empty_starts, training_tasks
 from lilgym_mp.learning.training_run import TrainingError, TrainingRun, TrainingRunError, begin_run
 
@@ -136,7 +143,7 @@ class Run:
         resume: bool,
     ) -> None:
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
-        self._device = chosen_device(device)
+        self._device = select_device(device)
         self.tasks = training_tasks(settings, recipe)
         appearance = make_appearance(settings.appearance, settings.grid)
         settings.make(TRAINING_SPLIT)
@@ -147,7 +154,7 @@ class Run:
         self._optimiser = _optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._standing = _Standing()
-        self._player = Player(settings, recipe, self.tasks)
+        self._player = RolloutCollector(settings, recipe, self.tasks)
         self._best: dict[str, Tensor] | None = None
         if resume and self.files.has_checkpoint:
             self._load()
@@ -168,9 +175,9 @@ class Run:
             return (own,)
         return own, f"{self._settings.appearance.capitalize()}{START_TITLES[SCRATCH]}"
 
-    def papers_count(self) -> str:
+    def reported_parameters(self) -> str:
         """The paper's count of parameters beside this model's, where there is one."""
-        count = PAPERS_PARAMETERS.get(self.recipe.model)
+        count = REPORTED_PARAMETERS.get(self.recipe.model)
         return "" if count is None else f" ({count})"
 
     # Learning
@@ -183,9 +190,9 @@ class Run:
         self.model.eval()
         with self._precision():
             rollout = self._player.play(self.model, self._rng)
-        learning = _Learning.of(rollout, recipe, self._device)
+        learning = _RolloutTensors.of(rollout, recipe, self._device)
         self.model.train()
-        self.model.forget()
+        self.model.clear_cache()
         found: list[Losses] = []
         for _ in range(recipe.epochs):
             for rows in learning.batches(recipe, self._rng):
@@ -193,7 +200,7 @@ class Run:
         self._standing.steps += recipe.rollout
         return self._report(found, began)
 
-    def _step(self, learning: _Learning, rows: Int64Array, entropy: float) -> Losses:
+    def _step(self, learning: _RolloutTensors, rows: Int64Array, entropy: float) -> Losses:
         """One step of the optimiser, its gradient summed over parts that fit into memory."""
         recipe = self.recipe
         self._optimiser.zero_grad()
@@ -202,9 +209,9 @@ class Run:
         for first in range(0, len(rows), size):
             some = rows[first : first + size]
             with self._precision():
-                policy, values = policy_of(self.model, learning.rollout.states(some), learning.legal(some))
+                policy, values = policy_and_values(self.model, learning.rollout.states(some), learning.legal(some))
             actions = learning.actions[some]
-            learnt = Learnt(*policy.evaluate_actions(actions), values)
+            learnt = ActionEvaluation(*policy.evaluate_actions(actions), values)
             loss = losses(recipe, learnt, learning.experience(some), entropy)
             if not torch.isfinite(loss.total):
                 raise TrainingError(
@@ -235,8 +242,8 @@ class Run:
         return nullcontext()
 
     def _report(self, found: list[Losses], began: float) -> Progress:
-        tally, self._player.tally = self._player.tally, Tally()
-        count, standing = tally.ends.total(), self._standing
+        statistics, self._player.statistics = self._player.statistics, EpisodeStatistics()
+        count, standing = statistics.ends.total(), self._standing
         standing.episodes += count
         standing.seconds = self._clock.seconds
         standing.cpu_seconds = self._cpu_before + _cpu_seconds()
@@ -247,11 +254,11 @@ class Run:
             seconds=round(standing.seconds, 3),
             cpu_seconds=round(standing.cpu_seconds, 3),
             steps_per_second=round(self.recipe.rollout / max(1e-9, standing.seconds - began), 1),
-            accuracy=tally.ends["success"] / count if count else None,
-            mean_reward=tally.reward / count if count else None,
-            mean_length=tally.steps / count if count else None,
-            outcomes={end: tally.ends[end] / count for end in ENDS} if count else {},
-            forced=tally.forced / self.recipe.rollout,
+            accuracy=statistics.ends["success"] / count if count else None,
+            mean_reward=statistics.reward / count if count else None,
+            mean_length=statistics.steps / count if count else None,
+            outcomes={end: statistics.ends[end] / count for end in ENDS} if count else {},
+            forced=statistics.forced / self.recipe.rollout,
             policy_loss=round(float(mean.policy), 5),
             value_loss=round(float(mean.value), 5),
             entropy=round(float(mean.entropy), 5),
@@ -283,7 +290,7 @@ class Run:
                 seed=self.recipe.seed,
                 task_ids=self.tasks.validation,
             )
-        self.model.forget()
+        self.model.clear_cache()
         accuracy = sum(episode.is_success for episode in episodes) / len(episodes)
         standing.validated_at = standing.steps
         standing.without_better += 1
@@ -311,7 +318,7 @@ class Run:
             return
         with self._clock.paused():
             found = evaluator(self._policy(sampled=True), self.steps, self._clock.seconds)
-        self.model.forget()  # so that what is learnt does not depend on what was evaluated, rounding included
+        self.model.clear_cache()  # so that what is learnt does not depend on what was evaluated, rounding included
         with file.open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(found._asdict()) + "\n")
 
@@ -347,7 +354,7 @@ class Run:
             self._standing = _Standing(**state["standing"])
             self._best = state["best"]
             self._rng.bit_generator.state = json.loads(state["random"])
-            self._player.go_on(state["episodes"])
+            self._player.restore_episodes(state["episodes"])
         except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as fault:
             reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
@@ -376,16 +383,16 @@ class Run:
 
 
 @dataclass(frozen=True)
-class _Learning:
+class _RolloutTensors:
     """A rollout as tensors, row by row."""
 
     rollout: Rollout
     actions: Tensor  # (rows,)
-    parts: tuple[Tensor, ...]  # the fields of `Experience`
+    parts: tuple[Tensor, ...]  # the fields of `RolloutBatch`
     device: torch.device = field(repr=False)
 
     @classmethod
-    def of(cls, rollout: Rollout, recipe: PPORecipe, device: torch.device) -> _Learning:
+    def of(cls, rollout: Rollout, recipe: PPORecipe, device: torch.device) -> _RolloutTensors:
         advantages = generalised_advantages(
             rollout.rewards, rollout.values, rollout.ended, rollout.last_values, recipe.gamma, recipe.gae_lambda
         )
@@ -395,16 +402,16 @@ class _Learning:
         arrays = (
             rollout.log_probabilities,
             rollout.values,
-            weighed(advantages, recipe.advantages).astype(np.float32),
+            scale_advantages(advantages, recipe.advantages).astype(np.float32),
             returns,
             rollout.forced,
         )
         parts = tuple(torch.from_numpy(np.ascontiguousarray(array).reshape(-1)).to(device) for array in arrays)
         return cls(rollout, torch.from_numpy(rollout.actions.reshape(-1)).to(device), parts, device)
 
-    def experience(self, rows: Int64Array) -> Experience:
+    def experience(self, rows: Int64Array) -> RolloutBatch:
         chosen = torch.from_numpy(rows).to(self.device)
-        return Experience(*(part[chosen] for part in self.parts))
+        return RolloutBatch(*(part[chosen] for part in self.parts))
 
     def legal(self, rows: Int64Array) -> Any:
         legal = self.rollout.legal

@@ -9,10 +9,10 @@ from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.imitation.batches import BatchMaker, Numbering, vocabulary_of
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import COLOUR_ORDERS, action_layout
-from lilgym_mp.learning.imitation.lessons import Explorer, Lesson, held_out, lessons_of
+from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, action_heads
+from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, held_out
 from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import State, make_dynamics
@@ -21,56 +21,54 @@ from lilgym_mp.solver import Solver
 from lilgym_mp.task import Task
 
 
-def explored(corpus: str) -> tuple[list[Lesson], BoxTable]:
-    table = BoxTable()
-    lessons = lessons_of(load_tasks(corpus, "tower", "flipit", "train"))
-    explorer = Explorer(make_dynamics(Tower()), table, np.random.default_rng(0))
-    for lesson in lessons:
-        explorer.explore(lesson, 4, 8, [])
+def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
+    table = BoxFeatureTable()
+    entries = entries_from_tasks(load_tasks(corpus, "tower", "flipit", "train"))
+    collector = DataCollector(make_dynamics(Tower()), table, np.random.default_rng(0))
+    for entry in entries:
+        collector.collect(entry, 4, 8, [])
     table.describe()
-    return lessons, table
+    return entries, table
 
 
 def test_explorer__truths_and_actions_are_the_program_s_and_the_expert_s(statements: str):
-    lessons, table = explored(statements)
-    solver, layout = Solver(make_dynamics(Tower())), action_layout(Tower())
-    for lesson in lessons:
-        assert len(lesson.with_actions) >= 4
-        for boxes, truth, steps, actions in zip(
-            lesson.scenes, lesson.truths, lesson.steps, lesson.actions, strict=True
-        ):
+    entries, table = collected(statements)
+    solver, heads = Solver(make_dynamics(Tower())), action_heads(Tower())
+    for entry in entries:
+        assert len(entry.with_actions) >= 4
+        for boxes, truth, steps, actions in zip(entry.scenes, entry.truths, entry.steps, entry.actions, strict=True):
             scene = Scene(tuple(table.boxes[box] for box in boxes))  # pyright: ignore[reportArgumentType]
-            assert lesson.program(scene) == truth
+            assert entry.program(scene) == truth
             if actions is not None:
-                task = Task("", lesson.statement, lesson.program.source, not truth, scene)
+                task = Task("", entry.statement, entry.program.source, not truth, scene)
                 found = solver.optimal_actions(State(task, scene, 0))
-                assert set(layout.action_of[actions].tolist()) == set(found.actions)
+                assert set(heads.action_of[actions].tolist()) == set(found.actions)
                 assert steps == found.steps
 
 
 def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: str):
-    lessons, table = explored(statements)
-    vocabulary = Vocabulary.from_statements([*(lesson.statement for lesson in lessons), "yellow black blue 2"])
-    layout = action_layout(Tower())
-    numbering = Numbering(vocabulary)
-    maker = BatchMaker(table, layout, numbering, torch.device("cpu"))
-    batch = maker.batch(lessons, 3, 4, np.random.default_rng(3))
+    entries, table = collected(statements)
+    vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
+    heads = action_heads(Tower())
+    tokenizer = StatementTokenizer(vocabulary)
+    sampler = BatchSampler(table, heads, tokenizer, torch.device("cpu"))
+    batch = sampler.batch(entries, 3, 4, np.random.default_rng(3))
     programs = {
         f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
         for statement, program, name in (
-            (" ".join(normalised_words(lesson.statement, ())), lesson.program.source, colour.name)
-            for lesson in lessons
+            (" ".join(normalised_words(entry.statement, ())), entry.program.source, colour.name)
+            for entry in entries
             for colour in Colour
-            if colour.name.lower() in lesson.statement
+            if colour.name.lower() in entry.statement
         )
         for colour in Colour
         for start, end in [statement.split(name.lower())]
     }
     solver = Solver(make_dynamics(Tower()))
     changed = 0
-    for row, lesson in enumerate(lessons):
+    for row, entry in enumerate(entries):
         statement = " ".join(vocabulary.decode(batch.inputs.words[row].tolist()))
-        changed += statement != " ".join(normalised_words(lesson.statement, ()))
+        changed += statement != " ".join(normalised_words(entry.statement, ()))
         program = programs[statement]
         for column, places in enumerate(batch.inputs.scenes[row].tolist()):
             scene = shown(batch.inputs, row, places)
@@ -80,7 +78,7 @@ def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: st
                 assert bool(batch.targets[row, column]) == (not truth)
                 found = solver.optimal_actions(State(Task("", statement, program, not truth, scene), scene, 0))
                 marked = torch.nonzero(batch.optimal[row, column]).flatten().numpy()
-                assert set(layout.action_of[marked].tolist()) == set(found.actions)
+                assert set(heads.action_of[marked].tolist()) == set(found.actions)
     assert changed
 
 
@@ -100,18 +98,18 @@ def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
 
 
 def test_held_out__no_statement_is_in_both(statements: str):
-    lessons = lessons_of(load_tasks(statements, "tower", "flipit", "train"))
-    learnt, apart = held_out(lessons, 0.34, 0)
+    entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
+    learnt, apart = held_out(entries, 0.34, 0)
     assert len(learnt) == 2
     assert len(apart) == 1
-    assert not {lesson.statement for lesson in learnt} & {lesson.statement for lesson in apart}
+    assert not {entry.statement for entry in learnt} & {entry.statement for entry in apart}
 
 
 def test_numbering__exchanges_colour_words():
     vocabulary = Vocabulary.from_statements(["yellow black blue block"])
-    numbering = Numbering(vocabulary)
+    tokenizer = StatementTokenizer(vocabulary)
     for order, colours in enumerate(COLOUR_ORDERS):
-        new = vocabulary.decode(numbering.recoloured(numbering.numbers("yellow blue block"), order).tolist())
+        new = vocabulary.decode(tokenizer.recoloured(tokenizer.encode("yellow blue block"), order).tolist())
         assert new == [Colour(colours[0]).name.lower(), Colour(colours[2]).name.lower(), "block"]
 
 
@@ -121,4 +119,7 @@ def test_vocabulary__leaves_out_slips_where_there_are_many_statements():
     many = vocabulary_of(said + ["three blue blocks"] * 100)
     assert "blue" in many.words
     assert "bleu" not in many.words
-    assert Numbering(many).numbers("bleu block").tolist() == Numbering(many).numbers("blue blocks").tolist()
+    assert (
+        StatementTokenizer(many).encode("bleu block").tolist()
+        == StatementTokenizer(many).encode("blue blocks").tolist()
+    )

@@ -7,53 +7,53 @@ import pytest
 import torch
 
 from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.learning.imitation.layout import action_layout
+from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.losses import log_policy, set_log_probabilities
-from lilgym_mp.learning.imitation.network import MOST_STEPS, Outputs
+from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 
 
 def outputs_at_random(appearance: Tower | Scatter) -> Outputs:
-    layout = action_layout(appearance)
+    heads = action_heads(appearance)
     made = torch.Generator().manual_seed(0)
-    sizes = ((2,), (2, 2), (2, layout.adds), (2, layout.removes), (2, MOST_STEPS))
+    sizes = ((2,), (2, 2), (2, heads.adds), (2, heads.removes), (2, MAX_STEPS))
     return Outputs(*(3 * torch.randn((2, *size), generator=made) for size in sizes), legal=None)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__probabilities_of_all_actions_sum_to_one(appearance: Tower | Scatter):
     found = log_policy(outputs_at_random(appearance), torch.tensor([[0, 1], [1, 0]]))
-    assert found.shape == (2, 2, action_layout(appearance).heads)
+    assert found.shape == (2, 2, action_heads(appearance).size)
     torch.testing.assert_close(found.exp().sum(-1), torch.ones(2, 2))
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_set_loss__is_the_sum_over_every_action_of_the_set(appearance: Tower | Scatter):
-    layout = action_layout(appearance)
+    heads = action_heads(appearance)
     outputs = outputs_at_random(appearance)
     targets = torch.tensor([[0, 1], [1, 0]])
-    optimal = torch.rand((2, 2, layout.heads), generator=torch.Generator().manual_seed(1)) < 0.3
+    optimal = torch.rand((2, 2, heads.size), generator=torch.Generator().manual_seed(1)) < 0.3
     optimal[..., 0] = False
-    optimal[0, 0, 1 : 1 + layout.adds] = False  # a set of REMOVEs alone
+    optimal[0, 0, 1 : 1 + heads.adds] = False  # a set of REMOVEs alone
     optimal[..., -1] = True
     policy = log_policy(outputs, targets).exp().double().numpy()
     found = set_log_probabilities(outputs, optimal)
     for place in np.ndindex(2, 2):
         edits = 1 - policy[place][0]
-        total = sum(policy[place][head] for head in range(layout.heads) if optimal[place][head])
+        total = sum(policy[place][head] for head in range(heads.size) if optimal[place][head])
         assert float(found[place]) == pytest.approx(np.log(total / edits), abs=1e-4)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_layout__heads_and_actions_are_the_same_but_for_separators(appearance: Tower | Scatter):
-    layout = action_layout(appearance)
-    assert np.array_equal(layout.head_of[layout.action_of], np.arange(layout.heads))
-    left_out = np.flatnonzero(layout.head_of < 0)
+    heads = action_heads(appearance)
+    assert np.array_equal(heads.index_of[heads.action_of], np.arange(heads.size))
+    left_out = np.flatnonzero(heads.index_of < 0)
     assert len(left_out) == (0 if isinstance(appearance, Tower) else 2 * 2 * 5 * 28)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_layout__exchanging_colours_and_back_gives_the_same_actions(appearance: Tower | Scatter):
-    recoloured = action_layout(appearance).recoloured
+    recoloured = action_heads(appearance).recoloured
     assert all(np.array_equal(np.sort(row), np.arange(len(row))) for row in recoloured)
     assert np.array_equal(recoloured[1][recoloured[1]], np.arange(recoloured.shape[1]))  # exchanges two colours
     assert np.array_equal(recoloured[0], np.arange(recoloured.shape[1]))

@@ -8,33 +8,33 @@ import torch
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import action_layout
-from lilgym_mp.learning.imitation.lessons import Explorer
+from lilgym_mp.learning.imitation.action_heads import action_heads
+from lilgym_mp.learning.imitation.batches import Boxes, StatementTokenizer, box_inputs
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, decide
+from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.losses import log_policy
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
-from lilgym_mp.learning.imitation.playing import Player, StopRule, decide
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 
 STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
 
 
-def player_of(appearance: Tower | Scatter) -> tuple[Player, Explorer]:
-    table = BoxTable()
+def player_of(appearance: Tower | Scatter) -> tuple[Player, DataCollector]:
+    table = BoxFeatureTable()
     torch.manual_seed(0)
     vocabulary = Vocabulary.from_statements(STATEMENTS)
     network = ImitationNetwork(appearance.name, len(vocabulary), width=32)
-    explorer = Explorer(make_dynamics(appearance), table, np.random.default_rng(0))
-    return Player(network, table, action_layout(appearance), Numbering(vocabulary)), explorer
+    collector = DataCollector(make_dynamics(appearance), table, np.random.default_rng(0))
+    return Player(network, table, action_heads(appearance), StatementTokenizer(vocabulary)), collector
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower | Scatter):
-    player, explorer = player_of(appearance)
+    player, collector = player_of(appearance)
     scene = Scene.empty()
-    scenes = [scene := explorer.edited(scene) for _ in range(7)]
+    scenes = [scene := collector.edited(scene) for _ in range(7)]
     statements = [STATEMENTS[index % 3] for index in range(7)]
     targets = np.array([0, 1, 1, 0, 1, 0, 0])
     boxes = player.table.indices(scenes)
@@ -47,9 +47,9 @@ def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance: Tower | Scatter):
-    player, explorer = player_of(appearance)
+    player, collector = player_of(appearance)
     scene = Scene.empty()
-    scenes = [scene := explorer.edited(scene) for _ in range(6)]
+    scenes = [scene := collector.edited(scene) for _ in range(6)]
     targets = np.array([0, 1, 1, 0, 1, 0])
     boxes = player.table.indices(scenes)
     step_by_step = [
@@ -57,7 +57,7 @@ def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance:
     ]
     distinct = Boxes.of(boxes[None], 6)
     inputs = Inputs(
-        words=torch.from_numpy(player.numbering.numbers(STATEMENTS[0]))[None],
+        words=torch.from_numpy(player.tokenizer.encode(STATEMENTS[0]))[None],
         **box_inputs(player.table, distinct, np.zeros(1, np.int64), torch.device("cpu")),
     )
     with torch.no_grad():
@@ -70,37 +70,37 @@ def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance:
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 @pytest.mark.parametrize("threshold", [-9.0, 0.0, 9.0])
 def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Scatter, threshold: float, reduced: bool):
-    player, explorer = player_of(appearance)
+    player, collector = player_of(appearance)
     player.reduced_precision = reduced
     scene = Scene.empty()
-    scenes = [scene := explorer.edited(scene) for _ in range(40)]
+    scenes = [scene := collector.edited(scene) for _ in range(40)]
     said = [*STATEMENTS, "There is a blue block, " * 5]
     asked = [said[index % 4] for index in range(40)], player.table.indices(scenes), np.arange(40) % 2
     rule, steps = StopRule(threshold), np.arange(40) % 12
     log_probabilities = player.log_probabilities(*asked)
-    heads, log_stops = player.likeliest(*asked, steps, 12, rule)
+    chosen, log_stops = player.likeliest(*asked, steps, 12, rule)
     np.testing.assert_allclose(log_stops, log_probabilities[:, 0])
     wanted = decide(log_probabilities, steps, 12, rule, None)
     stops = wanted == 0
-    assert (heads[stops] == 0).all()
-    assert (heads[~stops] > 0).all()
+    assert (chosen[stops] == 0).all()
+    assert (chosen[~stops] > 0).all()
     rows = np.arange(40)
-    np.testing.assert_allclose(log_probabilities[rows, heads], log_probabilities[rows, wanted], atol=1e-5)
+    np.testing.assert_allclose(log_probabilities[rows, chosen], log_probabilities[rows, wanted], atol=1e-5)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__permuting_boxes_permutes_its_actions(appearance: Tower | Scatter):
-    player, explorer = player_of(appearance)
+    player, collector = player_of(appearance)
     scene = Scene.empty()
     for _ in range(5):
-        scene = explorer.edited(scene)
-    layout = player.layout
+        scene = collector.edited(scene)
+    heads = player.heads
     order = [2, 0, 1]
     found = player.log_probabilities(
         STATEMENTS[:1] * 2, player.table.indices([scene, scene.permuted(order)]), np.array([1, 1])
     )
-    adds = found[:, 1 : 1 + layout.adds].reshape(2, 3, -1)
-    removes = found[:, 1 + layout.adds :].reshape(2, 3, -1)
+    adds = found[:, 1 : 1 + heads.adds].reshape(2, 3, -1)
+    removes = found[:, 1 + heads.adds :].reshape(2, 3, -1)
     np.testing.assert_allclose(found[0, 0], found[1, 0], atol=1e-4)
     np.testing.assert_allclose(adds[0, order], adds[1], atol=1e-4)
     np.testing.assert_allclose(removes[0, order], removes[1], atol=1e-4)

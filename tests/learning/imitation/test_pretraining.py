@@ -10,10 +10,10 @@ import torch
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.forms import normalised
-from lilgym_mp.learning.imitation.batches import Numbering, vocabulary_of
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.lessons import Explorer, lessons_of
-from lilgym_mp.learning.imitation.network import Geometry, ImitationNetwork
+from lilgym_mp.learning.imitation.batches import StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
+from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining, generated_examples
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.rules import make_dynamics
@@ -21,12 +21,12 @@ from lilgym_mp.rules import make_dynamics
 
 def test_text_pretraining__teaches_the_text_layers_and_nothing_else():
     recipe = ImitationRecipe(width=32, text_layers=1)
-    lessons = lessons_of(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
-    numbering = Numbering(vocabulary_of(lesson.statement for lesson in lessons))
+    entries = entries_from_tasks(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
+    tokenizer = StatementTokenizer(vocabulary_of(entry.statement for entry in entries))
     torch.manual_seed(0)
-    network = ImitationNetwork("tower", len(numbering.vocabulary), width=32, text_layers=1)
+    network = ImitationNetwork("tower", len(tokenizer.vocabulary), width=32, text_layers=1)
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    pretraining = TextPretraining(network, numbering, lessons, "tower", set(), recipe, seed=0)
+    pretraining = TextPretraining(network, tokenizer, entries, "tower", set(), recipe, seed=0)
     losses = [pretraining.step(step / 60) for step in range(60)]
     assert np.mean(losses[-5:]) < 0.6 * np.mean(losses[:5])
     changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
@@ -41,16 +41,16 @@ def test_generated_examples__are_none_of_those_left_out():
 
 
 def test_geometry_pretraining__tells_valid_edits():
-    dynamics, table, rng = make_dynamics(make_appearance("scatter")), BoxTable(), np.random.default_rng(0)
-    explorer = Explorer(dynamics, table, rng)
+    dynamics, table, rng = make_dynamics(make_appearance("scatter")), BoxFeatureTable(), np.random.default_rng(0)
+    collector = DataCollector(dynamics, table, rng)
     for task in islice(load_tasks("builtin", "scatter", "flipit", "train"), 800):
         scene = task.start
         for _ in range(3):
             table.indices([scene])
-            scene = explorer.edited(scene)
+            scene = collector.edited(scene)
     table.describe()
     torch.manual_seed(0)
-    geometry = Geometry()
+    geometry = CellGeometry()
     pretraining = GeometryPretraining(geometry, table, 0.03, rng)
     for step in range(300):
         pretraining.step(step / 300)

@@ -12,7 +12,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.agent import ImitationAgent
-from lilgym_mp.learning.imitation.lessons import Explorer, Lesson
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.training import train_imitation
@@ -68,18 +68,18 @@ def test_training__with_pretraining_goes_on_where_it_was_interrupted(
 def test_learning__with_shuffled_labels_nothing_is_learnt(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    add = Explorer.add
+    add = DataCollector.add
 
-    def shuffled(explorer: Explorer, lesson: Lesson, scene: Scene, *, solve: bool) -> int:
-        known = len(lesson.scenes)
-        index = add(explorer, lesson, scene, solve=solve)
+    def shuffled(collector: DataCollector, entry: DatasetEntry, scene: Scene, *, solve: bool) -> int:
+        known = len(entry.scenes)
+        index = add(collector, entry, scene, solve=solve)
         if index == known:  # a label that depends on nothing that can be seen
-            lesson.truths[index] = bool(hash(tuple(lesson.scenes[index])) & 64)
-        if lesson.actions[index] is not None:
-            lesson.actions[index] = explorer.layout.recoloured[0][1 + (index * 7) % 12 :][:1]
+            entry.truths[index] = bool(hash(tuple(entry.scenes[index])) & 64)
+        if entry.actions[index] is not None:
+            entry.actions[index] = collector.heads.recoloured[0][1 + (index * 7) % 12 :][:1]
         return index
 
-    monkeypatch.setattr(Explorer, "add", shuffled)
+    monkeypatch.setattr(DataCollector, "add", shuffled)
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
     assert completed(agent, settings) < 0.7
 

@@ -20,14 +20,14 @@ from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
 from lilgym_mp.learning.parsing.beam import Candidate, beam_search
-from lilgym_mp.learning.parsing.calibration import Forecast, fitted, reliability
-from lilgym_mp.learning.parsing.explaining import explained
+from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration, reliability
+from lilgym_mp.learning.parsing.explanation import explanation_lines
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import Pair, Variations, pair_of, program_of, reading_of, slots_of
+from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, program_of, slots_of
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parse, Parser, ProgramCandidate
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.texts import COLOURS, TOKENS, Index
+from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
 from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
@@ -68,26 +68,26 @@ def trained(thin: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_reading__colours_stand_in_one_order_and_come_back_in_programs():
-    reading = reading_of("There is a BLUE block on the blak block", "tower", KNOWN)
-    assert reading.words == ("<tower>", "there", "is", "a", "yellow", "block", "on", "the", "black", "block")
+    normalised = normalise_statement("There is a BLUE block on the blak block", "tower", KNOWN)
+    assert normalised.words == ("<tower>", "there", "is", "a", "yellow", "block", "on", "the", "black", "block")
     source = (
         "exist(filter_obj(all_items, lambda x: is_blue(x) and exist(filter_obj(get_below(x), lambda y: is_black(y)))))"
     )
-    pair = pair_of(reading, source, most_tokens=40)
+    pair = pair_of(normalised, source, most_tokens=40)
     assert pair is not None
     assert "is_yellow(1)" in pair.tokens
-    assert program_of(pair.tokens, reading.exchange) == source
+    assert program_of(pair.tokens, normalised.exchange) == source
 
 
 def test_reading__every_exchange_of_colours_reads_the_same():
     statements = [f"there is a {one} block on a {other} block" for one in COLOURS for other in COLOURS if one != other]
-    assert len({reading_of(statement, "tower", KNOWN).words for statement in statements}) == 1
+    assert len({normalise_statement(statement, "tower", KNOWN).words for statement in statements}) == 1
 
 
 def test_pair__a_program_that_is_too_long_or_has_no_tokens_is_left_out():
-    reading = reading_of("there is a block", "tower", KNOWN)
-    assert pair_of(reading, "exist(all_items)", most_tokens=1) is None
-    assert pair_of(reading, "exist(all_items[1:])", most_tokens=40) is None
+    normalised = normalise_statement("there is a block", "tower", KNOWN)
+    assert pair_of(normalised, "exist(all_items)", most_tokens=1) is None
+    assert pair_of(normalised, "exist(all_items[1:])", most_tokens=40) is None
 
 
 def test_variations__exchange_shapes_and_numbers_on_both_sides_alike():
@@ -117,7 +117,7 @@ def test_variations__leave_alone_what_is_not_named_on_both_sides(pair: Pair):
 
 
 def test_slots__tell_of_each_token_what_it_is_a_part_of():
-    tokens = [TOKENS.of(token) for token in ("==", "count(1)", "all_items", "#2")]
+    tokens = [TOKENS.index(token) for token in ("==", "count(1)", "all_items", "#2")]
     equals, count = tokens[:2]
     assert [tuple(slot) for slot in slots_of(tokens)] == [(0, 0), (equals, 0), (count, 0), (equals, 1)]
 
@@ -130,7 +130,7 @@ def small_network(seed: int = 0) -> ParserNetwork:
 def test_network__decoding_step_by_step_gives_what_decoding_at_once_does():
     network = small_network()
     words = torch.tensor([[3, 4, 5, 0], [6, 7, 8, 9]])
-    tokens = torch.tensor([[TOKENS.of(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
+    tokens = torch.tensor([[TOKENS.index(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
     rows = [list(slots_of(tokens[0].tolist()))] * 2
     slots = Slots(
         torch.tensor([[s.parent for s in row] for row in rows]), torch.tensor([[s.part for s in row] for row in rows])
@@ -178,12 +178,12 @@ def test_parser__badly_typed_programs_are_candidates_only_where_they_are_likely_
     def programs_of(**shares: float) -> set[str]:
         found = [
             Candidate(
-                tuple(TOKENS.of(token) for token in prefix_tokens(canonical_form(parse(source)))), math.log(share)
+                tuple(TOKENS.index(token) for token in prefix_tokens(canonical_form(parse(source)))), math.log(share)
             )
             for source, share in zip((right, odd, constant), shares.values(), strict=True)
         ]
         monkeypatch.setattr(parser, "beam_search", lambda network, words, width: found)
-        known = Index((*sorted(COLOURS), UNKNOWN))
+        known = SymbolTable((*sorted(COLOURS), UNKNOWN))
         return {one.program for one in Parser(small_network(), known).parse("anything", "tower").candidates}
 
     assert len(programs_of(right=0.5, odd=0.45, constant=0.05)) == 2
@@ -298,10 +298,10 @@ def test_training__a_loss_that_is_no_number_stops_it_and_keeps_the_checkpoint(tm
 
 def test_training__no_tested_statement_is_among_the_generated_ones(monkeypatch: pytest.MonkeyPatch):
     first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
-    monkeypatch.setattr(training, "tested", lambda corpus: {training.normalised(first.statement)})
-    with_it = training.lessons_of("builtin", dataclasses.replace(SMALL, held_out=0))
-    monkeypatch.setattr(training, "tested", lambda corpus: set())
-    without = training.lessons_of("builtin", dataclasses.replace(SMALL, held_out=0))
+    monkeypatch.setattr(training, "evaluation_statements", lambda corpus: {training.normalised(first.statement)})
+    with_it = training.load_training_data("builtin", dataclasses.replace(SMALL, held_out=0))
+    monkeypatch.setattr(training, "evaluation_statements", lambda corpus: set())
+    without = training.load_training_data("builtin", dataclasses.replace(SMALL, held_out=0))
     assert len(with_it.generated) < len(without.generated)
 
 
@@ -326,7 +326,7 @@ class Oracle(Parser):
     """A parser that knows the candidates."""
 
     def __init__(self, *candidates: tuple[str, float]) -> None:
-        super().__init__(small_network(), Index((*COLOURS, UNKNOWN)))
+        super().__init__(small_network(), SymbolTable((*COLOURS, UNKNOWN)))
         self.candidates = tuple(ProgramCandidate(program, probability, 1) for program, probability in candidates)
 
     def parse(self, statement: str, appearance: str, beam_width: int = 0) -> Parse:
@@ -418,7 +418,7 @@ def test_agent__any_statement_is_answered(trained: Path, statement: str):
     assert plan.actions
     known = statement.startswith(("there", "a "))
     assert plan.parse.is_guess is not known
-    assert any("is a guess" in line for line in explained(plan, chosen, statement, True)) is not known
+    assert any("is a guess" in line for line in explanation_lines(plan, chosen, statement, True)) is not known
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
@@ -512,14 +512,14 @@ def test_load__another_vocabulary_or_version_is_refused(trained: Path, tmp_path:
 def test_calibration__follows_what_comes_true():
     rng = random.Random(0)
     stated = [rng.choice([0.6, 0.8, 0.9]) for _ in range(3000)]
-    found = fitted([Forecast(probability, rng.random() < probability**0.5) for probability in stated])
+    found = fit_calibration([Forecast(probability, rng.random() < probability**0.5) for probability in stated])
     for probability in (0.6, 0.8, 0.9):
         assert found(probability) == pytest.approx(probability**0.5, abs=0.03)
     assert found(0.0) == 0.0
 
 
 def test_calibration__without_forecasts_leaves_probabilities_as_they_are():
-    assert fitted([])(0.7) == pytest.approx(0.7)
+    assert fit_calibration([])(0.7) == pytest.approx(0.7)
 
 
 def test_reliability__counts_by_stated_probability():

@@ -16,11 +16,11 @@ from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.agents import open_agent
-from lilgym_mp.learning.ppo.models.making import make_model
-from lilgym_mp.learning.ppo.models.ours import OurNetwork
+from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
+from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import make_recipe
-from lilgym_mp.learning.ppo.states import BoxTable, States
+from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.training import train_ppo
 
 STATEMENTS = ("There is a blue block.", "All of it is black.", "Two towers.")
@@ -30,7 +30,7 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
     """States of start scenes and their images."""
     env = Settings(name).make_batch("train", count)
     observations, _ = env.reset(seed=0)
-    table = BoxTable()
+    table = BoxImageTable()
     boxes_of = table.indices(observations["image"])
     statement_of = np.arange(count) % len(STATEMENTS)
     states = table.states(STATEMENTS, statement_of, boxes_of, observations["target"].astype(np.int64))
@@ -46,7 +46,7 @@ def test_states__give_the_images_back_and_keep_each_box_and_patch_once(name: str
 
 
 def test_states__of_some_rows_have_their_statements_and_boxes_alone():
-    table = BoxTable()
+    table = BoxImageTable()
     _, images = seen(count=6)
     boxes_of = table.indices(images)
     chosen = np.array([4, 1])
@@ -57,14 +57,14 @@ def test_states__of_some_rows_have_their_statements_and_boxes_alone():
 
 
 @pytest.fixture
-def ours() -> OurNetwork:
+def ours() -> BoxTransformer:
     torch.manual_seed(0)
-    return OurNetwork(Tower(), Vocabulary.from_statements(STATEMENTS))
+    return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
-def test_ours__boxes_that_are_remembered_are_seen_as_new_ones_are_until_it_forgets(ours: OurNetwork):
+def test_ours__boxes_that_are_remembered_are_seen_as_new_ones_are_until_it_forgets(ours: BoxTransformer):
     states, images = seen(count=40)
-    first = BoxTable()
+    first = BoxImageTable()
     with torch.no_grad():
         ours(first.states(STATEMENTS, states.statement_of[:5], first.indices(images[:5]), states.targets[:5]))
         remembered = ours(states)
@@ -72,21 +72,21 @@ def test_ours__boxes_that_are_remembered_are_seen_as_new_ones_are_until_it_forge
     with torch.no_grad():
         for weight in ours.boxes.parameters():
             weight.mul_(1.5)
-        ours.forget()
+        ours.clear_cache()
         torch.testing.assert_close(ours(states).values, _with_gradients(ours, states), atol=1e-5, rtol=1e-4)
     assert not torch.allclose(remembered.values, ours(states).values, atol=1e-3)
 
 
-def _with_gradients(model: OurNetwork, states: States) -> torch.Tensor:
+def _with_gradients(model: BoxTransformer, states: States) -> torch.Tensor:
     with torch.enable_grad():
         return model(states).values.detach()
 
 
-def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: OurNetwork):
+def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: BoxTransformer):
     states, images = seen(count=6)
     together = ours(states)
     for row in range(6):
-        table = BoxTable()
+        table = BoxImageTable()
         alone = ours(
             table.states(STATEMENTS, states.statement_of[[row]], table.indices(images[[row]]), states.targets[[row]])
         )
@@ -95,7 +95,7 @@ def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: OurNetwo
         torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
 
 
-def test_ours__remembers_statements_until_told_to_forget(ours: OurNetwork):
+def test_ours__remembers_statements_until_told_to_forget(ours: BoxTransformer):
     states, _ = seen()
     with torch.no_grad():
         first = ours(states).values
@@ -105,14 +105,14 @@ def test_ours__remembers_statements_until_told_to_forget(ours: OurNetwork):
         for layer in ours.readings:
             layer.key_value.weight.mul_(3)  # pyright: ignore
         torch.testing.assert_close(first, ours(states).values)
-        ours.forget()
+        ours.clear_cache()
         assert not torch.allclose(first, ours(states).values)
 
 
 def test_ours__everything_in_it_has_a_gradient():
     for appearance in (Tower(), Scatter()):
         torch.manual_seed(0)
-        model = OurNetwork(appearance, Vocabulary.from_statements(STATEMENTS))
+        model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS))
         states, _ = seen("TowerFlipIt" if appearance.name == "tower" else "ScatterFlipIt")
         found = model(states)
         total = sum((head * torch.randn_like(head)).sum() for head in (found.types, *found.heads))
@@ -121,7 +121,7 @@ def test_ours__everything_in_it_has_a_gradient():
         assert lacking == []
 
 
-def test_ours__reads_statement_target_and_every_box(ours: OurNetwork):
+def test_ours__reads_statement_target_and_every_box(ours: BoxTransformer):
     states, _ = seen()
 
     def types(changed: States) -> torch.Tensor:

@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from lilgym_mp.learning.ppo.objective import (
-    Experience,
-    Learnt,
+    ActionEvaluation,
+    RolloutBatch,
     generalised_advantages,
     losses,
     policy_loss,
+    scale_advantages,
     value_loss,
-    weighed,
 )
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 
@@ -58,9 +58,9 @@ def test_advantages__nothing_passes_from_an_episode_to_the_one_before_it():
 
 def test_weighed__normalised_is_centred_and_scaled_keeps_signs():
     some = np.array([[0.5, 1.0], [2.0, 0.1]], np.float32)
-    assert weighed(some, "normalised").mean() == pytest.approx(0, abs=1e-6)
-    assert (weighed(some, "scaled") > 0).all()
-    assert weighed(some, "scaled").std() == pytest.approx(1, rel=1e-5)
+    assert scale_advantages(some, "normalised").mean() == pytest.approx(0, abs=1e-6)
+    assert (scale_advantages(some, "scaled") > 0).all()
+    assert scale_advantages(some, "scaled").std() == pytest.approx(1, rel=1e-5)
 
 
 def loss_of(ratio: float, advantage: float, *, capped: bool, cap: float = 3.0) -> tuple[float, float]:
@@ -100,8 +100,8 @@ def test_losses__cap_forced_stops_alone_unless_the_recipe_caps_all(every: bool, 
     recipe = PPORecipe(ratio_cap=3.0, cap_every_ratio=every)
     now = torch.full((2,), math.log(100), requires_grad=True)
     zeros = torch.zeros(2)
-    experience = Experience(zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
-    losses(recipe, Learnt(now, zeros, zeros), experience, 0.0).total.backward()
+    experience = RolloutBatch(zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
+    losses(recipe, ActionEvaluation(now, zeros, zeros), experience, 0.0).total.backward()
     assert now.grad is not None
     assert now.grad.tolist() == pytest.approx(wanted)
 
@@ -109,8 +109,8 @@ def test_losses__cap_forced_stops_alone_unless_the_recipe_caps_all(every: bool, 
 def test_losses__entropy_is_paid_by_its_coefficient():
     zeros = torch.zeros(2)
     entropies = torch.tensor([1.0, 3.0], requires_grad=True)
-    experience = Experience(zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
-    found = losses(PPORecipe(), Learnt(zeros, entropies, zeros), experience, 0.25)
+    experience = RolloutBatch(zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
+    found = losses(PPORecipe(), ActionEvaluation(zeros, entropies, zeros), experience, 0.25)
     found.total.backward()
     assert found.total.item() == pytest.approx(-0.5)
     assert entropies.grad is not None

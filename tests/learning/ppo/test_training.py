@@ -24,8 +24,8 @@ from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.dev_evaluation import DevEvaluator
 from lilgym_mp.learning.model_file import load_model
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
-from lilgym_mp.learning.ppo.rollout import Player, Rollout
-from lilgym_mp.learning.ppo.tasks import TaskDraw, training_tasks
+from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
+from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, saved_arguments, train_ppo
 from lilgym_mp.learning.training_run import TrainingRunError
 from lilgym_mp.scene import Scene, Shape
@@ -105,14 +105,14 @@ def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
         return sum(episode.is_success for episode in episodes) / len(episodes)
 
     assert accuracy("learnt") > 0.85
-    play: Callable[..., Rollout] = Player.play
+    play: Callable[..., Rollout] = RolloutCollector.play
 
-    def shuffled(self: Player, *args: Any) -> Rollout:
+    def shuffled(self: RolloutCollector, *args: Any) -> Rollout:
         found = play(self, *args)
         mixed = np.random.default_rng(0).permutation(found.rewards.reshape(-1)).reshape(found.rewards.shape)
         return found._replace(rewards=mixed)
 
-    monkeypatch.setattr(Player, "play", shuffled)
+    monkeypatch.setattr(RolloutCollector, "play", shuffled)
     assert accuracy("shuffled") < 0.6
 
 
@@ -293,11 +293,11 @@ def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     tasks = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
     rng = np.random.default_rng(0)
-    draw = TaskDraw(tasks, replace(SMALL, envs=4))
+    draw = TaskSampler(tasks, replace(SMALL, envs=4))
     counts = np.bincount([task for _ in range(2_000) for task in draw.draw(np.arange(4), rng)])
     assert counts.min() > 0.85 * counts.mean()
-    draw = TaskDraw(tasks, replace(SMALL, envs=8, same_statement=4))
-    draw.new_statements(rng)
+    draw = TaskSampler(tasks, replace(SMALL, envs=8, same_statement=4))
+    draw.resample_statements(rng)
     statements = draw.statement_of[draw.draw(np.arange(8), rng)]
     assert len(set(statements[:4].tolist())) == len(set(statements[4:].tolist())) == 1
 
@@ -324,14 +324,14 @@ def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
     from lilgym_mp.appearances import Tower
-    from lilgym_mp.learning.ppo.models.making import make_model
-    from lilgym_mp.learning.ppo.type_first import Policy
+    from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
+    from lilgym_mp.learning.ppo.models.factory import make_model
 
     tasks = training_tasks(settings, recipe)
     torch.manual_seed(0)
     model = make_model(recipe, Tower(), statements=tasks.statements)
     rng = np.random.default_rng(0)
-    player = Player(settings, recipe, tasks)
+    player = RolloutCollector(settings, recipe, tasks)
     player.begin(rng)
     rollout = player.play(model, rng)
     assert 0 < rollout.forced.sum() < rollout.forced.size
@@ -342,7 +342,7 @@ def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_
     rows = np.arange(rollout.actions.size)
     with torch.no_grad():
         found = model(rollout.states(rows))
-    free = Policy(model.layout, found.types, found.heads).types[:, 0].reshape(rollout.actions.shape)
+    free = FactoredPolicy(model.factorisation, found.types, found.heads).types[:, 0].reshape(rollout.actions.shape)
     forced = torch.from_numpy(rollout.forced)
     torch.testing.assert_close(torch.from_numpy(rollout.log_probabilities)[forced], free[forced], atol=1e-5, rtol=1e-4)
     player.close()

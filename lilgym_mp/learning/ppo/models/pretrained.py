@@ -18,10 +18,10 @@ from torch import Tensor, nn
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.extras import install
+from lilgym_mp.learning.ppo.factored_policy import slot_factorisation
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.models.weights import WeightsError, check_weights, weights_digest
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
-from lilgym_mp.learning.ppo.type_first import factored_layout
 
 ARCHITECTURES = {"c3-bert": ("bert",), "c10-bert": ("bert",), "vilt": ("vilt",), "flava": ("flava",)}
 BRIGHTEST = 255.0
@@ -35,7 +35,7 @@ TARGET_TOKEN = "<TARGET>"
 def maker(
     model: str, appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None
 ) -> Callable[[bool, bool], Model]:
-    """What makes the model, of whether it acts and whether it judges; `details` are those of a model file.
+    """What makes the model, of whether it has_actor and whether it has_critic; `details` are those of a model file.
 
     Raises WeightsError.
     """
@@ -46,12 +46,14 @@ def maker(
     if model in ("vilt", "flava"):
         transformer = _Vilt if model == "vilt" else _Flava
         fresh = details is not None  # the model file has the tensors
-        return lambda acts, judges: JointModel(transformer(place, config, fresh=fresh), appearance, acts, judges)
+        return lambda has_actor, has_critic: JointModel(
+            transformer(place, config, fresh=fresh), appearance, has_actor, has_critic
+        )
     encoder = FrozenBert(place)
     if details is not None and details["weights_sha256"] != encoder.digest:
         raise WeightsError(f"{place}: not the weights that the agent was trained with: their SHA-256 differs")
     layers = C3 if model == "c3-bert" else C10
-    return lambda acts, judges: ConvolutionsAndBert(encoder, layers, appearance, acts, judges)
+    return lambda has_actor, has_critic: ConvolutionsAndBert(encoder, layers, appearance, has_actor, has_critic)
 
 
 def _check_library(model: str) -> None:
@@ -187,27 +189,27 @@ def C10() -> nn.Sequential:  # noqa: N802
 class ConvolutionsAndBert(Model):
     """Image, statement and target, each a vector, joined for a network of the policy and one of the value.
 
-    Where it both acts and judges these share the convolutions and the target's embedding, as in the release.
+    Where it both has_actor and has_critic these share the convolutions and the target's embedding, as in the release.
     """
 
     pretraining = "pretrained weights"
 
     def __init__(
         self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
-        acts: bool, judges: bool,
+        has_actor: bool, has_critic: bool,
     ) -> None:  # fmt: skip
         super().__init__()
         self._encoder = encoder
-        self.layout = factored_layout(appearance)
+        self.factorisation = slot_factorisation(appearance)
         self.convolutions = convolutions()
         with torch.no_grad():
             features = self.convolutions(torch.zeros(1, 3, *IMAGE_SHAPE[:2])).shape[1]
         self.image = nn.Linear(features, JOINED)
         self.target = nn.Embedding(2, TARGET)
         joined = JOINED + encoder.width + TARGET
-        self.actor = _two_layers(joined) if acts else None
-        self.heads = _Heads(JOINED, self.layout.heads) if acts else None
-        self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if judges else None
+        self.actor = _two_layers(joined) if has_actor else None
+        self.heads = _Heads(JOINED, self.factorisation.heads) if has_actor else None
+        self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
     def forward(self, states: States) -> Prediction:
         device = self.target.weight.device
@@ -350,15 +352,15 @@ class JointModel(Model):
 
     pretraining = "pretrained weights"
 
-    def __init__(self, transformer: _Vilt | _Flava, appearance: Appearance, acts: bool, judges: bool) -> None:
+    def __init__(self, transformer: _Vilt | _Flava, appearance: Appearance, has_actor: bool, has_critic: bool) -> None:
         super().__init__()
-        self.layout = factored_layout(appearance)
+        self.factorisation = slot_factorisation(appearance)
         self.transformer = transformer
         width = transformer.width()
-        self.heads = _Heads(width, self.layout.heads) if acts else None
+        self.heads = _Heads(width, self.factorisation.heads) if has_actor else None
         self.critic = (
             nn.Sequential(nn.Linear(width, 2 * width), nn.LayerNorm(2 * width), nn.GELU(), nn.Linear(2 * width, 1))
-            if judges
+            if has_critic
             else None
         )
 

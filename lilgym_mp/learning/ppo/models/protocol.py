@@ -7,28 +7,28 @@ from typing import Any, NamedTuple
 
 from torch import Tensor, nn
 
+from lilgym_mp.learning.ppo.factored_policy import Factorisation
 from lilgym_mp.learning.ppo.states import States
-from lilgym_mp.learning.ppo.type_first import Layout
 
 
 class Prediction(NamedTuple):
-    """Logits of a `Policy`, and values, of N states."""
+    """Logits of a `FactoredPolicy`, and values, of N states."""
 
     types: Tensor  # (N, 3)
-    heads: tuple[Tensor, ...]  # (N, size) of each head of the layout
+    heads: tuple[Tensor, ...]  # (N, size) of each head of the factorisation
     values: Tensor  # (N,) in -1 .. 1
 
 
 class Model(nn.Module):
     """A policy with a critic. Statements come as texts: how they are read is the model's own."""
 
-    layout: Layout
+    factorisation: Factorisation
     pretraining: str = ""  # what it learnt from before its training with PPO; empty for nothing
 
     def forward(self, states: States) -> Prediction:
         raise NotImplementedError
 
-    def forget(self) -> None:
+    def clear_cache(self) -> None:
         """To be called when the weights have changed, where the model remembers what it read."""
 
     def details(self) -> Mapping[str, Any]:
@@ -46,19 +46,19 @@ class Model(nn.Module):
 
 
 class SeparateCritic(Model):
-    """Two networks of one kind: one acts, the other judges."""
+    """Two networks of one kind: one has_actor, the other has_critic."""
 
     def __init__(self, actor: Model, critic: Model) -> None:
         super().__init__()
-        self.layout, self.pretraining = actor.layout, actor.pretraining
+        self.factorisation, self.pretraining = actor.factorisation, actor.pretraining
         self.actor, self.critic = actor, critic
 
     def forward(self, states: States) -> Prediction:
         return self.actor(states)._replace(values=self.critic(states).values)
 
-    def forget(self) -> None:
-        self.actor.forget()
-        self.critic.forget()
+    def clear_cache(self) -> None:
+        self.actor.clear_cache()
+        self.critic.clear_cache()
 
     def details(self) -> Mapping[str, Any]:
         return self.actor.details()

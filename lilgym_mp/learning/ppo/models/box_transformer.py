@@ -20,19 +20,19 @@ from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation.network import (
-    FEWEST_PLACES,
-    LONGEST_STATEMENT,
+    MAX_WORDS,
+    MIN_PADDED_WORDS,
     Attention,
     Feedforward,
     Packing,
-    Read,
-    Text,
+    StatementEncodings,
+    TextEncoder,
     word_mask,
 )
-from lilgym_mp.learning.ppo.models.arrangement import ByStatement, arrange
+from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisation
+from lilgym_mp.learning.ppo.models.grouping import GroupedRows, group_by_statement
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
-from lilgym_mp.learning.ppo.type_first import box_cells, joint_layout
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 CHANNELS = 32  # features of a patch
@@ -49,7 +49,7 @@ class Boxes(NamedTuple):
     patches: Tensor  # (U, 5, 5, C)
 
 
-class OurNetwork(Model):
+class BoxTransformer(Model):
     """Images and words in, nothing pretrained: about 0.85 million parameters."""
 
     def __init__(
@@ -65,8 +65,8 @@ class OurNetwork(Model):
         super().__init__()
         self.vocabulary = vocabulary
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
-        self.layout = joint_layout(appearance)
-        self.text = Text(len(vocabulary), width, heads, text_layers, dropout=0.0)
+        self.factorisation = joint_factorisation(appearance)
+        self.text = TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
         self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
@@ -96,7 +96,7 @@ class OurNetwork(Model):
     def details(self) -> Mapping[str, Any]:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
-    def forget(self) -> None:
+    def clear_cache(self) -> None:
         self._remembered.clear()
         self._box_rows.clear()
         self._box_bank = None
@@ -105,14 +105,14 @@ class OurNetwork(Model):
         device = self.value.weight.device
         read = self._read(states.statements)
         boxes = self._encoded(states)
-        arranged = arrange(states)
-        of_pairs, pairs_of = (torch.from_numpy(array).to(device) for array in (arranged.boxes, arranged.pairs_of))
-        packing = _packing(arranged.pairs, device)
+        groups = group_by_statement(states)
+        of_pairs, pairs_of = (torch.from_numpy(array).to(device) for array in (groups.boxes, groups.pairs_of))
+        packing = _packing(groups.pairs, device)
         targets = torch.from_numpy(states.targets).to(device)
         pairs = boxes.vectors.index_select(0, of_pairs)  # (R, d)
         for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
             pairs = feedforward(reading(pairs, key_value, read.mask, packing))
-        scene = self._scenes(pairs, pairs_of, read, _packing(arranged.states, device))  # (N, d)
+        scene = self._scenes(pairs, pairs_of, read, _packing(groups.states, device))  # (N, d)
         judged = self.judge(scene + self.target(targets))
         acting = _chosen(self.act_box(pairs), pairs_of) + self.act_scene(judged)[:, None]
         acting = self.act_feedforward(acting)  # (N, 3, d)
@@ -124,19 +124,19 @@ class OurNetwork(Model):
             types.float(), (adds.float(), removes.float()), torch.tanh(self.value(judged).float()).squeeze(1)
         )
 
-    def _scenes(self, pairs: Tensor, pairs_of: Tensor, read: Read, packing: Packing) -> Tensor:
+    def _scenes(self, pairs: Tensor, pairs_of: Tensor, read: StatementEncodings, packing: Packing) -> Tensor:
         """(N, d) of N scenes, each of three of the pairs (R, d)."""
         parts = _chosen(self.part(pairs), pairs_of)
         whole = self.scene_in(F.relu(parts + self.part_place).sum(1))
         return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask, packing))
 
     def _encoded(self, states: States) -> Boxes:
-        """The boxes encoded; without gradients each is encoded once and remembered until `forget`."""
+        """The boxes encoded; without gradients each is encoded once and remembered until `clear_cache`."""
         device = self.value.weight.device
         if torch.is_grad_enabled():
             return self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches, states.patches_of)))
         if len(self._box_rows) > MOST_REMEMBERED:
-            self.forget()
+            self.clear_cache()
         codes = states.box_codes.tolist()
         new = [place for place, code in enumerate(codes) if code not in self._box_rows]
         if new:
@@ -151,33 +151,33 @@ class OurNetwork(Model):
         rows = torch.tensor([self._box_rows[code] for code in codes], device=device)
         return Boxes(*(part.index_select(0, rows) for part in self._box_bank))
 
-    def _read(self, statements: tuple[str, ...]) -> Read:
-        """The statements read; without gradients each is read once and remembered until `forget`."""
+    def _read(self, statements: tuple[str, ...]) -> StatementEncodings:
+        """The statements read; without gradients each is read once and remembered until `clear_cache`."""
         if torch.is_grad_enabled():
             return self._read_anew(statements)
         if len(self._remembered) > MOST_REMEMBERED:
-            self.forget()
+            self.clear_cache()
         new = tuple(one for one in statements if one not in self._remembered)
         if new:
             read = self._read_anew(new)
             for row, statement in enumerate(new):
                 count = int((read.mask[row, 0, 0] == 0).sum())
                 self._remembered[statement] = [key_value[row, :count] for key_value in read.key_values]
-        return Read.of_remembered([self._remembered[one] for one in statements])
+        return StatementEncodings.from_cache([self._remembered[one] for one in statements])
 
-    def _read_anew(self, statements: tuple[str, ...]) -> Read:
-        rows = [self.vocabulary.encode(one, LONGEST_STATEMENT) for one in statements]
+    def _read_anew(self, statements: tuple[str, ...]) -> StatementEncodings:
+        rows = [self.vocabulary.encode(one, MAX_WORDS) for one in statements]
         words = np.stack(rows)
-        words = words[:, : max(FEWEST_PLACES, int((words != 0).sum(1).max()))]
+        words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # a statement without words is an unknown one
         numbers = torch.from_numpy(words).to(self.value.weight.device)
         mask = word_mask(numbers)
         x = self.text(numbers)
         readers = (*self.readings, self.scene_reading)
-        return Read(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+        return StatementEncodings(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
-def _packing(rows: ByStatement, device: torch.device) -> Packing:
+def _packing(rows: GroupedRows, device: torch.device) -> Packing:
     return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.places).to(device))
 
 

@@ -19,17 +19,17 @@ from lilgym_mp.appearances import Appearance, Scatter, Tower
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.learning.agents import AgentError, agent_file
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.agent import Shape, load_agent
-from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import STOP_HEAD, action_layout
-from lilgym_mp.learning.imitation.network import FEWEST_PLACES, MOST_STEPS, Inputs
+from lilgym_mp.learning.imitation.batches import Boxes, StatementTokenizer, box_inputs, padded
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.network import MAX_STEPS, MIN_PADDED_WORDS, Inputs
 from lilgym_mp.learning.model_file import ModelFileError
-from lilgym_mp.learning.ppo.models.arrangement import arrange
+from lilgym_mp.learning.ppo.factored_policy import UNUSED, Factorisation, Head
+from lilgym_mp.learning.ppo.models.grouping import group_by_statement
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, PITCH, SIDE, States
-from lilgym_mp.learning.ppo.type_first import NOT_NEEDED, Head, Layout
 from lilgym_mp.perception import read_scenes
 from lilgym_mp.render import draw
 from lilgym_mp.scene import BOX_COUNT, Scene
@@ -43,11 +43,11 @@ class ImitationModel(Model):
     def __init__(self, appearance: Appearance, shape: Shape, pretraining: str) -> None:
         super().__init__()
         self.shape, self.pretraining = shape, pretraining
-        self.layout = _layout(appearance)
+        self.factorisation = _factorisation(appearance)
         self.network = shape.network()
-        self.critic = nn.Sequential(nn.Linear(1 + 2 + MOST_STEPS, 64), nn.ReLU(), nn.Linear(64, 1))
-        self._numbering = Numbering(Vocabulary(shape.vocabulary))
-        self._table = BoxTable()
+        self.critic = nn.Sequential(nn.Linear(1 + 2 + MAX_STEPS, 64), nn.ReLU(), nn.Linear(64, 1))
+        self._tokenizer = StatementTokenizer(Vocabulary(shape.vocabulary))
+        self._table = BoxFeatureTable()
         self._read: dict[int, int] = {}  # by a box's code, its index in the table
 
     def details(self) -> Mapping[str, Any]:
@@ -55,20 +55,20 @@ class ImitationModel(Model):
 
     def forward(self, states: States) -> Prediction:
         device = next(self.critic.parameters()).device
-        arranged = arrange(states)
-        pairs = arranged.pairs
+        groups = group_by_statement(states)
+        pairs = groups.pairs
         count, most = pairs.padded.shape
-        scenes = (pairs.places % most)[arranged.pairs_of][arranged.states.padded]  # (S, M, 3) of the statement's boxes
+        scenes = (pairs.places % most)[groups.pairs_of][groups.states.padded]  # (S, M, 3) of the statement's boxes
         present = np.arange(most) < pairs.counts[:, None]
-        boxes = Boxes(self._boxes(states)[arranged.boxes][pairs.padded], present, scenes, most)
-        words = padded([self._numbering.numbers(one) for one in states.statements], FEWEST_PLACES)
+        boxes = Boxes(self._boxes(states)[groups.boxes][pairs.padded], present, scenes, most)
+        words = padded([self._tokenizer.encode(one) for one in states.statements], MIN_PADDED_WORDS)
         inputs = Inputs(
             words=torch.from_numpy(words).to(device),
             **box_inputs(self._table, boxes, np.zeros(count, np.int64), device),
         )
-        targets = states.targets[arranged.states.padded]  # (S, M)
+        targets = states.targets[groups.states.padded]  # (S, M)
         outputs = self.network(inputs, torch.from_numpy(targets).to(device))
-        rows, wanted = torch.from_numpy(arranged.states.places).to(device), torch.from_numpy(states.targets).to(device)
+        rows, wanted = torch.from_numpy(groups.states.places).to(device), torch.from_numpy(states.targets).to(device)
 
         def of_states(by_statement: Tensor) -> Tensor:
             return by_statement.flatten(0, 1).index_select(0, rows)
@@ -83,7 +83,7 @@ class ImitationModel(Model):
     def _boxes(self, states: States) -> Int64Array:
         """(U,) indices of the boxes in the table; those that are new are read from their pixels."""
         if len(self._read) > MOST_REMEMBERED:
-            self._read, self._table = {}, BoxTable()
+            self._read, self._table = {}, BoxFeatureTable()
         codes = states.box_codes.tolist()
         new = [place for place, code in enumerate(codes) if code not in self._read]
         if new:
@@ -122,20 +122,20 @@ def described(appearance: Appearance, details: Mapping[str, Any]) -> ImitationMo
     return ImitationModel(appearance, Shape.from_json(details["network"]), str(details["pretraining"]))
 
 
-def _layout(appearance: Appearance) -> Layout:
+def _factorisation(appearance: Appearance) -> Factorisation:
     """The heads of the imitation network. Raises WeightsError for a grid that it cannot play."""
     if not isinstance(appearance, Tower | Scatter) or (isinstance(appearance, Scatter) and appearance != Scatter()):
         raise WeightsError(f"the model 'imitation' plays Tower, and Scatter on the grid 19 x 5; not {appearance}")
-    found = action_layout(appearance)
-    heads_of = found.head_of
+    found = action_heads(appearance)
+    heads_of = found.index_of
     first_removal = 1 + found.adds
     types = np.select(
-        [heads_of == STOP_HEAD, heads_of >= first_removal, heads_of > STOP_HEAD],
+        [heads_of == STOP_INDEX, heads_of >= first_removal, heads_of > STOP_INDEX],
         [ActionType.STOP, ActionType.REMOVE, ActionType.ADD],
-        NOT_NEEDED,
+        UNUSED,
     ).astype(np.int64)
-    choices = np.full((len(types), 2), NOT_NEEDED, np.int64)
+    choices = np.full((len(types), 2), UNUSED, np.int64)
     choices[types == ActionType.ADD, 0] = heads_of[types == ActionType.ADD] - 1
     choices[types == ActionType.REMOVE, 1] = heads_of[types == ActionType.REMOVE] - first_removal
     heads = Head("add", found.adds, (ActionType.ADD,)), Head("remove", found.removes, (ActionType.REMOVE,))
-    return Layout(heads, types, choices)
+    return Factorisation(heads, types, choices)

@@ -21,7 +21,7 @@ OFFSETS = 2 * REACH + 1
 FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, gaps to the walls, place: all but the colour
 
 
-class BoxTable:
+class BoxFeatureTable:
     """A growing table of distinct boxes; N of them so far, with room for K items each."""
 
     def __init__(self, item_room: int = 4) -> None:

@@ -15,22 +15,22 @@ from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.appearances.scatter import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.learning.imitation.boxes import CELLS
+from lilgym_mp.learning.imitation.box_features import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 
 COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # the first changes nothing; colour c becomes order[c]
 COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
-STOP_HEAD = 0
+STOP_INDEX = 0
 
 
 @dataclass(frozen=True)
-class ActionLayout:
+class ActionHeads:
     """The heads' outputs as one row: STOP, the ADDs, the REMOVEs."""
 
     cells: int  # of a box
     item_types: int
     action_of: Int64Array  # (heads,) the appearance's index of each of the heads' actions
-    head_of: Int64Array  # (actions,) the other way; -1 for actions that the heads leave out
+    index_of: Int64Array  # (actions,) the other way; -1 for actions that the heads leave out
     recoloured: Int64Array  # (6, heads) what each action becomes under each of COLOUR_ORDERS
 
     @property
@@ -42,25 +42,25 @@ class ActionLayout:
         return BOX_COUNT * self.cells
 
     @property
-    def heads(self) -> int:
+    def size(self) -> int:
         return 1 + self.adds + self.removes
 
 
 @cache
-def action_layout(appearance: Tower | Scatter) -> ActionLayout:
-    """The layout for Tower or for Scatter on the released grid."""
+def action_heads(appearance: Tower | Scatter) -> ActionHeads:
+    """The heads for Tower or for Scatter on the released grid."""
     edits = _tower_edits() if isinstance(appearance, Tower) else _scatter_edits()
     adds, removes = edits
     numbers = [0, *(appearance.encode(action) for action in (*adds, *removes))]
     action_of = np.array(numbers, np.int64)
-    head_of = np.full(appearance.action_count, -1, np.int64)
-    head_of[action_of] = np.arange(len(action_of))
+    index_of = np.full(appearance.action_count, -1, np.int64)
+    index_of[action_of] = np.arange(len(action_of))
     actions = [appearance.decode(number) for number in numbers]
     recoloured = [
-        [head_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
+        [index_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
     ]
     cells = len(removes) // BOX_COUNT
-    return ActionLayout(cells, len(adds) // len(removes), action_of, head_of, np.array(recoloured, np.int64))
+    return ActionHeads(cells, len(adds) // len(removes), action_of, index_of, np.array(recoloured, np.int64))
 
 
 def _tower_edits() -> tuple[list[Action], list[Action]]:

@@ -21,7 +21,7 @@ from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
-NOT_NEEDED = -1
+UNUSED = -1
 STOP = 0  # index of the action
 MOST_ACTIONS = 50_000
 
@@ -35,12 +35,12 @@ class Head(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Layout:
+class Factorisation:
     """What the heads' choices mean for each action of an appearance."""
 
     heads: tuple[Head, ...]
-    types: Int64Array  # (actions,) type of each, NOT_NEEDED for one that the heads leave out
-    choices: Int64Array  # (actions, heads) what each head must choose; NOT_NEEDED where the type does not need it
+    types: Int64Array  # (actions,) type of each, UNUSED for one that the heads leave out
+    choices: Int64Array  # (actions, heads) what each head must choose; UNUSED where the type does not need it
 
     @property
     def action_count(self) -> int:
@@ -49,26 +49,26 @@ class Layout:
     def actions(self, types: Int64Array, choices: Sequence[Int64Array]) -> Int64Array:
         """(N,) actions of N types and of N choices of each head, those not needed ignored."""
         found = np.full(len(types), STOP, np.int64)
-        for footprint in (ActionType.ADD, ActionType.REMOVE):
-            rows = np.flatnonzero(types == footprint)
-            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if footprint in head.types)
-            found[rows] = self._table(footprint)[needed]
+        for action_type in (ActionType.ADD, ActionType.REMOVE):
+            rows = np.flatnonzero(types == action_type)
+            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if action_type in head.types)
+            found[rows] = self._table(action_type)[needed]
         return found
 
-    def _table(self, footprint: ActionType) -> Int64Array:
+    def _table(self, action_type: ActionType) -> Int64Array:
         """The action of each choice of the heads that the type needs."""
-        needed = [index for index, head in enumerate(self.heads) if footprint in head.types]
-        return _table(self, footprint, tuple(needed))
+        needed = [index for index, head in enumerate(self.heads) if action_type in head.types]
+        return _table(self, action_type, tuple(needed))
 
     def __hash__(self) -> int:
         return id(self)
 
 
 @cache
-def _table(layout: Layout, footprint: ActionType, needed: tuple[int, ...]) -> Int64Array:
-    table = np.empty([layout.heads[index].size for index in needed], np.int64)
-    actions = np.flatnonzero(layout.types == footprint)
-    table[tuple(layout.choices[actions, index] for index in needed)] = actions
+def _table(factorisation: Factorisation, action_type: ActionType, needed: tuple[int, ...]) -> Int64Array:
+    table = np.empty([factorisation.heads[index].size for index in needed], np.int64)
+    actions = np.flatnonzero(factorisation.types == action_type)
+    table[tuple(factorisation.choices[actions, index] for index in needed)] = actions
     return table
 
 
@@ -86,7 +86,7 @@ _SLOTS = {  # names of the slots of the released array form after the type, and 
 
 
 @cache
-def factored_layout(appearance: Appearance) -> Layout:
+def slot_factorisation(appearance: Appearance) -> Factorisation:
     """A head for each slot of the released array form; ADD and REMOVE share those of the position, as released.
 
     Tower: box 3, colour 3. Scatter on the released grid: x 19, y 5, shape 3, colour 3, size 3.
@@ -95,11 +95,11 @@ def factored_layout(appearance: Appearance) -> Layout:
     arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(count)], np.int64)
     slots = _SLOTS[arrays.shape[1]]
     heads = tuple(Head(name, int(arrays[:, 1 + i].max()) + 1, types) for i, (name, types) in enumerate(slots))
-    return Layout(heads, arrays[:, 0], arrays[:, 1:])
+    return Factorisation(heads, arrays[:, 0], arrays[:, 1:])
 
 
 @cache
-def joint_layout(appearance: Appearance) -> Layout:
+def joint_factorisation(appearance: Appearance) -> Factorisation:
     """One head for all that an ADD needs, by box, cell of the box and look, and one for a REMOVE's box and cell.
 
     A Tower box is one cell with three looks, its colours. Scatter's cells on separators are left out: they have no
@@ -107,17 +107,17 @@ def joint_layout(appearance: Appearance) -> Layout:
     """
     count = appearance.action_count
     found = [_joint(appearance, appearance.decode(index)) for index in range(count)]
-    types = np.array([footprint for footprint, _ in found], np.int64)
-    adds, removes = ([choice for footprint, choice in found if footprint == wanted] for wanted in _EDITS)
-    choices = np.full((count, 2), NOT_NEEDED, np.int64)
+    types = np.array([action_type for action_type, _ in found], np.int64)
+    adds, removes = ([choice for action_type, choice in found if action_type == wanted] for wanted in _EDITS)
+    choices = np.full((count, 2), UNUSED, np.int64)
     choices[types == ActionType.ADD, 0] = adds
     choices[types == ActionType.REMOVE, 1] = removes
     heads = Head("add", 1 + max(adds), (ActionType.ADD,)), Head("remove", 1 + max(removes), (ActionType.REMOVE,))
-    return Layout(heads, types, choices)
+    return Factorisation(heads, types, choices)
 
 
 def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
-    """The type, and the choice of its one head; NOT_NEEDED for an action on a separator."""
+    """The type, and the choice of its one head; UNUSED for an action on a separator."""
     match action:
         case AddBlock(box, colour):
             return ActionType.ADD, box * len(Colour) + colour
@@ -126,15 +126,15 @@ def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
         case AddItem(column, row, shape, colour, size):
             cell = _cell(appearance, column, row)
             return (
-                (NOT_NEEDED, 0)
+                (UNUSED, 0)
                 if cell is None
                 else (ActionType.ADD, cell * len(ITEM_TYPES) + item_type_of(shape, colour, size))
             )
         case RemoveItem(column, row):
             cell = _cell(appearance, column, row)
-            return (NOT_NEEDED, 0) if cell is None else (ActionType.REMOVE, cell)
+            return (UNUSED, 0) if cell is None else (ActionType.REMOVE, cell)
         case _:
-            return ActionType.STOP, NOT_NEEDED
+            return ActionType.STOP, UNUSED
 
 
 def _cell(appearance: Appearance, column: int, row: int) -> int | None:
@@ -160,12 +160,14 @@ def cells_of(appearance: Appearance) -> int:
     return BOX_COUNT * rows * columns
 
 
-class Policy:
+class FactoredPolicy:
     """The distributions over actions of N states, of the logits of the type and of each head."""
 
-    def __init__(self, layout: Layout, types: Tensor, heads: Sequence[Tensor], legal: Tensor | None = None) -> None:
+    def __init__(
+        self, factorisation: Factorisation, types: Tensor, heads: Sequence[Tensor], legal: Tensor | None = None
+    ) -> None:
         """`types` (N, 3) and `heads` (N, size) each; `legal` (N, actions) leaves nothing else its probability."""
-        self.layout = layout
+        self.factorisation = factorisation
         self.types = torch.log_softmax(types, -1)
         self._heads = heads
         self.masked = None if legal is None else _masked(self.joint(), legal)
@@ -198,18 +200,18 @@ class Policy:
 
     def _chosen(self, actions: Tensor) -> list[tuple[Head, Tensor, Tensor]]:
         """Each head, its logits, and (N,) what N actions choose of it; anything where they need nothing."""
-        choices = _tensors(self.layout, actions.device)[1][actions].clamp(min=0)
-        heads = zip(self.layout.heads, self._heads, strict=True)
+        choices = _tensors(self.factorisation, actions.device)[1][actions].clamp(min=0)
+        heads = zip(self.factorisation.heads, self._heads, strict=True)
         return [(head, logits, choices[:, index]) for index, (head, logits) in enumerate(heads)]
 
     def _joined(self, actions: Tensor, of_heads: Sequence[Tensor]) -> Tensor:
         """(N,) log-probabilities of N actions: of the type, and of what the heads that it needs choose."""
-        footprints, choices = _tensors(self.layout, actions.device)
-        footprint = footprints[actions]
-        total = self.types.gather(1, footprint.clamp(min=0)[:, None]).squeeze(1)
+        action_types, choices = _tensors(self.factorisation, actions.device)
+        action_type = action_types[actions]
+        total = self.types.gather(1, action_type.clamp(min=0)[:, None]).squeeze(1)
         for index, found in enumerate(of_heads):
-            total = total + torch.where(choices[actions, index] == NOT_NEEDED, torch.zeros_like(found), found)
-        return total.masked_fill(footprint == NOT_NEEDED, -torch.inf)
+            total = total + torch.where(choices[actions, index] == UNUSED, torch.zeros_like(found), found)
+        return total.masked_fill(action_type == UNUSED, -torch.inf)
 
     def entropy(self) -> Tensor:
         """(N,) as `evaluate_actions` has it."""
@@ -217,13 +219,13 @@ class Policy:
 
     def joint(self) -> Tensor:
         """(N, actions) log-probability of every action."""
-        footprints, choices = _tensors(self.layout, self.types.device)
-        total = self.types[:, footprints.clamp(min=0)]
+        action_types, choices = _tensors(self.factorisation, self.types.device)
+        total = self.types[:, action_types.clamp(min=0)]
         for index, logits in enumerate(self._heads):
-            needed = choices[:, index] != NOT_NEEDED
+            needed = choices[:, index] != UNUSED
             found = torch.log_softmax(logits, -1)[:, choices[:, index].clamp(min=0)]
             total = total + torch.where(needed, found, torch.zeros_like(found))
-        return total.masked_fill(footprints == NOT_NEEDED, -torch.inf)
+        return total.masked_fill(action_types == UNUSED, -torch.inf)
 
     def probabilities(self) -> Tensor:
         """(N, actions) of being drawn; with a mask, of the legal ones alone."""
@@ -236,18 +238,20 @@ class Policy:
             return _drawn(_array(self.masked), rng.random(count))
         types = _drawn(_array(self.types), rng.random(count))
         choices: list[Int64Array] = []
-        for head, logits in zip(self.layout.heads, self._heads, strict=True):
+        for head, logits in zip(self.factorisation.heads, self._heads, strict=True):
             drawn, thresholds = np.zeros(count, np.int64), rng.random(count)
             needed = np.isin(types, head.types)
             drawn[needed] = _drawn(_array(logits)[needed], thresholds[needed])
             choices.append(drawn)
-        return self.layout.actions(types, choices)
+        return self.factorisation.actions(types, choices)
 
     def likeliest(self) -> Int64Array:
         """(N,) the likeliest type with its likeliest arguments; with a mask, the likeliest legal action."""
         if self.masked is not None:
             return _array(self.masked).argmax(1)
-        return self.layout.actions(_array(self.types).argmax(1), [_array(logits).argmax(1) for logits in self._heads])
+        return self.factorisation.actions(
+            _array(self.types).argmax(1), [_array(logits).argmax(1) for logits in self._heads]
+        )
 
     def stop_probability(self) -> Tensor:
         """(N,)."""
@@ -315,8 +319,8 @@ def log_prob_and_entropy(logits: Tensor, choices: Tensor) -> tuple[Tensor, Tenso
 
 
 @cache
-def _tensors(layout: Layout, device: torch.device) -> tuple[Tensor, Tensor]:
-    return torch.from_numpy(layout.types).to(device), torch.from_numpy(layout.choices).to(device)
+def _tensors(factorisation: Factorisation, device: torch.device) -> tuple[Tensor, Tensor]:
+    return torch.from_numpy(factorisation.types).to(device), torch.from_numpy(factorisation.choices).to(device)
 
 
 def mask_of(legal: BoolArray, device: torch.device) -> Tensor:

@@ -8,13 +8,13 @@ from typing import Any
 
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.learning.ppo.models.ours import OurNetwork
+from lilgym_mp.learning.ppo.factored_policy import MOST_ACTIONS
+from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import IMITATION, TRANSFORMERS, PPORecipe
-from lilgym_mp.learning.ppo.type_first import MOST_ACTIONS
 
-Make = Callable[[bool, bool], Model]  # of whether it acts and whether it judges
+Make = Callable[[bool, bool], Model]  # of whether it has_actor and whether it has_critic
 
 
 def make_model(
@@ -51,15 +51,15 @@ def make_model(
 def _ours(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
-    return lambda acts, judges: OurNetwork(appearance, words, **sizes)
+    return lambda has_actor, has_critic: BoxTransformer(appearance, words, **sizes)
 
 
 def _imitated(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:
-    from lilgym_mp.learning.ppo.models import imitated
+    from lilgym_mp.learning.ppo.models import from_imitation
 
     if details is not None:
-        return lambda acts, judges: imitated.described(appearance, details)
-    return lambda acts, judges: imitated.begun(appearance, weights)
+        return lambda has_actor, has_critic: from_imitation.described(appearance, details)
+    return lambda has_actor, has_critic: from_imitation.begun(appearance, weights)
 
 
 def _pretrained(

@@ -11,7 +11,7 @@ from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 
 
-def explained(plan: Plan, planner: Planner, statement: str, target: bool) -> Iterator[str]:
+def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool) -> Iterator[str]:
     """Lines that tell how a plan came about."""
     parse = plan.parse
     appearance = planner.dynamics.appearance.name

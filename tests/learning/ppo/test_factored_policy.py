@@ -11,30 +11,30 @@ from torch import Tensor
 
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Scatter, Tower
-from lilgym_mp.learning.ppo.type_first import (
+from lilgym_mp.learning.ppo.factored_policy import (
     CHUNK,
-    Layout,
-    Policy,
-    factored_layout,
-    joint_layout,
+    FactoredPolicy,
+    Factorisation,
+    joint_factorisation,
     log_prob_and_entropy,
+    slot_factorisation,
 )
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
 
 STATES = 3
-MAKERS = [factored_layout, joint_layout]
+MAKERS = [slot_factorisation, joint_factorisation]
 APPEARANCES = [Tower(), Scatter()]
 EACH = pytest.mark.parametrize(
     ("appearance", "make"),
     [(appearance, make) for appearance in APPEARANCES for make in MAKERS],
     ids=lambda value: getattr(value, "name", getattr(value, "__name__", "")),
 )
-Make = Callable[[Appearance], Layout]
+Make = Callable[[Appearance], Factorisation]
 
 
-def logits(layout: Layout, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
+def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
     generator = torch.Generator().manual_seed(seed)
-    sizes = [len(ActionType), *(head.size for head in layout.heads)]
+    sizes = [len(ActionType), *(head.size for head in factorisation.heads)]
     types, *heads = (
         torch.randn(STATES, size, generator=generator, dtype=torch.float64, requires_grad=True) for size in sizes
     )
@@ -80,17 +80,17 @@ def place(appearance: Appearance, array: list[int]) -> tuple[int, ...]:
     return () if x_px % BOX_PITCH >= BOX_SIDE else (x_px // BOX_PITCH, y, x_px % BOX_PITCH, *item_type)
 
 
-ENUMERATED = {factored_layout: by_slot, joint_layout: by_edit}
+ENUMERATED = {slot_factorisation: by_slot, joint_factorisation: by_edit}
 
 
 @EACH
 def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(appearance: Appearance, make: Make):
-    layout = make(appearance)
-    types, heads = logits(layout)
+    factorisation = make(appearance)
+    types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads)
     assert every.shape == (STATES, {"tower": 13, "scatter": 2661}[appearance.name])
     torch.testing.assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
-    policy = Policy(layout, types, heads)
+    policy = FactoredPolicy(factorisation, types, heads)
     torch.testing.assert_close(policy.joint().exp(), every)
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
@@ -131,7 +131,7 @@ def test_log_prob_and_entropy__of_many_rows_are_those_of_autograd():
 @EACH
 def test_entropy__has_a_gradient_for_every_head(appearance: Appearance, make: Make):
     types, heads = logits(make(appearance))
-    Policy(make(appearance), types, heads).entropy().sum().backward()
+    FactoredPolicy(make(appearance), types, heads).entropy().sum().backward()
     for parameter in (types, *heads):
         assert parameter.grad is not None
         assert parameter.grad.abs().max() > 1e-6
@@ -139,12 +139,12 @@ def test_entropy__has_a_gradient_for_every_head(appearance: Appearance, make: Ma
 
 @EACH
 def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appearance, make: Make):
-    layout = make(appearance)
-    types, heads = logits(layout)
+    factorisation = make(appearance)
+    types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads).detach()
     legal = torch.from_numpy(np.random.default_rng(2).random(every.shape) < 0.2)
     legal[:, 0] = True
-    policy = Policy(layout, types, heads, legal)
+    policy = FactoredPolicy(factorisation, types, heads, legal)
     wanted = every * legal / (every * legal).sum(1, keepdim=True)
     actions = torch.zeros(STATES, dtype=torch.int64)
     torch.testing.assert_close(policy.log_prob(actions).exp(), wanted[:, 0])
@@ -156,11 +156,11 @@ def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appear
 
 @EACH
 def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appearance, make: Make):
-    layout = make(appearance)
-    types, heads = logits(layout)
+    factorisation = make(appearance)
+    types, heads = logits(factorisation)
     many = 20_000
     repeated = [logit[:1].expand(many, -1) for logit in (types, *heads)]
-    drawn = Policy(layout, repeated[0], repeated[1:]).sample(np.random.default_rng(0))
+    drawn = FactoredPolicy(factorisation, repeated[0], repeated[1:]).sample(np.random.default_rng(0))
     every = ENUMERATED[make](appearance, types, heads).detach()[0].numpy()
     shares = np.bincount(drawn, minlength=len(every)) / many
     assert shares[every == 0].sum() == 0
@@ -173,9 +173,9 @@ def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appeara
 
 @EACH
 def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearance: Appearance, make: Make):
-    layout = make(appearance)
-    types, heads = logits(layout)
-    chosen = Policy(layout, types, heads).likeliest()
+    factorisation = make(appearance)
+    types, heads = logits(factorisation)
+    chosen = FactoredPolicy(factorisation, types, heads).likeliest()
     every = ENUMERATED[make](appearance, types, heads).detach().numpy()
     kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(every.shape[1])])
     for state in range(STATES):
@@ -184,21 +184,21 @@ def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearanc
 
 
 def test_layout__scatter_leaves_out_separators_with_joint_heads_only():
-    joint, factored = joint_layout(Scatter()), factored_layout(Scatter())
+    joint, factored = joint_factorisation(Scatter()), slot_factorisation(Scatter())
     assert [(head.name, head.size) for head in joint.heads] == [("add", 75 * 27), ("remove", 75)]
     assert [head.size for head in factored.heads] == [19, 5, 3, 3, 3]
     assert (joint.types < 0).sum() == 20 * 28
     types, heads = logits(joint)
     left_out = torch.from_numpy(np.flatnonzero(joint.types < 0)[:STATES])
-    assert Policy(joint, types, heads).log_prob(left_out).exp().sum() == 0
-    finer = joint_layout(Scatter((38, 10)))
+    assert FactoredPolicy(joint, types, heads).log_prob(left_out).exp().sum() == 0
+    finer = joint_factorisation(Scatter((38, 10)))
     assert finer.heads[1].size == 3 * 10 * 10
 
 
 def test_stop__of_a_policy_left_free_has_the_types_probability():
     """What counts for a forced STOP: the normaliser of the three types, in which no argument takes part."""
-    layout = factored_layout(Tower())
+    factorisation = slot_factorisation(Tower())
     types = torch.tensor([[-3.0, 1.0, 0.5]])
     heads = [torch.randn(1, 3), torch.randn(1, 3)]
     wanted = types.log_softmax(1)[0, 0]
-    torch.testing.assert_close(Policy(layout, types, heads).log_prob(torch.tensor([0]))[0], wanted)
+    torch.testing.assert_close(FactoredPolicy(factorisation, types, heads).log_prob(torch.tensor([0]))[0], wanted)

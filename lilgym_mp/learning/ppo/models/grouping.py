@@ -11,7 +11,7 @@ from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.scene import BOX_COUNT
 
 
-class ByStatement(NamedTuple):
+class GroupedRows(NamedTuple):
     """R rows, each of one of S statements, as a table of the statements with P places each."""
 
     counts: Int64Array  # (S,) rows of each statement
@@ -19,21 +19,21 @@ class ByStatement(NamedTuple):
     places: Int64Array  # (R,) where each row is among the S * P
 
 
-class Arrangement(NamedTuple):
+class StatementGroups(NamedTuple):
     """N states of S statements, and R pairs of a statement and a box."""
 
     boxes: Int64Array  # (R,) of each pair
-    pairs: ByStatement
+    pairs: GroupedRows
     pairs_of: Int64Array  # (N, 3) each state's pairs
-    states: ByStatement
+    states: GroupedRows
 
 
-def arrange(states: States) -> Arrangement:
+def group_by_statement(states: States) -> StatementGroups:
     count, box_count = len(states.statements), len(states.box_codes)
     codes = states.statement_of[:, None] * box_count + states.boxes_of
     pairs, pairs_of = np.unique(codes, return_inverse=True)
     owners, boxes = np.divmod(pairs, box_count)
-    return Arrangement(
+    return StatementGroups(
         boxes,
         _by_statement(owners, count),
         pairs_of.reshape(-1, BOX_COUNT),
@@ -41,7 +41,7 @@ def arrange(states: States) -> Arrangement:
     )
 
 
-def _by_statement(statement_of: Int64Array, count: int) -> ByStatement:
+def _by_statement(statement_of: Int64Array, count: int) -> GroupedRows:
     order = np.argsort(statement_of, kind="stable")
     counts = np.bincount(statement_of, minlength=count)
     firsts, most = counts.cumsum() - counts, int(counts.max())
@@ -50,4 +50,4 @@ def _by_statement(statement_of: Int64Array, count: int) -> ByStatement:
     places[order] = owners * most + np.arange(len(order)) - firsts[owners]
     padded = np.zeros(count * most, np.int64)
     padded[places] = np.arange(len(order))
-    return ByStatement(counts, padded.reshape(count, most), places)
+    return GroupedRows(counts, padded.reshape(count, most), places)

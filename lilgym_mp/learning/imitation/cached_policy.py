@@ -13,11 +13,18 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
-from lilgym_mp.learning.imitation.batches import Boxes, Numbering, box_inputs, padded
-from lilgym_mp.learning.imitation.boxes import BoxTable
-from lilgym_mp.learning.imitation.layout import STOP_HEAD, ActionLayout
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
+from lilgym_mp.learning.imitation.batches import Boxes, StatementTokenizer, box_inputs, padded
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.losses import log_policy, stop_log_probabilities
-from lilgym_mp.learning.imitation.network import FEWEST_PLACES, ImitationNetwork, Inputs, Outputs, Read, word_mask
+from lilgym_mp.learning.imitation.network import (
+    MIN_PADDED_WORDS,
+    ImitationNetwork,
+    Inputs,
+    Outputs,
+    StatementEncodings,
+    word_mask,
+)
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.task import Task
@@ -77,7 +84,7 @@ class _Statement(NamedTuple):
     """What the network made of a statement: alike in every scene, hence calculated once."""
 
     number: int  # among all statements
-    key_values: list[Tensor]  # (T, 2 d) each, as in `Read`, for what attends to the statement but scenes
+    key_values: list[Tensor]  # (T, 2 d) each, as in `StatementEncodings`, for what attends to the statement but scenes
     room: int  # for words, in the bank of those that scenes attend to
     row: int  # there
 
@@ -86,7 +93,7 @@ class _Asked(NamedTuple):
     """Scenes that are looked at together."""
 
     rows: Int64Array  # (B,) where they stand among all
-    read: Read  # the statements as scenes attend to them
+    read: StatementEncodings  # the statements as scenes attend to them
     places: Tensor  # (B, 1, 3) of their boxes among all that were read
 
 
@@ -97,11 +104,13 @@ class Player:
     network has changed.
     """
 
-    def __init__(self, network: ImitationNetwork, table: BoxTable, layout: ActionLayout, numbering: Numbering) -> None:
+    def __init__(
+        self, network: ImitationNetwork, table: BoxFeatureTable, heads: ActionHeads, tokenizer: StatementTokenizer
+    ) -> None:
         self.network = network
         self.table = table
-        self.layout = layout
-        self.numbering = numbering
+        self.heads = heads
+        self.tokenizer = tokenizer
         self.reduced_precision = False
         self.forget()
 
@@ -109,7 +118,7 @@ class Player:
         """Forgets statements and boxes."""
         self._statements: dict[str, _Statement] = {}
         self._words: dict[int, _Bank] = {}  # by room for words, what scenes attend to: keys and values, and masks
-        self._boxes = _Bank()  # sums, again and acts of `BoxesRead` and what cells offer, by statement and box
+        self._boxes = _Bank()  # sums, again and acts of `BoxEncodings` and what cells offer, by statement and box
         self._joined: tuple[Tensor, Tensor] | None = None  # what is asked of cells
         self._places: dict[int, int] = {}  # there, by MOST_NUMBERED times the statement's number, plus the box
 
@@ -120,7 +129,7 @@ class Player:
     @torch.inference_mode()
     def log_probabilities(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
         """(B, heads) of B scenes, given as (B, 3) boxes by their index in the table."""
-        found = np.empty((len(statements), self.layout.heads), np.float32)
+        found = np.empty((len(statements), self.heads.size), np.float32)
         with precision(self.device, reduced=self.reduced_precision):
             for asked in self._asked(statements, boxes):
                 wanted = torch.from_numpy(targets[asked.rows, None]).to(self.device)
@@ -144,7 +153,7 @@ class Player:
         Edits are calculated only for scenes in which one is made.
         """
         log_stops = np.empty(len(statements), np.float32)
-        heads = np.full(len(statements), STOP_HEAD, np.int64)
+        chosen = np.full(len(statements), STOP_INDEX, np.int64)
         with precision(self.device, reduced=self.reduced_precision):
             for asked in self._asked(statements, boxes):
                 wanted = torch.from_numpy(targets[asked.rows, None]).to(self.device)
@@ -154,8 +163,8 @@ class Player:
                 going = np.flatnonzero(~stopping(log_stop, steps[asked.rows], horizon, rule, None))
                 kept = torch.from_numpy(going).to(self.device)
                 outputs = self._outputs(scene[kept], truth[kept], asked.places[kept], wanted[kept])
-                heads[asked.rows[going]] = self._likeliest_edits(outputs)
-        return heads, log_stops
+                chosen[asked.rows[going]] = self._likeliest_edits(outputs)
+        return chosen, log_stops
 
     def _likeliest_edits(self, outputs: Outputs) -> Int64Array:
         """(B,) heads."""
@@ -167,7 +176,7 @@ class Player:
             highest = logits.gather(1, torch.from_numpy(place[:, None]).to(logits.device))[:, 0]
             best.append((types[:, kind] + highest - logits.logsumexp(-1)).cpu().numpy())
             places.append(place)
-        return STOP_HEAD + 1 + np.where(best[0] >= best[1], places[0], self.layout.adds + places[1])
+        return STOP_INDEX + 1 + np.where(best[0] >= best[1], places[0], self.heads.adds + places[1])
 
     def _asked(self, statements: Sequence[str], boxes: Int64Array) -> Iterator[_Asked]:
         """The scenes, those together whose statements have the same room."""
@@ -187,7 +196,7 @@ class Player:
                 some = every[first : first + MOST_SCENES]
                 chosen = torch.from_numpy(rows[some]).to(self.device)
                 key_values, masks = (bank.take(part, chosen) for part in range(2))
-                yield _Asked(some, Read((key_values,), masks), places[torch.from_numpy(some), None])
+                yield _Asked(some, StatementEncodings((key_values,), masks), places[torch.from_numpy(some), None])
 
     def _understood(self, asked: _Asked) -> tuple[Tensor, Tensor]:
         """(B, 1, d) the scenes, and (B, 1) the logits of their truth."""
@@ -207,17 +216,17 @@ class Player:
         return network.outputs(truth, each, network.tower(each))
 
     def _read_statements(self, statements: Sequence[str]) -> None:
-        numbers = {statement: self.numbering.numbers(statement) for statement in statements}
+        numbers = {statement: self.tokenizer.encode(statement) for statement in statements}
         ordered = sorted(numbers, key=lambda statement: len(numbers[statement]))  # statements of like length together
         for first in range(0, len(ordered), MOST_SCENES):
             some = ordered[first : first + MOST_SCENES]
-            words = padded([numbers[one] for one in some], FEWEST_PLACES)
+            words = padded([numbers[one] for one in some], MIN_PADDED_WORDS)
             read = self.network.read(torch.from_numpy(words).to(self.device))
             by_heads = self.network.scene_reading.by_heads(read.key_values[-1])
             for row, statement in enumerate(some):
                 count = len(numbers[statement])
                 kept = [key_value[row, :count].clone() for key_value in read.key_values[:-1]]
-                room = FEWEST_PLACES * 2 ** ((count - 1) // FEWEST_PLACES).bit_length()
+                room = MIN_PADDED_WORDS * 2 ** ((count - 1) // MIN_PADDED_WORDS).bit_length()
                 heard = F.pad(by_heads[row, ..., :count, :], (0, 0, 0, room - count))
                 hidden = word_mask(torch.arange(room, device=self.device)[None] < count)
                 place = self._words.setdefault(room, _Bank()).add([heard[None], hidden])
@@ -248,7 +257,7 @@ class Player:
             orders = np.zeros(len(rows), np.int64)
             words = torch.zeros((len(rows), 0), dtype=torch.int64)
             inputs = Inputs(words=words, **box_inputs(self.table, distinct, orders, self.device))
-            read = Read.of_remembered([self._statements[one].key_values for one in some])
+            read = StatementEncodings.from_cache([self._statements[one].key_values for one in some])
             found = self.network.boxes_read(inputs, read)
             parts = [found.sums, found.again, found.acts]
             if self.network.scatter is not None:
@@ -268,10 +277,10 @@ def decide(
     log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
 ) -> Int64Array:
     """(B,) heads chosen: drawn with `rng`, the likeliest without. `log_probabilities` is (B, heads)."""
-    stops = stopping(log_probabilities[:, STOP_HEAD], steps, horizon, rule, rng)
-    edits = log_probabilities[:, STOP_HEAD + 1 :]
+    stops = stopping(log_probabilities[:, STOP_INDEX], steps, horizon, rule, rng)
+    edits = log_probabilities[:, STOP_INDEX + 1 :]
     best = (edits if rng is None else edits + rng.gumbel(size=edits.shape)).argmax(1)
-    return np.where(stops, STOP_HEAD, STOP_HEAD + 1 + best)
+    return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
 
 
 def stopping(
@@ -308,11 +317,11 @@ def play(player: Player, dynamics: Dynamics, tasks: Iterable[Task], choose: Choo
     outcomes = [Outcome.CONTINUES] * len(states)
     going = list(range(len(states)))
     while going:
-        heads = choose([states[index] for index in going])
+        chosen = choose([states[index] for index in going])
         still: list[int] = []
-        for index, head in zip(going, heads.tolist(), strict=True):
+        for index, head in zip(going, chosen.tolist(), strict=True):
             visited[index].append(states[index].scene)
-            action = dynamics.appearance.decode(int(player.layout.action_of[head]))
+            action = dynamics.appearance.decode(int(player.heads.action_of[head]))
             moved = dynamics.step(states[index], action)
             states[index], outcomes[index] = moved.state, moved.outcome
             if moved.outcome is Outcome.CONTINUES:

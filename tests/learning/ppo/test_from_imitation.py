@@ -15,12 +15,12 @@ from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.learning.agents import load_agent, open_agent
 from lilgym_mp.learning.imitation.agent import ImitationAgent
-from lilgym_mp.learning.ppo.models.imitated import ImitationModel
-from lilgym_mp.learning.ppo.models.making import make_model
+from lilgym_mp.learning.ppo.models.factory import make_model
+from lilgym_mp.learning.ppo.models.from_imitation import ImitationModel
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import make_recipe
-from lilgym_mp.learning.ppo.rollout import policy_of
-from lilgym_mp.learning.ppo.states import BoxTable
+from lilgym_mp.learning.ppo.rollout import policy_and_values
+from lilgym_mp.learning.ppo.states import BoxImageTable
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.learning.ppo.test_models import SHORT, STATEMENTS, seen
 
@@ -48,7 +48,7 @@ def test_imitation__begins_with_the_policy_of_the_run(imitation_run: Path):
     name, model = begun_from(imitation_run)
     states, images = seen(name, 40)
     with torch.no_grad():
-        policy, values = policy_of(model, states, None)
+        policy, values = policy_and_values(model, states, None)
     agent = open_agent(imitation_run)
     assert isinstance(agent, ImitationAgent)
     observations = Observations(
@@ -56,7 +56,7 @@ def test_imitation__begins_with_the_policy_of_the_run(imitation_run: Path):
         np.arange(40), np.ones(40, np.int64),
     )  # fmt: skip
     played = agent.policy(Settings(name))
-    legal = np.ones((40, model.layout.action_count), np.bool_)
+    legal = np.ones((40, model.factorisation.action_count), np.bool_)
     chosen = played(observations, legal, np.random.default_rng(0))
     output = played.output(legal, chosen)
     np.testing.assert_allclose(policy.probabilities().numpy(), output.probabilities, atol=2e-5)
@@ -67,7 +67,7 @@ def test_imitation__begins_with_the_policy_of_the_run(imitation_run: Path):
 def test_imitation__a_state_is_seen_alike_whatever_is_beside_it(imitation_run: Path):
     name, model = begun_from(imitation_run)
     states, images = seen(name, 12)
-    table = BoxTable()
+    table = BoxImageTable()
     alone = table.states(STATEMENTS, np.array([0]), table.indices(images[3:4]), states.targets[3:4])
     assert states.statements[states.statement_of[3]] == STATEMENTS[0]
     with torch.no_grad():
