@@ -19,7 +19,7 @@ import numpy as np
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, Role, env, parallel_env, raw_env
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
-from lilgym_mp.envs.proposer_verifier.states import STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.types import STOP_ACTION
 
 PROPOSER, VERIFIER = AGENTS
 
@@ -32,24 +32,24 @@ Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the parallel for
 def record(settings: dict[str, Any], games: int, seed: int) -> list[Recorded]:
     """Games of random legal actions in which nobody claims, stops or accepts a claim."""
     game_env = parallel_env(**settings)
-    session, rng = game_env.session, np.random.default_rng(seed)
+    engine, rng = game_env.engine, np.random.default_rng(seed)
     recorded: list[Recorded] = []
     for number in range(games):
         _, infos = game_env.reset(seed=seed + number)
         actions: list[dict[str, int]] = []
         while game_env.agents:
-            actions.append({agent: choice(session, Role(role), rng) for role, agent in enumerate(AGENTS)})
+            actions.append({agent: choice(engine, Role(role), rng) for role, agent in enumerate(AGENTS)})
             game_env.step(actions[-1])
         recorded.append((infos[PROPOSER]["task"], actions))
     return recorded
 
 
-def choice(session: Any, role: Role, rng: np.random.Generator) -> int:
-    mask = session.game.legal_mask(session.state, role)
+def choice(engine: Any, role: Role, rng: np.random.Generator) -> int:
+    mask = engine.game.legal_mask(engine.state, role)
     if role is Role.PROPOSER:
-        mask[session.game.action(role, STOP_ACTION)] = 0
-    elif session.game.protocol.simultaneous:
-        mask[session.game.action(role, ACCEPT)] = 0
+        mask[engine.game.encode_action(role, STOP_ACTION)] = 0
+    elif not engine.game.turn_based:
+        mask[engine.game.encode_action(role, ACCEPT)] = 0
     return int(rng.choice(np.flatnonzero(mask)))
 
 
@@ -68,7 +68,7 @@ def play_parallel(settings: dict[str, Any], recorded: list[Recorded]) -> Callabl
 
 def play_turns(make: Callable[..., Any], settings: dict[str, Any], recorded: list[Recorded]) -> Callable[[], int]:
     game_env = make(**settings)
-    simultaneous = game_env.unwrapped.session.game.protocol.simultaneous
+    simultaneous = not game_env.unwrapped.engine.game.turn_based
     games = [(task, turns(settings, task, actions, simultaneous=simultaneous)) for task, actions in recorded]
 
     def run() -> int:

@@ -110,7 +110,7 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     players: dict[str, Partner] = dict(zip(AGENTS, (PROPOSERS[protocol], OracleVerifier()), strict=True))
     frames = [np.asarray(game.render(), np.uint8)]
     while game.agents:
-        seats = {agent: PartnerTurn(game.session, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
+        seats = {agent: PartnerTurn(game.engine, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
         game.step({agent: _choice(players[agent], turn) for agent, turn in seats.items()})
         frames.append(np.asarray(game.render(), np.uint8))
     return frames

@@ -124,7 +124,7 @@ def test_traffic__has_no_truth_no_program_and_nothing_of_infos(browser: Browser,
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
     traffic = play_out(browser, people(made))
-    task = room(browser.app, made["proposer"]).session.state.mdp.task
+    task = room(browser.app, made["proposer"]).engine.state.mdp.task
     for text in traffic:
         assert task.program not in text
         assert task.id not in text
@@ -168,7 +168,7 @@ def test_view__what_it_lacks_never_reaches_the_seat(browser: Browser, view: str,
             continue
         assert body[part] is None
         if part == "statement":
-            assert game.session.state.mdp.task.statement not in text
+            assert game.engine.state.mdp.task.statement not in text
         if part == "scene":
             assert "data:image" not in text
     others = {"scene", "statement", "target"} - {part}
@@ -214,8 +214,8 @@ def test_critique__a_word_reaches_the_proposer(browser: Browser):
     made = begin(browser, protocol="critique", proposer="person", verifier="person")
     act(browser, made["proposer"], "ADD(LEFT, BLUE)")
     answers = seen(browser, made["verifier"])["answers"]
-    assert "reject, word 3" in answers
-    act(browser, made["verifier"], "reject, word 3")
+    assert "reject, message 3" in answers
+    act(browser, made["verifier"], "reject, message 3")
     assert seen(browser, made["proposer"])["message"] == 3
 
 
@@ -223,8 +223,8 @@ def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
     chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="sneaky", verifier="person", **chosen)
     assert seen(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
-    game = room(browser.app, made["verifier"]).session
-    holds = game.game.conditions.dynamics.goal_reached(game.state.mdp)  # the partner may find nothing false to claim
+    game = room(browser.app, made["verifier"]).engine
+    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the partner may find nothing false to claim
     body = act(browser, made["verifier"], "holds with probability 0.25").json()
     assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.25 if holds else 0.75), abs=1e-5))
 
@@ -232,9 +232,9 @@ def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
 def test_legal__is_the_agents_mask(browser: Browser):
     made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
     game = room(browser.app, made["proposer"])
-    mask = game.session.observe(Role.PROPOSER)["action_mask"]
+    mask = game.engine.observe(Role.PROPOSER)["action_mask"]
     names = set(legal(browser, made["proposer"]))
-    assert names == {game.session.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
+    assert names == {game.engine.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
     query = "shape=CIRCLE&colour=BLUE&size=SMALL"
     of_look = browser.get(f"{SEATS}/{made['proposer']}/legal?{query}").json()["actions"]
     assert set(of_look) == {name for name in names if "CIRCLE, BLUE, SMALL" in name or "ADD" not in name}

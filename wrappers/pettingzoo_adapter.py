@@ -15,8 +15,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
 from lilgym_mp.arrays import BoolArray, Int8Array
-from lilgym_mp.envs.proposer_verifier.shared import GameAccess
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.env_state import EnvDescription, StatesOf, WrongEnvironment
@@ -37,36 +37,36 @@ Does = Callable[..., Transformation]
 
 def is_game(env: object) -> bool:
     """Whether `env` is the game in one of PettingZoo's forms."""
-    return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, GameAccess)
+    return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, BaseGameEnv)
 
 
-def lifted(env: Any, name: str, transformation_class: Does, settings: Mapping[str, Any]) -> GameTurns | GameTogether:
+def lifted(env: Any, name: str, transformation_class: Does, settings: Mapping[str, Any]) -> Any:
     """The game `env` behind the wrapper called `name`, in the same form."""
-    adapters = {agent: AgentAdapter(env, agent, name, transformation_class, settings) for agent in AGENTS}
+    adapters = {agent: TransformedAgent(env, agent, name, transformation_class, settings) for agent in AGENTS}
     transformation = adapters[AGENTS[Role.PROPOSER]].transformation
     if isinstance(transformation, TaskChange):
         refuse_above_others(name, env)
         env.unwrapped.change_tasks(transformation.change)
-    return GameTurns(env, name, adapters) if isinstance(env, AECEnv) else GameTogether(env, name, adapters)
+    return AECGameWrapper(env, name, adapters) if isinstance(env, AECEnv) else ParallelGameWrapper(env, name, adapters)
 
 
-class RewardChange:
+class TransformedRewards:
     """How a wrapper changes both agents' rewards: whenever a turn changes the MDP or ends the game."""
 
-    def __init__(self, transformation: Transformation, session: Any) -> None:
+    def __init__(self, transformation: Transformation, engine: Any) -> None:
         self._transformation = transformation
-        self._session = session
+        self._engine = engine
         self._mdp: State | None = None  # as it was after the last turn; None when the game was over
         self._value = np.zeros(1)
 
-    def start(self) -> None:
-        mdp: State = self._session.state.mdp
+    def reset(self) -> None:
+        mdp: State = self._engine.state.mdp
         self._mdp = mdp
         self._value = self._transformation.values([mdp])
 
-    def changed(self, rewards: Sequence[float]) -> list[float]:
+    def transform(self, rewards: Sequence[float]) -> list[float]:
         """The rewards of the turn that was just played, after the change."""
-        state = self._session.state
+        state = self._engine.state
         over = not state.movers
         if self._mdp is None or (state.mdp is self._mdp and not over):
             return list(rewards)
@@ -77,14 +77,14 @@ class RewardChange:
         return self._transformation.rewards(np.array(rewards, np.float64), before * both, self._value * both).tolist()
 
 
-class AgentAdapter:
+class TransformedAgent:
     """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
 
     def __init__(
         self, env: Any, agent: str, name: str, transformation_class: Does, settings: Mapping[str, Any]
     ) -> None:
         """Raises WrongEnvironment for a wrapper that speaks of the MDP's own actions."""
-        base: GameAccess = env.unwrapped
+        base: BaseGameEnv = env.unwrapped
         both, actions = env.observation_space(agent), env.action_space(agent)
         if not isinstance(both, spaces.Dict):
             raise WrongEnvironment(f'{name} needs the game with observations="nested", not {both}')
@@ -93,15 +93,17 @@ class AgentAdapter:
         if self.transformation.concerns_actions:
             raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")
         self.observation_space = spaces.Dict({SEEN: self.transformation.observation_space(), MASK: both[MASK]})
-        self._session = base.session
-        self.rewards = RewardChange(self.transformation, base.session) if self.transformation.changes_rewards else None
+        self._engine = base.engine
+        self.rewards = (
+            TransformedRewards(self.transformation, base.engine) if self.transformation.changes_rewards else None
+        )
         self._role = Role(AGENTS.index(agent))
         self._entries: Info = {}  # what became of the agent's last action
 
-    def start(self) -> None:
+    def reset(self) -> None:
         self._entries = {}
         if self.rewards is not None:
-            self.rewards.start()
+            self.rewards.reset()
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         seen, mask = observation[SEEN], observation[MASK]
@@ -113,11 +115,11 @@ class AgentAdapter:
             mask = narrowed if narrowed.any() else mask
         return {SEEN: seen, MASK: mask}
 
-    def info(self, info: Info, look: Callable[[], Any]) -> Info:
-        """The agent's info; `look` gives its observation, as this wrapper shows it."""
+    def info(self, info: Info, observe: Callable[[], Any]) -> Info:
+        """The agent's info; `observe` returns its observation after this wrapper."""
         info = {**info, **self._entries}
         if self.transformation.adds_infos:
-            mask = look()[MASK]
+            mask = observe()[MASK]
             told = self.transformation.added_infos(info, self._state(mask))
             info |= {name: mask if name == MASK else plain(value[0]) for name, value in told.items()}
         return info
@@ -127,20 +129,20 @@ class AgentAdapter:
         if action is None or not self.transformation.changes_actions or not self._proposes:
             self._entries = {}
             return action
-        game = self._session.game
+        game = self._engine.game
         choice, word = divmod(int(action), game.message_sizes[self._role] + 1)
         choices, entries = self.transformation.actions(np.array([choice]), self._state(None))
         if int(choices[0]) not in game.choices[self._role]:  # where the verifier alone may stop
             return action
         self._entries = {name: plain(value[0]) for name, value in entries.items()}
-        return game.action(self._role, int(choices[0]), word)
+        return game.encode_action(self._role, int(choices[0]), word)
 
     @property
     def _proposes(self) -> bool:
-        return self._role is Role.PROPOSER and Role.PROPOSER in self._session.state.movers
+        return self._role is Role.PROPOSER and Role.PROPOSER in self._engine.state.movers
 
     def _state(self, mask: Int8Array | None) -> GameEnvState:
-        return GameEnvState(self.transformation.env_description, self._session, mask)
+        return GameEnvState(self.transformation.env_description, self._engine, mask)
 
 
 def _first(batch: Batch) -> Any:
@@ -151,8 +153,8 @@ def _first(batch: Batch) -> Any:
 class GameEnvState(StatesOf):
     """The `EnvState` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
 
-    def __init__(self, description: EnvDescription, session: Any, mask: Int8Array | None) -> None:
-        super().__init__(description, (session.state.mdp,))
+    def __init__(self, description: EnvDescription, engine: Any, mask: Int8Array | None) -> None:
+        super().__init__(description, (engine.state.mdp,))
         self._mask = mask
 
     def legal(self) -> BoolArray:
@@ -160,10 +162,10 @@ class GameEnvState(StatesOf):
         return self._mask[None].astype(np.bool_)
 
 
-class GameTurns(BaseWrapper[str, Any, Any]):
+class AECGameWrapper(BaseWrapper[str, Any, Any]):
     """The turn-by-turn form behind a wrapper."""
 
-    def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, AgentAdapter]) -> None:
+    def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
         super().__init__(env)
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
@@ -181,7 +183,7 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         self._added = dict.fromkeys(map(str, AGENTS), 0.0)
         self._all_added = dict.fromkeys(map(str, AGENTS), 0.0)
         for adapter in self.adapters.values():
-            adapter.start()
+            adapter.reset()
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection if self.agents else None
@@ -196,7 +198,7 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
             change = self.adapters[agent].rewards
             assert change is not None
-            self._added[agent] = change.changed(rewards)[role] - reward
+            self._added[agent] = change.transform(rewards)[role] - reward
             self._all_added[agent] += self._added[agent]
 
     @property
@@ -226,10 +228,10 @@ class GameTurns(BaseWrapper[str, Any, Any]):
         return f"{self.name}<{self.env}>"
 
 
-class GameTogether(BaseParallelWrapper[str, Any, Any]):
+class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
     """The form in which both agents act in every step, behind a wrapper."""
 
-    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, adapters: Mapping[str, AgentAdapter]) -> None:
+    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
         super().__init__(env)
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
@@ -243,7 +245,7 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, Info]]:
         observations, infos = super().reset(seed, options)
         for adapter in self.adapters.values():
-            adapter.start()
+            adapter.reset()
         return self._shown(observations, infos)
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
@@ -260,7 +262,7 @@ class GameTogether(BaseParallelWrapper[str, Any, Any]):
     def _changed(self, rewards: Mapping[str, float]) -> dict[str, float]:
         both = [rewards[agent] for agent in AGENTS]
         changes = {agent: self.adapters[agent].rewards for agent in AGENTS}
-        return {agent: change.changed(both)[Role(AGENTS.index(agent))] for agent, change in changes.items() if change}
+        return {agent: change.transform(both)[Role(AGENTS.index(agent))] for agent, change in changes.items() if change}
 
     def _shown(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]

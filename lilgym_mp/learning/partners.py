@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role, read_text
-from lilgym_mp.envs.proposer_verifier.partners import answer
-from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.partners import encode_answer
+from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.render import draw
 
@@ -32,11 +32,11 @@ class AgentPartner:
         """Raises PartnerViewError where the seat does not see enough."""
         chosen = self._would_do(turn)
         if turn.role is Role.PROPOSER:
-            action = turn.game.action(Role.PROPOSER, chosen)
+            action = turn.game.encode_action(Role.PROPOSER, chosen)
             return action if turn.action_mask[action] else turn.random_action()
         if turn.observation.get("proposal", (STOP_ACTION,))[0] not in (NO_CHOICE, STOP_ACTION):
-            return answer(turn.game, accepts=True)
-        return answer(turn.game, accepts=chosen == STOP_ACTION)
+            return encode_answer(turn.game, accepts=True)
+        return encode_answer(turn.game, accepts=chosen == STOP_ACTION)
 
     def _would_do(self, turn: PartnerTurn) -> int:
         seen = turn.observation
@@ -51,7 +51,7 @@ class AgentPartner:
             np.zeros(1, np.int64),
         )
         self._asked += 1
-        mdp_mask = turn.game.conditions.dynamics.legal_mask(turn.state.mdp)[None]
+        mdp_mask = turn.game.config.dynamics.legal_mask(turn.state.mdp)[None]
         needs_masks = getattr(self._policy, "needs_masks", True)
         legal = mdp_mask if needs_masks else np.zeros((1, 0), np.bool_)
         return int(self._policy(observations, legal, turn.rng)[0])

@@ -32,9 +32,9 @@ from lilgym_mp.envs.proposer_verifier import (
     View,
     read_text,
 )
-from lilgym_mp.envs.proposer_verifier.partners import ask
-from lilgym_mp.envs.proposer_verifier.session import Session
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, NO_CHOICE, STOP_ACTION, Intent
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.partners import partner_action
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, NO_CHOICE, STOP_ACTION, Intent
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings as Configuration
 from lilgym_mp.web.errors import refusal
@@ -107,11 +107,11 @@ class NewGameBody(BaseModel):
 
 @dataclass
 class GameRoom:
-    """One game: its session, who sits where, and what happened that is not in the state."""
+    """One game: its engine, who sits where, and what happened that is not in the state."""
 
     visitor: str
     configuration: str
-    session: Session
+    engine: GameEngine
     views: tuple[str, str]  # names, by Role
     partners: tuple[Partner | None, Partner | None]  # by Role; None for a person
     opposite: tuple[str, str]  # what each is told of the other
@@ -124,27 +124,27 @@ class GameRoom:
 
     @property
     def over(self) -> bool:
-        return not self.session.state.movers
+        return not self.engine.state.movers
 
     def legal(self, role: Role) -> list[int]:
         """Numbers of the agent's legal actions, "wait" left out."""
-        wait = self.session.game.wait_actions[role]
-        return [index for index in np.flatnonzero(self.session.observe(role)["action_mask"]).tolist() if index != wait]
+        wait = self.engine.game.wait_actions[role]
+        return [index for index in np.flatnonzero(self.engine.observe(role)["action_mask"]).tolist() if index != wait]
 
     def take(self, role: Role, action: int) -> None:
         """A person's action, and all that partners do until a person must act. Raises PartnerError."""
-        self.own_actions[role].append(self.session.game.describe(role, action))
+        self.own_actions[role].append(self.engine.game.describe(role, action))
         self.chosen[role] = action
         self.proceed()
 
     def proceed(self) -> None:
         """Plays on until a person must act or the game is over. Raises PartnerError."""
         for _ in range(MOST_TURNS):
-            movers = self.session.state.movers
+            movers = self.engine.state.movers
             if not movers or any(self._choice(role) is None for role in movers):
                 return
             proposer, verifier = (self.chosen[role] if role in movers else None for role in Role)
-            step = self.session.play(proposer, verifier)
+            step = self.engine.step(proposer, verifier)
             self.chosen = [None, None]
             self.rewards = [total + reward for total, reward in zip(self.rewards, step.rewards, strict=True)]
 
@@ -152,7 +152,7 @@ class GameRoom:
         """What the role does in this turn; None where a person has not chosen yet."""
         partner = self.partners[role]
         if self.chosen[role] is None and partner is not None:
-            self.chosen[role] = ask(partner, PartnerTurn(self.session, role, self.rng))
+            self.chosen[role] = partner_action(partner, PartnerTurn(self.engine, role, self.rng))
         return self.chosen[role]
 
 
@@ -240,12 +240,12 @@ def new_room(
         raise refusal(404, str(fault)) from None
     except ValueError as fault:
         raise refusal(422, str(fault)) from None
-    session = Session(made)
-    session.reset(secrets.randbelow(2**31), None)
+    engine = GameEngine(made)
+    engine.reset(secrets.randbelow(2**31), None)
     room = GameRoom(
         visitor,
         chosen["configuration"],
-        session,
+        engine,
         views,
         tuple(None if name == PERSON else partners[name] for name in names),  # pyright: ignore[reportArgumentType]
         (names[1], names[0]),
@@ -269,18 +269,18 @@ def scripted(role: Role) -> dict[str, Partner]:
 
 def seat_body(room: GameRoom, role: Role) -> SeatBody:
     """What the seat may know now."""
-    game = room.session.game
-    observation = room.session.observe(role)["observation"]
+    game = room.engine.game
+    observation = room.engine.observe(role)["observation"]
     has_chosen = room.chosen[role] is not None
     legal = [] if room.over or has_chosen else room.legal(role)
-    appearance = game.conditions.dynamics.appearance
+    appearance = game.config.dynamics.appearance
     target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
-    stop = game.action(Role.PROPOSER, STOP_ACTION)
+    stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
     return SeatBody(
         role=role.name.lower(),
         protocol=game.protocol.name,
         configuration=room.configuration,
-        horizon=game.conditions.dynamics.horizon,
+        horizon=game.config.dynamics.horizon,
         opposite=room.opposite[role],
         view=room.views[role],
         over=room.over,
@@ -289,7 +289,7 @@ def seat_body(room: GameRoom, role: Role) -> SeatBody:
         own_actions=room.own_actions[role],
         reward=round(room.rewards[role], 6) if room.over else None,
         grid=appearance.grid if isinstance(appearance, Scatter) else None,
-        scene=scene_body(room.session.state.mdp.scene) if "image" in observation else None,
+        scene=scene_body(room.engine.state.mdp.scene) if "image" in observation else None,
         statement=read_text(observation["statement"]) if "statement" in observation else None,
         target=None if target is None else bool(target),
         intent=None if intent is None else Intent(int(intent)).name.lower(),
@@ -305,13 +305,13 @@ def _proposal(room: GameRoom, array: Any) -> str | None:
     """The name of an action in the released array form."""
     if array is None or array[0] == NO_CHOICE:
         return None
-    return describe(room.session.game.conditions.dynamics.appearance.from_array(array))
+    return describe(room.engine.game.config.dynamics.appearance.from_array(array))
 
 
 def _past_turn(room: GameRoom, row: Any) -> PastTurnBody:
-    game = room.session.game
+    game = room.engine.game
     *array, answer, proposer_word, verifier_word = row.tolist()
-    answers = game.protocol.answers(game.conditions)
+    answers = game.protocol.answers(game.config)
     return PastTurnBody(
         proposal=_proposal(room, np.array(array)),
         answer=answers[answer] if 0 <= answer < len(answers) else None,
@@ -324,10 +324,10 @@ def legal_names(room: GameRoom, role: Role, look: tuple[str | None, str | None, 
     """What the seat may do now, by the action mask; of ADDs of items only those of the look."""
     if room.over or room.chosen[role] is not None:
         return []
-    game = room.session.game
+    game = room.engine.game
     if role is Role.VERIFIER:
         return [game.describe(role, index) for index in room.legal(role)]
-    appearance = game.conditions.dynamics.appearance
+    appearance = game.config.dynamics.appearance
     spoken = game.message_sizes[role] + 1
     actions = dict.fromkeys(appearance.decode(index // spoken) for index in room.legal(role))
     return [describe(action) for action in actions if not isinstance(action, AddItem) or _looks(action, look)]
@@ -355,13 +355,13 @@ def act(room: GameRoom, role: Role, name: str, seen: int) -> None:
 
 
 def _numbered(room: GameRoom, role: Role, name: str, legal: Iterable[int]) -> int:
-    game = room.session.game
+    game = room.engine.game
     if role is Role.VERIFIER:
         answers = {game.describe(role, index): index for index in legal}
         if name not in answers:
             raise refusal(422, f"{name!r} is no answer; choose from {', '.join(answers)}")
         return answers[name]
     try:
-        return game.action(role, game.conditions.dynamics.appearance.encode(named(name)))
+        return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
     except ActionError as fault:
         raise refusal(422, str(fault)) from None

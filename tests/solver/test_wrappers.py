@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.proposer_verifier.states import AGENTS
+from lilgym_mp.envs.proposer_verifier.types import AGENTS
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import (
     PotentialShaping,
@@ -161,7 +161,7 @@ def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list
 
     def chosen(agent: str) -> int:
         """The proposer's next action, or the verifier's 1; the last number is "wait"."""
-        turn = AGENTS.index(agent) in game.unwrapped.session.state.movers
+        turn = AGENTS.index(agent) in game.unwrapped.engine.state.movers
         waits = game.action_space(agent).n - 1
         return waits if not turn else 1 if agent == agents[1] else next(to_come, STOP)
 

@@ -99,5 +99,5 @@ def test_partner__acts_through_the_wrappers_too():
 
 
 def test_other_wrappers__are_refused_not_dropped():
-    with pytest.raises(TypeError, match="SingleAgentView would drop what BaseWrapper does"):
+    with pytest.raises(TypeError, match="SingleAgentView would bypass BaseWrapper"):
         SingleAgentView(BaseWrapper(env()), PROPOSER, ALWAYS_ACCEPT)

@@ -1,7 +1,7 @@
-"""A proposer and a verifier act on one MDP: PettingZoo environments, partners, measures.
+"""The proposer-verifier game: two agents on one MDP, as PettingZoo environments, with partners and measures.
 
-Without pettingzoo all is there but PettingZoo's two forms. docs/proposer_verifier.md tells the protocols, the settings
-and what was measured.
+Without pettingzoo installed, everything but its two environments is available. docs/proposer_verifier.md describes the
+protocols, settings and results.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, NoReturn
 
-from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, LastObservations
+from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, FinalObservations
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.metrics import (
     GameRecord,
@@ -37,7 +37,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Intent, Role
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, ENDINGS, Intent, Role
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
 from lilgym_mp.extras import install
 
@@ -45,8 +45,8 @@ HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:
     import pettingzoo
 
+    from lilgym_mp.envs.proposer_verifier.aec import ProposerVerifierAEC, env, raw_env
     from lilgym_mp.envs.proposer_verifier.parallel import ProposerVerifierParallel, parallel_env
-    from lilgym_mp.envs.proposer_verifier.turns import ProposerVerifierTurns, env, raw_env
 
 __all__ = [
     "AGENTS",
@@ -63,18 +63,18 @@ __all__ = [
     "VIEWS",
     "BatchedGames",
     "ClaimingProposer",
+    "FinalObservations",
     "FrozenPolicy",
     "Game",
     "GameRecord",
     "Intent",
-    "LastObservations",
     "Metrics",
     "OracleVerifier",
     "Partner",
     "PartnerError",
     "PartnerTurn",
+    "ProposerVerifierAEC",
     "ProposerVerifierParallel",
-    "ProposerVerifierTurns",
     "RandomPartner",
     "Role",
     "Settings",
@@ -95,7 +95,7 @@ ENVIRONMENT_ID = "lilgym_mp/ProposerVerifier-v0"
 
 
 def _register() -> None:
-    """Makes both forms known to `pettingzoo.make`, in the versions that have it (1.27 does)."""
+    """Registers both environments with `pettingzoo.make`, in versions that have it (1.27 does)."""
     if hasattr(pettingzoo, "register"):
         if ENVIRONMENT_ID not in pettingzoo.aec_registry:
             pettingzoo.register("aec", ENVIRONMENT_ID, f"{__name__}:env")
@@ -108,7 +108,7 @@ if HAS_PETTINGZOO:
 else:
 
     def __getattr__(name: str) -> NoReturn:
-        """Says why PettingZoo's forms are not there."""
+        """Explains why the PettingZoo environments are missing."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"

@@ -1,4 +1,4 @@
-"""Many games at once in one process, results equal to those of the parallel form."""
+"""A batch of games in one process, with the same results as single parallel environments."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import checked_flag, checked_seed
 from lilgym_mp.envs.draws import next_draws
-from lilgym_mp.envs.proposer_verifier.game import TurnError
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
-from lilgym_mp.envs.proposer_verifier.session import (
+from lilgym_mp.envs.proposer_verifier.engine import (
     AgentObservation,
     Info,
+    agent_infos,
     agent_spaces,
-    both_infos,
-    chosen_intent,
+    intent_option,
     truth_info,
 )
+from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.settings import Settings
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Role
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, Intent, Role
 from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts
 
 BatchStep = tuple[
@@ -40,17 +40,17 @@ BatchStep = tuple[
 
 
 class BatchedGames:
-    """N games of the parallel form; a game that ends starts anew in the same step.
+    """N games stepped together; a game that ends is reset in the same step.
 
-    Observations as those of `parallel_env` with a leading axis of N. Rewards by agent; both agents end together.
-    Infos: "turns", bool (N, 2), whose turn it is now; and where games ended, "final_observation" (LastObservations) and
-    "final_info", sequences of N: None, or what the parallel form gives by agent.
+    Observations as from `parallel_env` with a leading axis (N,). Rewards by agent; both agents end together.
+    Infos: "turns", bool (N, 2), which agents are to move; if any game ended, "final_observation" (FinalObservations)
+    and "final_info", sequences of N with None for games that go on, otherwise the last observations or infos by agent.
     """
 
     def __init__(self, num_games: int, *, copy: bool = True, **settings: Any) -> None:
-        """`copy=False`: images are the same array in every step, valid until the next.
+        """`copy=False`: the image array is reused, so valid only until the next step.
 
-        Raises ValueError for a number that is not positive, and as the other forms do.
+        Raises ValueError unless `num_games` is positive, and for bad settings.
         """
         if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
             raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
@@ -64,10 +64,10 @@ class BatchedGames:
             self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
         self._copies = checked_flag("copy", copy)
         self._games = GameArrays(setup, num_games)
-        self._every = np.arange(num_games)
+        self._all = np.arange(num_games)
         self._is_started = False
-        self._generators: list[np.random.Generator] = []  # none before the first reset
-        self._draws: list[list[int]] = [[] for _ in range(num_games)]  # of tasks to come, the next one last
+        self._generators: list[np.random.Generator] = []  # empty before the first reset
+        self._draws: list[list[int]] = [[] for _ in range(num_games)]  # task indices drawn in advance, next one last
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)
@@ -75,143 +75,142 @@ class BatchedGames:
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
-        """Starts every game; game i is seeded with `seed` + i. `options` as those of the parallel form, for all."""
+        """Starts every game; game i is seeded with `seed` + i. `options` as for `parallel_env`, for all games."""
         seed = checked_seed(seed)
         if seed is not None or not self._generators:
-            seeds = [None if seed is None else seed + number for number in range(self.num_games)]
+            seeds = [None if seed is None else seed + index for index in range(self.num_games)]
             self._generators = [seeding.np_random(seed)[0] for seed in seeds]
             self._draws = [[] for _ in seeds]
-        self._start(self._every, options or {})
+        self._start(self._all, options or {})
         self._is_started = True
-        return self._observations(), {"turns": self._games.moves.T.copy()}
+        return self._observations(), {"turns": self._games.movers.T.copy()}
 
     def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
-        """Starts some games, each with a task and an intent of its own generator's, in this order."""
+        """Starts games (k,); each draws its task, then its intent, from its own generator."""
         setup = self._setup
         task = setup.tasks.number(options["task"]) if "task" in options else None
-        intent = chosen_intent(options)
+        intent = intent_option(options)
         if intent is None:
-            intent = setup.usual_intent
+            intent = setup.fixed_intent
         tasks = np.empty(len(indices), np.int64)
         intents = np.full(len(indices), 0 if intent is None else int(intent))
-        for place, number in enumerate(indices.tolist()):
-            tasks[place] = self._drawn_task(number) if task is None else task
+        for position, index in enumerate(indices.tolist()):
+            tasks[position] = self._sample_task_index(index) if task is None else task
             if intent is None:
-                intents[place] = int(setup.drawn_intent(self._generators[number]))
+                intents[position] = int(setup.sample_intent(self._generators[index]))
         self._games.start(indices, tasks, intents)
 
-    def _drawn_task(self, number: int) -> int:
-        generator, setup = self._generators[number], self._setup
-        if setup.usual_intent is None:  # tasks and intents come by turns
-            return setup.drawn_task(generator)
-        if not self._draws[number]:
-            self._draws[number] = next_draws(generator, len(setup.tasks))
-        return self._draws[number].pop()
+    def _sample_task_index(self, index: int) -> int:
+        generator, setup = self._generators[index], self._setup
+        if setup.fixed_intent is None:  # tasks and intents are drawn alternately, so not in advance
+            return setup.sample_task_index(generator)
+        if not self._draws[index]:
+            self._draws[index] = next_draws(generator, len(setup.tasks))
+        return self._draws[index].pop()
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
-        """`actions`: (N,) whole numbers by agent. Errors as in the parallel form, and for arrays of another shape."""
+        """`actions`: integers (N,) by agent. Errors as for `parallel_env`; a wrong shape or type is an ActionError."""
         if not self._is_started:
-            raise ResetNeeded("there are no games before the first reset; call reset first")
+            raise ResetNeeded("call reset first")
         games = self._games
-        games.play(*self._checked(actions))
+        games.step(*self._checked_actions(actions))
         rewards, terminated, truncated = games.rewards, games.terminated, games.truncated
         ended = np.flatnonzero(terminated | truncated)
         infos: dict[str, Any] = {}
         if len(ended):
-            infos = self._final(ended)
+            infos = self._final_infos(ended)
             self._start(ended, {})
-        infos["turns"] = games.moves.T.copy()
+        infos["turns"] = games.movers.T.copy()
         return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
 
-    def _checked(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
+    def _checked_actions(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
         """Both agents' actions, by Role."""
         if set(actions) != set(AGENTS):
-            raise TurnError(f"actions must be of {' and '.join(AGENTS)}, not of {', '.join(actions) or 'nobody'}")
-        return [self._checked_row(role, np.asarray(actions[AGENTS[role]])) for role in Role]
+            raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
+        return [self._checked_array(role, np.asarray(actions[AGENTS[role]])) for role in Role]
 
-    def _checked_row(self, role: Role, row: NDArray[Any]) -> Int64Array:
-        if row.shape != (self.num_games,) or row.dtype.kind not in "iu":
+    def _checked_array(self, role: Role, array: NDArray[Any]) -> Int64Array:
+        if array.shape != (self.num_games,) or array.dtype.kind not in "iu":
             raise ActionError(
-                f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {row.dtype} {row.shape}"
+                f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {array.dtype} {array.shape}"
             )
         game = self._setup.game
-        if row.astype(np.uint64, copy=False).max() >= game.action_counts[role]:  # which negative numbers are as well
-            for action in row.tolist():  # one of them is refused
-                game.checked(role, action)
-        return row.astype(np.int64, copy=False)
+        if array.astype(np.uint64, copy=False).max() >= game.action_counts[role]:  # negative ones wrap around to large
+            for action in array.tolist():  # raises for the first bad one
+                game.checked_action(role, action)
+        return array.astype(np.int64, copy=False)
 
     def _observations(self) -> dict[str, AgentObservation]:
-        return self._observed(self._every, copies_images=self._copies)
+        return self._observe(self._all, copies_images=self._copies)
 
-    def _observed(self, indices: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
-        """What the agents see of games (k,): arrays (k, ...). What both see alike is encoded once."""
+    def _observe(self, indices: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
+        """Both agents' observations of games (k,) as arrays (k, ...); parts that both see are encoded once."""
         games = self._games
-        rows: dict[int, NDArray[Any]] = {}
+        encoded: dict[int, NDArray[Any]] = {}  # by id of the part
         for part in (part for parts in self._parts for part in parts.values()):
             if isinstance(part, ImagePart) and not copies_images:
-                rows[id(part)] = games.images
-            elif id(part) not in rows:
-                rows[id(part)] = part.rows(games, indices)
+                encoded[id(part)] = games.images
+            elif id(part) not in encoded:
+                encoded[id(part)] = part.encode_batch(games, indices)
         return {
             AGENTS[role]: {
-                "observation": {key: rows[id(part)] for key, part in self._parts[role].items()},
+                "observation": {key: encoded[id(part)] for key, part in self._parts[role].items()},
                 "action_mask": games.masks(role, indices),
             }
             for role in Role
         }
 
-    def _final(self, ended: Int64Array) -> dict[str, Any]:
-        """What infos tell of the games (k,) that have just ended."""
+    def _final_infos(self, ended: Int64Array) -> dict[str, Any]:
+        """The info entries for games (k,) that have just ended."""
         infos: list[dict[str, Info] | None] = [None] * self.num_games
-        for number in ended.tolist():
-            infos[number] = self._last_infos(number)
-        observations = LastObservations(self.num_games, ended, self._observed(ended))
+        for index in ended.tolist():
+            infos[index] = self._final_info(index)
+        observations = FinalObservations(self.num_games, ended, self._observe(ended))
         return {"final_observation": observations, "final_info": tuple(infos)}
 
-    def _last_infos(self, number: int) -> dict[str, Info]:
-        """Both agents' infos of a game that has just ended."""
+    def _final_info(self, index: int) -> dict[str, Info]:
         setup, games = self._setup, self._games
         shared: Info = {}
         if setup.reveals_truth:
-            intent = Intent(int(games.intents[number]))
-            shared = truth_info(setup, games.mdp(number), intent, games.last_judgement(number))
-        infos = both_infos(shared | games.last_end(number), games.last_illegal(number))
+            intent = Intent(int(games.intents[index]))
+            shared = truth_info(setup, games.mdp(index), intent, games.last_judgement(index))
+        infos = agent_infos(shared | games.end_info(index), games.last_illegal(index))
         return dict(zip(AGENTS, infos, strict=True))
 
     def close(self) -> None:
-        """Nothing is held beside memory."""
+        """Does nothing: there are no resources besides memory."""
 
 
-class LastObservations(Sequence[dict[str, AgentObservation] | None]):
-    """By game, what each agent saw last, as the parallel form gives it; None where a game goes on.
+class FinalObservations(Sequence[dict[str, AgentObservation] | None]):
+    """By game, the last observations of both agents as from `parallel_env`; None for games that go on.
 
-    Each is made when it is asked for, out of arrays of those that ended.
+    Items are taken lazily from the arrays in `stacked`.
     """
 
     def __init__(self, num_games: int, ended: Int64Array, stacked: dict[str, AgentObservation]) -> None:
-        self.numbers = ended  # (k,) of the games that ended
-        self.stacked = stacked  # arrays (k, ...) of what their agents saw
+        self.indices = ended  # (k,) of the games that ended
+        self.stacked = stacked  # by agent, arrays (k, ...)
         self._num_games = num_games
 
     def __len__(self) -> int:
         return self._num_games
 
     @overload
-    def __getitem__(self, number: int) -> dict[str, AgentObservation] | None: ...
+    def __getitem__(self, index: int) -> dict[str, AgentObservation] | None: ...
     @overload
-    def __getitem__(self, number: slice) -> tuple[dict[str, AgentObservation] | None, ...]: ...
-    def __getitem__(self, number: int | slice) -> Any:
-        indices = range(self._num_games)[number]
-        return self._of(indices) if isinstance(indices, int) else tuple(map(self._of, indices))
+    def __getitem__(self, index: slice) -> tuple[dict[str, AgentObservation] | None, ...]: ...
+    def __getitem__(self, index: int | slice) -> Any:
+        indices = range(self._num_games)[index]
+        return self._item(indices) if isinstance(indices, int) else tuple(map(self._item, indices))
 
-    def _of(self, number: int) -> dict[str, AgentObservation] | None:
-        for place in (self.numbers == number).nonzero()[0].tolist():
-            return {agent: _at(place, observation) for agent, observation in self.stacked.items()}
+    def _item(self, index: int) -> dict[str, AgentObservation] | None:
+        for position in (self.indices == index).nonzero()[0].tolist():
+            return {agent: _row(position, observation) for agent, observation in self.stacked.items()}
         return None
 
 
-def _at(place: int, observation: AgentObservation) -> AgentObservation:
+def _row(position: int, observation: AgentObservation) -> AgentObservation:
     return {
-        "observation": {key: array[place] for key, array in observation["observation"].items()},
-        "action_mask": observation["action_mask"][place],
+        "observation": {key: array[position] for key, array in observation["observation"].items()},
+        "action_mask": observation["action_mask"][position],
     }

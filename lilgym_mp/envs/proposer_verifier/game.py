@@ -1,4 +1,4 @@
-"""A game of proposer and verifier: settings, actions, and the pure step from state to state."""
+"""The core of the game: actions, masks, and the pure step function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lilgym_mp.actions import ActionError, describe
 from lilgym_mp.arrays import BOOLEANS, BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
 from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
-from lilgym_mp.envs.proposer_verifier.states import (
+from lilgym_mp.envs.proposer_verifier.types import (
     AGENTS,
     NO_CHOICE,
     NOBODY_MOVES,
@@ -22,14 +22,14 @@ from lilgym_mp.envs.proposer_verifier.states import (
     STOP_ACTION,
     VERIFIER,
     VERIFIER_MOVES,
-    Conditions,
     GameState,
     GameStep,
     Intent,
     Judgement,
     MDPMove,
     PastTurn,
-    Proposal,
+    ProposalType,
+    ProtocolConfig,
     Role,
     TurnDecision,
     TurnInput,
@@ -39,47 +39,46 @@ from lilgym_mp.task import Task
 from lilgym_mp.tuples import new_tuple
 
 INT8 = np.dtype(np.int8)
-WAITING = "wait"
-NOTHING, WAIT, _, STOP = MDPMove  # reading a member off its enum costs ten times as much, in every step
-EDIT = int(Proposal.EDIT)
-
+WAIT_NAME = "wait"
+NOTHING, WAIT, _, STOP = MDPMove  # module constants: faster to read than enum members
+EDIT = int(ProposalType.EDIT)
 
 Pair = tuple[float, float]  # by Role
 
 
 class DecisionTable:
-    """Every decision of the protocol and every reward, computed once when the game is made.
+    """Lookup table of every decision of the protocol and every reward, computed once per game.
 
-    One game looks them up; `game_arrays` indexes them for many games at once.
+    `Game.step` reads one entry; `game_arrays` indexes it for many games at once.
     """
 
     decisions: tuple[TurnDecision, ...]
-    # Index of the decision, by: whether the verifier answers, Proposal, answer, whether the exchanges are spent. The
-    # last proposal and the last answer stand for none, so that the index NO_CHOICE finds them.
+    # Index of the decision, by: is_answer, ProposalType, answer, exchanges_spent (the fields of TurnInput). The last
+    # proposal type and the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
     indices: list[list[list[list[int]]]]
-    # Both agents' rewards, by: index of the decision, index of the MDP's StepResult, whether the claim is true, Intent.
+    # Both agents' rewards, by: index of the decision, index of the MDP's StepResult, whether the claim holds, Intent.
     rewards: list[list[list[list[Pair]]]]
-    nothing_played: int  # stands for the index of a StepResult where the MDP takes no step
-    truth_matters: list[bool]  # by index of the decision: whether its rewards depend on whether the claim is true
+    no_mdp_step: int  # index used for the StepResult if the MDP takes no step
+    needs_truth: list[bool]  # by index of the decision: whether its rewards depend on whether the claim holds
 
-    def __init__(self, protocol: GameProtocol, conditions: Conditions, rewards: RewardScheme) -> None:
+    def __init__(self, protocol: GameProtocol, config: ProtocolConfig, rewards: RewardScheme) -> None:
         found: dict[TurnDecision, int] = {}
 
         def index(turn_input: TurnInput) -> int:
-            return found.setdefault(protocol.decide(conditions, turn_input), len(found))
+            return found.setdefault(protocol.decide(config, turn_input), len(found))
 
-        answers = (*range(len(protocol.answers(conditions))), None)
-        turns = (False,) if protocol.simultaneous else (False, True)
+        answers = (*range(len(protocol.answers(config))), None)
+        turns = (False, True) if protocol.turn_based else (False,)
         self.indices = [
             [
-                [[index(TurnInput(turn, kind, answer, spent)) for spent in (False, True)] for answer in answers]
-                for kind in Proposal
+                [[index(TurnInput(turn, proposal, answer, spent)) for spent in (False, True)] for answer in answers]
+                for proposal in ProposalType
             ]
             for turn in turns
         ]
         self.decisions = tuple(found)
-        results = conditions.dynamics.step_results
-        self.nothing_played = len(results)
+        results = config.dynamics.step_results
+        self.no_mdp_step = len(results)
         mdp_rewards = [*(result.reward for result in results), 0.0]
         self.rewards = [
             [
@@ -91,7 +90,7 @@ class DecisionTable:
             ]
             for decision in self.decisions
         ]
-        self.truth_matters = [any(false != true for false, true in pairs) for pairs in self.rewards]
+        self.needs_truth = [any(false != true for false, true in pairs) for pairs in self.rewards]
 
 
 def _judgement(decision: TurnDecision, *, holds: bool) -> Judgement | None:
@@ -106,50 +105,52 @@ class TurnError(ValueError):
 class Game:
     """The rules of one game, as pure functions of states.
 
-    An agent's action is choice x (message_size + 1) + word. The proposer's choices are the numbered actions of the
-    MDP, the verifier's the answers of the protocol; where agents take turns, a last choice, "wait", is the
-    only legal one of the agent whose turn it is not. Word 0 is silence.
+    An agent's action is choice x (message_size + 1) + message. The proposer's choices are the actions of the MDP, the
+    verifier's the answers of the protocol. In turn-based protocols there is one more choice, "wait", the only legal
+    one out of turn. Message 0 is silence.
     """
 
     protocol: GameProtocol
-    conditions: Conditions
+    config: ProtocolConfig
     rewards: RewardScheme
-    message_sizes: tuple[int, int]  # words beside silence, by Role
-    message_cost: float  # to the sender, for each word but silence
+    message_sizes: tuple[int, int]  # number of messages besides silence, by Role
+    message_cost: float  # to the sender, for each message but silence
     history_length: int  # turns kept in the state
-    homogeneous: bool  # both agents' action spaces are as large as the larger; what is beyond one's own is illegal
+    homogeneous: bool  # both action spaces have the size of the larger one; the surplus actions are illegal
     decision_table: DecisionTable = field(init=False, repr=False)
-    choices: tuple[range, range] = field(init=False)  # in an agent's turn, by Role; "wait" comes after them
+    choices: tuple[range, range] = field(init=False)  # legal in an agent's turn, by Role; "wait" follows them
     action_counts: tuple[int, int] = field(init=False)  # by Role
-    wait_actions: tuple[int | None, int | None] = field(init=False)  # by Role; None where agents move at once
-    waiting_masks: tuple[Int8Array, Int8Array] = field(init=False, repr=False)  # of who must wait, by Role
-    answering_mask: Int8Array = field(init=False, repr=False)  # the verifier's in its turn
-    takes_turns: bool = field(init=False)  # whether the agents do, rather than move at once
-    _speaks: bool = field(init=False, repr=False)  # whether any agent has words
-    _proposes_as_mdp: bool = field(init=False, repr=False)  # whether the proposer's actions are just the MDP's
+    wait_actions: tuple[int | None, int | None] = field(init=False)  # by Role; None in simultaneous protocols
+    wait_masks: tuple[Int8Array, Int8Array] = field(init=False, repr=False)  # out of turn, by Role
+    answer_mask: Int8Array = field(init=False, repr=False)  # the verifier's in its turn
+    turn_based: bool = field(init=False)  # `GameProtocol.turn_based`
+    _has_messages: bool = field(init=False, repr=False)  # whether any agent can send messages
+    _proposer_mask_is_mdp: bool = field(init=False, repr=False)  # whether the proposer's actions are the MDP's
 
     def __post_init__(self) -> None:
-        appearance, ending = self.conditions.dynamics.appearance, self.conditions.ending
+        appearance, ending = self.config.dynamics.appearance, self.config.ending
         first = STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1
-        choices = (range(first, appearance.action_count), range(len(self.protocol.answers(self.conditions))))
-        takes_turns = not self.protocol.simultaneous
+        choices = (range(first, appearance.action_count), range(len(self.protocol.answers(self.config))))
+        turn_based = self.protocol.turn_based
         proposer, verifier = (
-            (own.stop + takes_turns) * (size + 1) for own, size in zip(choices, self.message_sizes, strict=True)
+            (own.stop + turn_based) * (size + 1) for own, size in zip(choices, self.message_sizes, strict=True)
         )
         largest = max(proposer, verifier)
         derive = partial(object.__setattr__, self)
-        derive("decision_table", DecisionTable(self.protocol, self.conditions, self.rewards))
+        derive("decision_table", DecisionTable(self.protocol, self.config, self.rewards))
         derive("choices", choices)
         derive("action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
-        derive("wait_actions", tuple(self.action(role, choices[role].stop) if takes_turns else None for role in Role))
-        derive("waiting_masks", tuple(self._waiting_mask(role) for role in Role))
-        derive("answering_mask", self._answering_mask())
-        derive("takes_turns", takes_turns)
-        derive("_speaks", any(self.message_sizes))
-        as_mdp = self.action_counts[PROPOSER] == appearance.action_count and ending.proposer_may_stop
-        derive("_proposes_as_mdp", as_mdp)
+        derive(
+            "wait_actions", tuple(self.encode_action(role, choices[role].stop) if turn_based else None for role in Role)
+        )
+        derive("wait_masks", tuple(self._wait_mask(role) for role in Role))
+        derive("answer_mask", self._answer_mask())
+        derive("turn_based", turn_based)
+        derive("_has_messages", any(self.message_sizes))
+        is_mdp = self.action_counts[PROPOSER] == appearance.action_count and ending.proposer_may_stop
+        derive("_proposer_mask_is_mdp", is_mdp)
 
-    def _waiting_mask(self, role: Role) -> Int8Array:
+    def _wait_mask(self, role: Role) -> Int8Array:
         mask = np.zeros(self.action_counts[role], np.int8)
         wait = self.wait_actions[role]
         if wait is not None:
@@ -157,60 +158,64 @@ class Game:
         mask.flags.writeable = False
         return mask
 
-    def _answering_mask(self) -> Int8Array:
+    def _answer_mask(self) -> Int8Array:
         mask = np.zeros(self.action_counts[VERIFIER], np.int8)
-        mask[: self.action(VERIFIER, self.choices[VERIFIER].stop)] = 1
+        mask[: self.encode_action(VERIFIER, self.choices[VERIFIER].stop)] = 1
         mask.flags.writeable = False
         return mask
 
     def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
-        return GameState(self.conditions.dynamics.start(task), self.protocol.first, intent)
+        return GameState(self.config.dynamics.start(task), self.protocol.first_movers, intent)
 
-    def play(
+    def step(
         self, state: GameState, proposer: SupportsIndex | None = None, verifier: SupportsIndex | None = None
     ) -> GameStep:
-        """What the actions of the agents whose turn it is make of `state`; None for the other.
+        """Applies the actions of the agents to move; None for an agent out of turn.
 
-        An illegal choice is no mistake: it counts as having chosen nothing (`protocols`). Raises TurnError for an
-        agent that acts out of turn or fails to act, ActionError for a number out of range.
+        An illegal choice counts as no choice (`protocols`). Raises TurnError if an agent acts out of turn or fails to
+        act, ActionError for an action outside the action space.
         """
-        mdp, movers, intent, asked, rejections, words, _ = state
+        mdp, movers, intent, proposal, rejections, messages, _ = state
         if not movers:
-            raise TurnError("the game is over: no agent may act before a new one starts")
-        proposal, proposer_word, proposer_errs = self._read(movers, PROPOSER, proposer)
-        answer, verifier_word, verifier_errs = self._read(movers, VERIFIER, verifier)
-        if asked is None:
-            asked = proposal
+            raise TurnError("the game is over; start a new one")
+        choice, proposer_message, proposer_illegal = self._decode_action(movers, PROPOSER, proposer)
+        answer, verifier_message, verifier_illegal = self._decode_action(movers, VERIFIER, verifier)
+        if proposal is None:
+            proposal = choice
         table = self.decision_table
-        kind = EDIT if asked > STOP_ACTION else asked
-        index = table.indices[movers[0]][kind][answer][rejections >= self.conditions.exchanges]
+        proposal_type = EDIT if proposal > STOP_ACTION else proposal
+        index = table.indices[movers[0]][proposal_type][answer][rejections >= self.config.exchanges]
         decision = table.decisions[index]
-        mdp_move, asks, rejects, _, _ = decision
+        mdp_move, needs_answer, rejects, _, _ = decision
         if mdp_move is NOTHING:
-            played, after, result, terminated, truncated = None, mdp, table.nothing_played, False, False
+            transition, after, result, terminated, truncated = None, mdp, table.no_mdp_step, False, False
             rejections += rejects
         else:
-            played = self._step_mdp(mdp, mdp_move, asked)
-            after, (result, _, _, terminated, truncated, _), _ = played
+            transition = self._step_mdp(mdp, mdp_move, proposal)
+            after, (result, _, _, terminated, truncated, _), _ = transition
             rejections = 0
-        holds = table.truth_matters[index] and mdp.task.solved_by(mdp.scene)
+        holds = table.needs_truth[index] and mdp.task.solved_by(mdp.scene)
         rewards = table.rewards[index][result][holds][intent]
-        if self._speaks:
-            rewards = self._charged(rewards, proposer_word, verifier_word)
-            words = (
-                words[0] if proposer_word is None else proposer_word,
-                words[1] if verifier_word is None else verifier_word,
+        if self._has_messages:
+            rewards = self._minus_message_costs(rewards, proposer_message, verifier_message)
+            messages = (
+                messages[0] if proposer_message is None else proposer_message,
+                messages[1] if verifier_message is None else verifier_message,
             )
-        next_movers = NOBODY_MOVES if terminated or truncated else VERIFIER_MOVES if asks else self.protocol.first
-        history = self._remembered(state, proposal, answer, words) if self.history_length else ()
-        following = new_tuple(
-            GameState, (after, next_movers, intent, asked if asks else None, rejections, words, history)
-        )
-        illegal = (proposer_errs, verifier_errs)
-        return new_tuple(GameStep, (following, rewards, terminated, truncated, played, illegal, decision, mdp))
+        if terminated or truncated:
+            next_movers = NOBODY_MOVES
+        else:
+            next_movers = VERIFIER_MOVES if needs_answer else self.protocol.first_movers
+        history = self._extended_history(state, choice, answer, messages) if self.history_length else ()
+        pending = proposal if needs_answer else None
+        next_state = new_tuple(GameState, (after, next_movers, intent, pending, rejections, messages, history))
+        illegal = (proposer_illegal, verifier_illegal)
+        return new_tuple(GameStep, (next_state, rewards, terminated, truncated, transition, illegal, decision, mdp))
 
-    def _read(self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None) -> tuple[int, int | None, bool]:
-        """An action's choice, or NO_CHOICE; its word, None when it is not the agent's turn; whether it is illegal."""
+    def _decode_action(
+        self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None
+    ) -> tuple[int, int | None, bool]:
+        """The choice, or NO_CHOICE; the message, None out of turn; whether the choice is illegal."""
         if role not in movers:
             if action is not None:
                 raise TurnError(f"{AGENTS[role]} acted out of turn: it is the turn of {AGENTS[role.other]}")
@@ -218,35 +223,34 @@ class Game:
         if action is None:
             raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
         choices = self.choices[role]
-        if type(action) is int and action in choices and not self._speaks:  # then there is nothing to check or divide
+        if type(action) is int and action in choices and not self._has_messages:  # fast path
             return action, SILENCE, False
-        choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
+        choice, message = divmod(self.checked_action(role, action), self.message_sizes[role] + 1)
         if choice in choices:
-            return choice, word, False
+            return choice, message, False
         return NO_CHOICE, SILENCE, True
 
     def _step_mdp(self, mdp: State, mdp_move: MDPMove, proposal: int) -> Transition:
-        """What the MDP makes of a turn that spends a round."""
-        dynamics = self.conditions.dynamics
+        """The MDP's transition in a turn that uses up a round."""
+        dynamics = self.config.dynamics
         if mdp_move is WAIT:
             return dynamics.wait(mdp)
         return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if mdp_move is STOP else proposal))
 
-    def _charged(
-        self, rewards: tuple[float, float], proposer_word: int | None, verifier_word: int | None
-    ) -> tuple[float, float]:
-        """The rewards less the cost of what was said."""
+    def _minus_message_costs(self, rewards: Pair, proposer_message: int | None, verifier_message: int | None) -> Pair:
         proposer, verifier = rewards
         return (
-            proposer - self.message_cost if proposer_word else proposer,
-            verifier - self.message_cost if verifier_word else verifier,
+            proposer - self.message_cost if proposer_message else proposer,
+            verifier - self.message_cost if verifier_message else verifier,
         )
 
-    def _remembered(self, state: GameState, proposal: int, answer: int, words: tuple[int, int]) -> tuple[PastTurn, ...]:
-        return (*state.history, PastTurn(proposal, answer, words))[-self.history_length :]
+    def _extended_history(
+        self, state: GameState, proposal: int, answer: int, messages: tuple[int, int]
+    ) -> tuple[PastTurn, ...]:
+        return (*state.history, PastTurn(proposal, answer, messages))[-self.history_length :]
 
-    def checked(self, role: Role, action: SupportsIndex) -> int:
-        """`action` as an int. Raises ActionError when it is none of the action space of `role`."""
+    def checked_action(self, role: Role, action: SupportsIndex) -> int:
+        """`action` as an int. Raises ActionError if it is not in the action space of `role`."""
         count = self.action_counts[role]
         try:
             index = -1 if isinstance(action, BOOLEANS) else operator.index(action)
@@ -259,42 +263,42 @@ class Game:
         return index
 
     def legal_mask(self, state: GameState, role: Role) -> Int8Array:
-        """(actions,) a new array: 1 for each legal action of `role`. At least one always is."""
-        if self.takes_turns and role not in state.movers:
-            return self.waiting_masks[role].copy()
+        """(actions,) a new array: 1 for each legal action of `role`; there is always at least one."""
+        if self.turn_based and role not in state.movers:
+            return self.wait_masks[role].copy()
         if role is VERIFIER:
-            return self.answering_mask.copy()
-        legal = self.conditions.dynamics.legal_mask(state.mdp)
-        return legal.view(INT8) if self._proposes_as_mdp else self.proposer_masks(legal)
+            return self.answer_mask.copy()
+        legal = self.config.dynamics.legal_mask(state.mdp)
+        return legal.view(INT8) if self._proposer_mask_is_mdp else self.proposer_masks(legal)
 
     def proposer_masks(self, legal: BoolArray) -> Int8Array:
-        """(..., actions) of proposers in their turn, from `legal`, the MDP's own (..., choices), which is used up."""
-        if not self.conditions.ending.proposer_may_stop:
+        """(..., actions) masks of proposers in their turn from the MDP's (..., choices), which may be overwritten."""
+        if not self.config.ending.proposer_may_stop:
             legal[..., STOP_ACTION] = False
         count, choices = self.action_counts[PROPOSER], legal.shape[-1]
         if choices == count:
             return legal.view(INT8)
         masks = np.zeros((*legal.shape[:-1], count), INT8)
-        spoken = self.message_sizes[PROPOSER] + 1
-        masks[..., : choices * spoken] = legal if spoken == 1 else legal.repeat(spoken, axis=-1)
+        messages = self.message_sizes[PROPOSER] + 1
+        masks[..., : choices * messages] = legal if messages == 1 else legal.repeat(messages, axis=-1)
         return masks
 
-    def waits(self, role: Role, action: SupportsIndex) -> bool:
-        """Whether an agent whose turn it is not does what it must: "wait". Raises ActionError as `checked` does."""
+    def is_wait(self, role: Role, action: SupportsIndex) -> bool:
+        """Whether `action` is "wait". Raises ActionError as `checked_action`."""
         wait = self.wait_actions[role]
-        return (type(action) is int and action == wait) or self.checked(role, action) == wait
+        return (type(action) is int and action == wait) or self.checked_action(role, action) == wait
 
     def describe(self, role: Role, action: SupportsIndex) -> str:
-        """An action as people write it, such as "ADD(LEFT, BLUE)", "accept" or "reject, word 2"."""
-        choice, word = divmod(self.checked(role, action), self.message_sizes[role] + 1)
+        """An action's name, such as "ADD(LEFT, BLUE)", "accept" or "reject, message 2"."""
+        choice, message = divmod(self.checked_action(role, action), self.message_sizes[role] + 1)
         if choice >= self.choices[role].stop:
-            name = WAITING
+            name = WAIT_NAME
         elif role is PROPOSER:
-            name = describe(self.conditions.dynamics.appearance.decode(choice))
+            name = describe(self.config.dynamics.appearance.decode(choice))
         else:
-            name = self.protocol.answers(self.conditions)[choice]
-        return f"{name}, word {word}" if word else name
+            name = self.protocol.answers(self.config)[choice]
+        return f"{name}, message {message}" if message else name
 
-    def action(self, role: Role, choice: int, word: int = SILENCE) -> int:
-        """The number of the action that makes `choice` and says `word`."""
-        return choice * (self.message_sizes[role] + 1) + word
+    def encode_action(self, role: Role, choice: int, message: int = SILENCE) -> int:
+        """The index of the action that makes `choice` and sends `message`."""
+        return choice * (self.message_sizes[role] + 1) + message

@@ -1,6 +1,6 @@
-"""Many games at once: `Game.play` over arrays, on top of a core that steps as many MDPs.
+"""The vectorised form of `Game.step`, on top of a core that steps N MDPs.
 
-The protocol's decisions and the rewards are read from the game's `DecisionTable`; this module has no rules of its own.
+Decisions and rewards are looked up in the game's `DecisionTable`; this module has no rules of its own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.proposer_verifier.game import EDIT
-from lilgym_mp.envs.proposer_verifier.states import (
+from lilgym_mp.envs.proposer_verifier.types import (
     NO_CHOICE,
     PROPOSER,
     SILENCE,
@@ -30,111 +30,111 @@ from lilgym_mp.envs.single import end_info
 from lilgym_mp.rules import State, Transition
 
 Info = dict[str, Any]
-NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain numbers for arrays, as in `envs.buffers`
+NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 
 
 class GameArrays:
-    """The states of N games by number, and what the last turn made of them."""
+    """The states of N games and the results of the last turn."""
 
-    moves: BoolArray  # (2, N) whose turn it is, by Role
+    movers: BoolArray  # (2, N) by Role, whether the agent is to move
     intents: Int64Array  # (N,)
-    proposals: Int64Array  # (N,) that await an answer, or NO_CHOICE
-    words: Int64Array  # (2, N) the last of each, by Role
-    history: Int64Array  # (N, turns, 4) proposals, answers and both words, newest last; NO_CHOICE before the first
-    rewards: Float64Array  # (2, N) of the last turn
-    terminated: BoolArray  # (N,) by the last turn
-    truncated: BoolArray  # (N,) by the last turn
+    proposals: Int64Array  # (N,) pending, or NO_CHOICE
+    messages: Int64Array  # (2, N) by Role, the agent's last message
+    history: Int64Array  # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
+    rewards: Float64Array  # (2, N) of the last turn, by Role
+    terminated: BoolArray  # (N,) in the last turn
+    truncated: BoolArray  # (N,) in the last turn
 
     def __init__(self, setup: GameSetup, num_games: int) -> None:
         self._game = game = setup.game
-        self._dynamics = dynamics = game.conditions.dynamics
+        self._dynamics = dynamics = game.config.dynamics
         actions, capacity = dynamics.appearance.action_count, setup.item_capacity
-        forms = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
-        self._buffers = Buffers.new(forms)
+        specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
+        self._buffers = Buffers.new(specs)
         self._core = make_core(dynamics, setup.tasks, self._buffers, setup.image_size)
         self._tables = _Tables.of(setup)
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
-        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # whose choice was in the last turn, by Role
-        self._decisions = np.zeros(num_games, np.int64)  # the last turn's
-        self._holds = np.zeros(num_games, np.int64)  # whether what it judged was true, where that matters
-        self._ends: dict[tuple[int, int], Info] = {}  # by verdict and reason
-        self._has_masks = self._has_items = False  # whether those in the buffers are of the present scenes
-        self._first = np.array([[role in game.protocol.first] for role in Role])  # (2, 1) who moves first
-        self.moves = np.zeros((len(Role), num_games), np.bool_)
+        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # in the last turn, by Role
+        self._decisions = np.zeros(num_games, np.int64)  # index of the last turn's decision
+        self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
+        self._end_infos: dict[tuple[int, int], Info] = {}  # cache by indices of the step result and the invalid reason
+        self._has_masks = self._has_items = False  # whether those in the buffers are up to date
+        self._first_movers = np.array([[role in game.protocol.first_movers] for role in Role])  # (2, 1)
+        self.movers = np.zeros((len(Role), num_games), np.bool_)
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)
         self.rewards = np.zeros((len(Role), num_games))
         self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)
-        self.words = np.full((len(Role), num_games), SILENCE)
+        self.messages = np.full((len(Role), num_games), SILENCE)
         self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
 
     def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
-        """Begins games (k,) of tasks (k,) by number."""
+        """Starts games (k,) with the tasks of indices (k,) and intents (k,)."""
         self._core.start(indices, tasks)
         self._has_masks = self._has_items = False
         self._rejections[indices] = 0
-        self.moves[:, indices] = self._first
+        self.movers[:, indices] = self._first_movers
         self.intents[indices] = intents
         self.proposals[indices] = NO_CHOICE
-        self.words[:, indices] = SILENCE
+        self.messages[:, indices] = SILENCE
         self.history[indices] = NO_CHOICE
 
-    def play(self, proposers: Int64Array, verifiers: Int64Array) -> None:
-        """One turn of every game. Actions (N,) of both agents; those of an agent whose turn it is not are ignored."""
+    def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
+        """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
         game, tables = self._game, self._tables
-        proposal, proposer_word = self._read(PROPOSER, proposers)
-        answer, verifier_word = self._read(VERIFIER, verifiers)
-        asked, is_answer = proposal, self._no_answers
-        if game.takes_turns:
-            is_answer = self.moves[VERIFIER].astype(np.int64)
-            asked = np.where(is_answer, self.proposals, proposal)
-        exchanges_are_spent = (self._rejections >= game.conditions.exchanges).astype(np.int64)
-        decision = tables.indices[is_answer, np.minimum(asked, EDIT), answer, exchanges_are_spent]
+        choice, proposer_message = self._decode_actions(PROPOSER, proposers)
+        answer, verifier_message = self._decode_actions(VERIFIER, verifiers)
+        proposal, is_answer = choice, self._no_answers
+        if game.turn_based:
+            is_answer = self.movers[VERIFIER].astype(np.int64)
+            proposal = np.where(is_answer, self.proposals, choice)
+        exchanges_spent = (self._rejections >= game.config.exchanges).astype(np.int64)
+        decision = tables.indices[is_answer, np.minimum(proposal, EDIT), answer, exchanges_spent]
         self._decisions = decision
-        self._holds = self._truths(decision)
-        mdp_move, asks = tables.mdp_move[decision], tables.asks[decision]
-        verdict = self._step_mdps(mdp_move, asked)
-        self.rewards = tables.rewards[:, decision, verdict, self._holds, self.intents]
-        self.terminated, self.truncated = tables.terminated[verdict], tables.truncated[verdict]
+        self._holds = self._claims_holding(decision)
+        mdp_move, needs_answer = tables.mdp_move[decision], tables.needs_answer[decision]
+        result = self._step_mdps(mdp_move, proposal)
+        self.rewards = tables.rewards[:, decision, result, self._holds, self.intents]
+        self.terminated, self.truncated = tables.terminated[result], tables.truncated[result]
         self._rejections = np.where(mdp_move == NOTHING, self._rejections + tables.rejects[decision], 0)
-        going_on = ~(self.terminated | self.truncated)
-        if game.takes_turns:
-            self.proposals = np.where(asks, asked, NO_CHOICE)
-            self.moves = np.array([going_on & ~asks, asks])
+        is_active = ~(self.terminated | self.truncated)
+        if game.turn_based:
+            self.proposals = np.where(needs_answer, proposal, NO_CHOICE)
+            self.movers = np.array([is_active & ~needs_answer, needs_answer])
         else:
-            self.moves = np.array([going_on, going_on])
-        for role, word in ((PROPOSER, proposer_word), (VERIFIER, verifier_word)):
-            if word is not None:
-                self.rewards[role] -= game.message_cost * (word > SILENCE)
+            self.movers = np.array([is_active, is_active])
+        for role, message in ((PROPOSER, proposer_message), (VERIFIER, verifier_message)):
+            if message is not None:
+                self.rewards[role] -= game.message_cost * (message > SILENCE)
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
-            self.history[:, -1] = np.stack([proposal, answer, *self.words], axis=1)
+            self.history[:, -1] = np.stack([choice, answer, *self.messages], axis=1)
 
-    def _read(self, role: Role, actions: Int64Array) -> tuple[Int64Array, Int64Array | None]:
-        """(N,) the actions' choices, NO_CHOICE out of turn and for illegal ones; (N,) what they say, if `role` can."""
-        moves, size, own = self.moves[role], self._game.message_sizes[role], self._game.choices[role]
-        choice, word = np.divmod(actions, size + 1) if size else (actions, None)
-        legal = moves & (choice >= own.start) & (choice < own.stop)
+    def _decode_actions(self, role: Role, actions: Int64Array) -> tuple[Int64Array, Int64Array | None]:
+        """(N,) choices, NO_CHOICE if out of turn or illegal; (N,) messages, None if `role` has none."""
+        movers, size, own = self.movers[role], self._game.message_sizes[role], self._game.choices[role]
+        choice, message = np.divmod(actions, size + 1) if size else (actions, None)
+        legal = movers & (choice >= own.start) & (choice < own.stop)
         wait_action = self._game.wait_actions[role]
-        self._illegal[role] = ~legal & (moves if wait_action is None else moves | (actions != wait_action))
-        if word is not None:
-            word = np.where(legal, word, SILENCE)
-            self.words[role] = np.where(moves, word, self.words[role])
-        return np.where(legal, choice, NO_CHOICE), word
+        self._illegal[role] = ~legal & (movers if wait_action is None else movers | (actions != wait_action))
+        if message is not None:
+            message = np.where(legal, message, SILENCE)
+            self.messages[role] = np.where(movers, message, self.messages[role])
+        return np.where(legal, choice, NO_CHOICE), message
 
-    def _truths(self, decision: Int64Array) -> Int64Array:
-        """(N,) 1 where what is judged is true and somebody asks for that."""
+    def _claims_holding(self, decision: Int64Array) -> Int64Array:
+        """(N,) 1 where the judged claim holds and rewards or infos depend on that, otherwise 0."""
         holds = np.zeros(len(decision), np.int64)
-        for number in self._tables.wants_truth[decision].nonzero()[0].tolist():
-            holds[number] = self._dynamics.goal_reached(self.mdp(number))
+        for index in self._tables.needs_truth[decision].nonzero()[0].tolist():
+            holds[index] = self._dynamics.goal_reached(self.mdp(index))
         return holds
 
-    def _step_mdps(self, mdp_move: Int64Array, asked: Int64Array) -> Int64Array:
-        """Has the MDPs take a step where the decision says so. (N,) indices of step results, or `nothing_played`."""
+    def _step_mdps(self, mdp_move: Int64Array, proposal: Int64Array) -> Int64Array:
+        """Steps the MDPs as decided. (N,) indices of step results, or `no_mdp_step`."""
         buffers = self._buffers
-        buffers.action[:] = np.where(mdp_move == STOP, STOP_ACTION, asked)
-        buffers.result[:] = self._game.decision_table.nothing_played
+        buffers.action[:] = np.where(mdp_move == STOP, STOP_ACTION, proposal)
+        buffers.result[:] = self._game.decision_table.no_mdp_step
         acting, waiting = (mdp_move >= PROPOSAL).nonzero()[0], (mdp_move == WAIT).nonzero()[0]
         if len(acting):
             self._core.step(None if len(acting) == len(mdp_move) else acting)
@@ -145,94 +145,94 @@ class GameArrays:
 
     @property
     def images(self) -> UInt8Array:
-        """(N, height, width, 3), brought up to date in every turn; not to be written."""
+        """(N, height, width, 3), updated in every turn; read-only."""
         return self._buffers.image
 
     @property
     def tasks(self) -> Int64Array:
-        """(N,) numbers of the tasks; not to be written."""
+        """(N,) task indices; read-only."""
         return self._buffers.task
 
     def items(self) -> Int16Array:
-        """(N, 3, capacity, 5) `item_array` of the scenes; not to be written."""
+        """(N, 3, capacity, 5) `item_array` of the scenes; read-only."""
         if not self._has_items:
             self._core.write_items()
             self._has_items = True
         return self._buffers.items
 
     def masks(self, role: Role, indices: Int64Array) -> Int8Array:
-        """(k, actions) a new array: `Game.legal_mask` in the games (k,)."""
+        """(k, actions) a new array: `Game.legal_mask` of games (k,)."""
         game = self._game
-        if not game.takes_turns:
+        if not game.turn_based:
             if role is VERIFIER:
-                return np.repeat(game.answering_mask[None], len(indices), axis=0)
+                return np.repeat(game.answer_mask[None], len(indices), axis=0)
             return game.proposer_masks(self._legal()[indices])
-        masks = np.repeat(game.waiting_masks[role][None], len(indices), axis=0)
-        moving = self.moves[role, indices].nonzero()[0]
+        masks = np.repeat(game.wait_masks[role][None], len(indices), axis=0)
+        moving = self.movers[role, indices].nonzero()[0]
         if role is VERIFIER:
-            masks[moving] = game.answering_mask
+            masks[moving] = game.answer_mask
         elif len(moving):
             masks[moving] = game.proposer_masks(self._legal()[indices[moving]])
         return masks
 
     def _legal(self) -> BoolArray:
-        """(N, actions of the MDP); not to be written."""
+        """(N, actions of the MDP); read-only."""
         if not self._has_masks:
             self._core.write_masks()
             self._has_masks = True
         return self._buffers.mask
 
-    def mdp(self, number: int) -> State:
-        """The state of the MDP of a game."""
-        return self._core.state(number)
+    def mdp(self, index: int) -> State:
+        """The MDP's state in a game."""
+        return self._core.state(index)
 
-    def last_end(self, number: int) -> Info:
-        """`end_info` of the last turn of a game, which ended it: a new dict."""
+    def end_info(self, index: int) -> Info:
+        """A new dict: `end_info` of a game that ended in the last turn."""
         buffers = self._buffers
-        key = int(buffers.result[number]), int(buffers.invalid[number])
-        if key not in self._ends:
-            verdict, reason = key
+        key = int(buffers.result[index]), int(buffers.invalid[index])
+        if key not in self._end_infos:
+            result, reason = key
             invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-            self._ends[key] = end_info(Transition(self.mdp(number), self._dynamics.step_results[verdict], invalid))
-        return self._ends[key].copy()
+            self._end_infos[key] = end_info(Transition(self.mdp(index), self._dynamics.step_results[result], invalid))
+        return self._end_infos[key].copy()
 
-    def last_judgement(self, number: int) -> Judgement | None:
-        """What the verifier judged in the last turn of a game; the truth is right where infos reveal it."""
-        decision = self._game.decision_table.decisions[self._decisions[number]]
+    def last_judgement(self, index: int) -> Judgement | None:
+        """The judgement in the last turn of a game; `holds` is valid only if the settings reveal the truth."""
+        decision = self._game.decision_table.decisions[self._decisions[index]]
         if decision.probability is None:
             return None
-        return Judgement(decision.probability, decision.final, bool(self._holds[number]))
+        return Judgement(decision.probability, decision.final, bool(self._holds[index]))
 
-    def last_illegal(self, number: int) -> tuple[bool, bool]:
-        """By Role: whose choice in the last turn of a game was illegal."""
-        proposer, verifier = self._illegal[:, number].tolist()
+    def last_illegal(self, index: int) -> tuple[bool, bool]:
+        """By Role: whether the agent's choice in the last turn of a game was illegal."""
+        proposer, verifier = self._illegal[:, index].tolist()
         return proposer, verifier
 
 
 class _Tables(NamedTuple):
-    """A decision table as arrays."""
+    """A DecisionTable as arrays."""
 
-    indices: Int64Array  # (turns, proposals, answers, 2) of the decisions, as in the table
-    mdp_move: Int64Array  # (decisions,) a MDPMove
-    asks: BoolArray  # (decisions,)
+    indices: Int64Array  # (turns, proposal types, answers, 2) of the decisions, as in the table
+    mdp_move: Int64Array  # (decisions,) an MDPMove
+    needs_answer: BoolArray  # (decisions,)
     rejects: BoolArray  # (decisions,)
-    wants_truth: BoolArray  # (decisions,) whether rewards or infos depend on the truth of what is judged
+    needs_truth: BoolArray  # (decisions,) whether rewards or infos depend on whether the claim holds
     rewards: Float64Array  # (2, decisions, results + 1, 2, 2) by Role, then as in the table
-    terminated: BoolArray  # (results + 1,) the last for `nothing_played`
+    terminated: BoolArray  # (results + 1,) the last is `no_mdp_step`
     truncated: BoolArray  # (results + 1,)
 
     @classmethod
     def of(cls, setup: GameSetup) -> _Tables:
-        table, verdicts = setup.game.decision_table, setup.game.conditions.dynamics.step_results
+        table, results = setup.game.decision_table, setup.game.config.dynamics.step_results
         decisions = table.decisions
-        wants_truth = [setup.reveals_truth and decision.probability is not None for decision in decisions]
+        needs_truth = [setup.reveals_truth and decision.probability is not None for decision in decisions]
         return cls(
             indices=np.array(table.indices),
             mdp_move=np.array([int(decision.mdp_move) for decision in decisions]),
-            asks=np.array([decision.asks for decision in decisions]),
+            needs_answer=np.array([decision.needs_answer for decision in decisions]),
             rejects=np.array([decision.rejects for decision in decisions]),
-            wants_truth=np.array(wants_truth) | np.array(table.truth_matters),
+            needs_truth=np.array(needs_truth) | np.array(table.needs_truth),
             rewards=np.moveaxis(np.array(table.rewards), -1, 0),
-            terminated=np.array([*(verdict.terminated for verdict in verdicts), False]),
-            truncated=np.array([*(verdict.truncated for verdict in verdicts), False]),
+            terminated=np.array([*(result.terminated for result in results), False]),
+            truncated=np.array([*(result.truncated for result in results), False]),
         )

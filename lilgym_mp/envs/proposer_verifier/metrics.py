@@ -1,4 +1,4 @@
-"""How good a verifier is, and how much a proposer can make of its errors."""
+"""Measures of verifiers, and the exploitability of their errors."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, PartnerTurn, ask
-from lilgym_mp.envs.proposer_verifier.session import Session
-from lilgym_mp.envs.proposer_verifier.shared import GameAccess
-from lilgym_mp.envs.proposer_verifier.states import ACCEPTS_ABOVE, Judgement, Role
+from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, PartnerTurn, partner_action
+from lilgym_mp.envs.proposer_verifier.types import ACCEPTANCE_THRESHOLD, Judgement, Role
 from lilgym_mp.rules import Outcome
 
 CALIBRATION_BINS = 10
 
 
 class GameRecord(NamedTuple):
-    """One game as played."""
+    """The record of one game."""
 
     task: str
     outcome: Outcome
@@ -28,7 +28,7 @@ class GameRecord(NamedTuple):
 
 
 class CalibrationBin(NamedTuple):
-    """The judgements whose probability lies in one of ten equal ranges."""
+    """The judgements with probabilities in one of ten equal bins."""
 
     count: int
     mean_probability: float
@@ -37,10 +37,10 @@ class CalibrationBin(NamedTuple):
 
 @dataclass(frozen=True)
 class Metrics:
-    """Measures over games. Rates over no claims are None.
+    """Measures over games. Rates are None if there are no claims to compute them from.
 
-    Completeness is the share of true claims that were accepted, soundness the share of false ones that were not; a
-    claim is what the verifier judges (docs/proposer_verifier.md says what that is in each protocol).
+    Completeness is the share of true claims that were accepted, soundness the share of false ones that were not;
+    docs/proposer_verifier.md defines the claims of each protocol.
     """
 
     games: int
@@ -53,8 +53,8 @@ class Metrics:
     soundness: float | None
     false_accept_rate: float | None
     false_reject_rate: float | None
-    brier_score: float | None  # mean squared difference of stated probability and truth
-    calibration_error: float | None  # mean distance of stated probability and share holding, weighted by count
+    brier_score: float | None  # mean squared difference between stated probability and truth
+    calibration_error: float | None  # mean |mean_probability - share_holding| of the bins, weighted by count
     calibration: tuple[CalibrationBin, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -64,49 +64,51 @@ class Metrics:
 def play_games(
     env: Any, proposer: Partner, verifier: Partner, *, tasks: Iterable[str] | None = None, seed: int = 0
 ) -> list[GameRecord]:
-    """Plays each task once (None: every one of the split, in file order), the same for the same seed.
+    """Plays each task once (None: all of the split, in file order), reproducibly for a given seed.
 
-    `env`: any form of the game; it is played, so let nobody else. Raises PartnerError for illegal actions.
+    `env`: the game; do not step it elsewhere meanwhile. Raises PartnerError for illegal actions.
     """
-    access = getattr(env, "unwrapped", env)
-    if not isinstance(access, GameAccess):
+    game_env = getattr(env, "unwrapped", env)
+    if not isinstance(game_env, BaseGameEnv):
         raise TypeError(f"play_games needs a proposer-verifier environment, not {env!r}")
-    session = access.session
-    session.reset(seed, None)
+    engine = game_env.engine
+    engine.reset(seed, None)
     rng = np.random.default_rng(seed)
-    return [_played(session, proposer, verifier, task, rng) for task in (tasks or access.tasks.ids)]
+    return [_play_game(engine, proposer, verifier, task, rng) for task in (tasks or game_env.tasks.ids)]
 
 
-def _played(session: Session, proposer: Partner, verifier: Partner, task: str, rng: np.random.Generator) -> GameRecord:
-    session.reset(None, {"task": task})
+def _play_game(
+    engine: GameEngine, proposer: Partner, verifier: Partner, task: str, rng: np.random.Generator
+) -> GameRecord:
+    engine.reset(None, {"task": task})
     returns = np.zeros(len(Role))
     judgements: list[Judgement] = []
-    while session.state.movers:
-        asked = {
-            role: ask(partner, PartnerTurn(session, role, rng)) if role in session.state.movers else None
+    while engine.state.movers:
+        actions = {
+            role: partner_action(partner, PartnerTurn(engine, role, rng)) if role in engine.state.movers else None
             for role, partner in zip(Role, (proposer, verifier), strict=True)
         }
-        step = session.play(asked[Role.PROPOSER], asked[Role.VERIFIER])
+        step = engine.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
         returns += step.rewards
         if (judgement := step.judgement) is not None:
             judgements.append(judgement)
-    last = session.last
+    last = engine.last_step
     assert last is not None
-    assert last.played is not None
+    assert last.transition is not None
     proposer_return, verifier_return = returns.tolist()
     return GameRecord(
-        task, last.played.outcome, session.state.mdp.steps, (proposer_return, verifier_return), tuple(judgements)
+        task, last.transition.outcome, engine.state.mdp.steps, (proposer_return, verifier_return), tuple(judgements)
     )
 
 
 def summarise(records: Sequence[GameRecord]) -> Metrics:
-    """Raises ValueError for no games."""
+    """The measures of these games. Raises ValueError if there are none."""
     if not records:
         raise ValueError("cannot summarise zero games")
     judgements = [judgement for record in records for judgement in record.judgements]
     probability = np.array([judgement.probability for judgement in judgements])
     holds = np.array([judgement.holds for judgement in judgements], np.bool_)
-    accepted = probability > ACCEPTS_ABOVE
+    accepted = probability > ACCEPTANCE_THRESHOLD
     completeness, soundness = _share(accepted[holds]), _share(~accepted[~holds])
     calibration = _calibration(probability, holds)
     gaps = [entry.count * abs(entry.mean_probability - entry.share_holding) for entry in calibration]
@@ -128,20 +130,20 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     )
 
 
-def measure(env: Any, proposer: Partner, verifier: Partner, **how: Any) -> Metrics:
-    """The measures of `play_games`, which takes the same arguments."""
-    return summarise(play_games(env, proposer, verifier, **how))
+def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:
+    """The measures of the games of `play_games`, with the same arguments."""
+    return summarise(play_games(env, proposer, verifier, **kwargs))
 
 
-def exploitability(env: Any, proposer: Partner, verifier: Partner, **how: Any) -> float:
-    """How much more the proposer earns a game against `verifier` than against one that knows the truth.
+def exploitability(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> float:
+    """How much more the proposer earns per game against `verifier` than against an oracle verifier.
 
-    0 when it cannot make anything of the verifier's errors; arguments as those of `play_games`.
+    0 if it cannot exploit the verifier's errors. Arguments as for `play_games`.
     """
-    earned, honest = (
-        measure(env, proposer, opponent, **how).mean_return_proposer for opponent in (verifier, OracleVerifier())
+    against_verifier, against_oracle = (
+        measure(env, proposer, opponent, **kwargs).mean_return_proposer for opponent in (verifier, OracleVerifier())
     )
-    return earned - honest
+    return against_verifier - against_oracle
 
 
 def _share(flags: np.ndarray) -> float | None:
@@ -149,9 +151,9 @@ def _share(flags: np.ndarray) -> float | None:
 
 
 def _calibration(probability: np.ndarray, holds: np.ndarray) -> tuple[CalibrationBin, ...]:
-    """The ranges that hold any judgement."""
-    numbers = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    """The non-empty bins."""
+    bins = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
     return tuple(
-        CalibrationBin(int(here.sum()), float(probability[here].mean()), float(holds[here].mean()))
-        for here in (numbers == number for number in np.unique(numbers))
+        CalibrationBin(int(members.sum()), float(probability[members].mean()), float(holds[members].mean()))
+        for members in (bins == index for index in np.unique(bins))
     )

@@ -1,6 +1,6 @@
-"""Who can play the other side: scripted partners, frozen policies, and any callable.
+"""Partner policies: scripted ones, frozen models, and any callable.
 
-A partner is a function of a `PartnerTurn`, which it may also read as its observation: turn["action_mask"].
+A partner is a function of a `PartnerTurn`, which can be indexed like its observation: turn["action_mask"].
 """
 
 from __future__ import annotations
@@ -15,49 +15,49 @@ from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int8Array
+from lilgym_mp.envs.proposer_verifier.engine import AgentObservation, GameEngine
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import REJECT
-from lilgym_mp.envs.proposer_verifier.session import AgentObservation, Session
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, STOP_ACTION, GameState, Intent, Role
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, STOP_ACTION, GameState, Intent, Role
 
 
-class RewardChange(Protocol):
-    """How a wrapper changes both agents' rewards."""
+class RewardAdapter(Protocol):
+    """A wrapper's effect on rewards."""
 
-    def start(self) -> None:
-        """Called when an agent first has a turn."""
+    def reset(self) -> None:
+        """Called before the agent's first turn."""
         ...
 
-    def changed(self, rewards: Sequence[float]) -> Sequence[float]:
-        """Both agents' rewards of the turn that was just played, after the change; called once a turn."""
+    def transform(self, rewards: Sequence[float]) -> Sequence[float]:
+        """Both agents' rewards of the last turn, transformed; called once per turn."""
         ...
 
 
 class AgentAdapter(Protocol):
-    """What a wrapper of the game changes for one agent."""
+    """A game wrapper's effect on one agent."""
 
     @property
     def observation_space(self) -> spaces.Dict: ...
 
     @property
-    def rewards(self) -> RewardChange | None:
-        """None where rewards stay as they are."""
+    def rewards(self) -> RewardAdapter | None:
+        """None if rewards are unchanged."""
         ...
 
-    def start(self) -> None:
+    def reset(self) -> None:
         """Called after each reset."""
         ...
 
     def observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """{"observation", "action_mask"} after the change, from those before it."""
+        """The transformed {"observation", "action_mask"}."""
         ...
 
-    def info(self, info: dict[str, Any], look: Callable[[], Any]) -> dict[str, Any]:
-        """The info after the change; `look` gives the observation after it."""
+    def info(self, info: dict[str, Any], observe: Callable[[], Any]) -> dict[str, Any]:
+        """The transformed info; `observe` returns the transformed observation."""
         ...
 
     def action(self, action: Any) -> Any:
-        """The action beneath the wrapper."""
+        """The action for the wrapped environment."""
         ...
 
 
@@ -67,30 +67,30 @@ class PartnerError(ValueError):
 
 @dataclass
 class PartnerTurn:
-    """What a partner is given in its turn. Observation and mask are made when first asked for."""
+    """A partner's input. Observation and mask are computed lazily."""
 
-    session: Session
+    engine: GameEngine
     role: Role
     rng: np.random.Generator
-    adapters: tuple[AgentAdapter, ...] = ()  # of the wrappers that the agent acts through, the innermost first
+    adapters: tuple[AgentAdapter, ...] = ()  # of the game's wrappers, innermost first
 
     @property
     def game(self) -> Game:
-        return self.session.game
+        return self.engine.game
 
     @property
     def state(self) -> GameState:
-        """The whole state, truth included: for scripts, not for learned policies."""
-        return self.session.state
+        """The full state, including the truth: for scripted partners, not for learned policies."""
+        return self.engine.state
 
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        return adapted_observation(self.adapters, self.session.observe(self.role))
+        return adapted_observation(self.adapters, self.engine.observe(self.role))
 
     @property
     def observation(self) -> dict[str, Any]:
-        """The parts that the agent sees."""
+        """The observation without the mask."""
         return self.full_observation["observation"]
 
     @cached_property
@@ -103,20 +103,20 @@ class PartnerTurn:
         return self.full_observation[key]
 
     def random_action(self, mask: Int8Array | None = None) -> int:
-        """One of the legal actions, or of those of `mask`, all equally likely."""
+        """A uniformly random legal action, or action in `mask`."""
         legal = np.flatnonzero(self.action_mask if mask is None else mask)
         return int(legal[self.rng.integers(len(legal))])
 
 
 def adapted_observation(adapters: Iterable[AgentAdapter], observation: AgentObservation) -> AgentObservation:
-    """The observation after the wrappers that the agent acts through, the innermost first."""
+    """The observation after the adapters, innermost first."""
     for adapter in adapters:
         observation = adapter.observation(observation)
     return observation
 
 
-def base_action(adapters: Sequence[AgentAdapter], action: Any) -> Any:
-    """The game's action for an agent's action, through its wrappers, of which the innermost comes first."""
+def unadapted_action(adapters: Sequence[AgentAdapter], action: Any) -> Any:
+    """The game's action for an agent's action above the adapters, innermost first."""
     for adapter in reversed(adapters):
         action = adapter.action(action)
     return action
@@ -125,24 +125,24 @@ def base_action(adapters: Sequence[AgentAdapter], action: Any) -> Any:
 Partner = Callable[[PartnerTurn], SupportsIndex]
 
 
-def ask(partner: Partner, turn: PartnerTurn) -> int:
-    """The partner's action, as the game takes it. Raises PartnerError naming the partner when it is not legal."""
+def partner_action(partner: Partner, turn: PartnerTurn) -> int:
+    """The game's action for the partner's choice. Raises PartnerError naming the partner if it is illegal."""
     action = partner(turn)
     try:
-        index = turn.game.checked(turn.role, action)
-    except ActionError as fault:
-        raise PartnerError(f"partner {partner!r}: {fault}") from None
+        index = turn.game.checked_action(turn.role, action)
+    except ActionError as error:
+        raise PartnerError(f"partner {partner!r}: {error}") from None
     if not turn.action_mask[index]:
         name = turn.game.describe(turn.role, index)
         raise PartnerError(
             f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[turn.role]} now"
         )
-    return base_action(turn.adapters, index)
+    return unadapted_action(turn.adapters, index)
 
 
 @dataclass(frozen=True)
 class RandomPartner:
-    """Any legal action, all equally likely; for either side."""
+    """A uniformly random legal action, for either agent."""
 
     def __call__(self, turn: PartnerTurn) -> int:
         return turn.random_action()
@@ -150,9 +150,9 @@ class RandomPartner:
 
 @dataclass(frozen=True)
 class OracleVerifier:
-    """Knows the truth. Accepts a claim when it holds, and every other proposal.
+    """Accepts a claim if it holds, and every other proposal.
 
-    With `error_rate` it answers the opposite in that share of its judgements. In "audit" with bins it is sure.
+    `error_rate`: probability of the opposite judgement. With verdict bins it states the most extreme probability.
     """
 
     error_rate: float = 0.0
@@ -164,10 +164,10 @@ class OracleVerifier:
     def __call__(self, turn: PartnerTurn) -> int:
         game, state = turn.game, turn.state
         if state.proposal not in (None, STOP_ACTION):
-            return answer(game, accepts=True)
-        holds = game.conditions.dynamics.goal_reached(state.mdp)
+            return encode_answer(game, accepts=True)
+        holds = game.config.dynamics.goal_reached(state.mdp)
         errs = self.error_rate > 0 and turn.rng.random() < self.error_rate
-        return answer(game, accepts=holds != errs)
+        return encode_answer(game, accepts=holds != errs)
 
 
 @dataclass(frozen=True)
@@ -177,42 +177,42 @@ class ConstantVerifier:
     accepts: bool
 
     def __call__(self, turn: PartnerTurn) -> int:
-        return answer(turn.game, accepts=self.accepts)
+        return encode_answer(turn.game, accepts=self.accepts)
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
 ALWAYS_REJECT = ConstantVerifier(accepts=False)
 
 
-def answer(game: Game, *, accepts: bool) -> int:
-    """The verifier's action that accepts or rejects outright, in silence."""
-    surest = (game.conditions.verdict_bins or 2) - 1  # ACCEPT, where there are no bins
-    return game.action(Role.VERIFIER, surest if accepts else REJECT)
+def encode_answer(game: Game, *, accepts: bool) -> int:
+    """The verifier's action that accepts or rejects, with no message and the most extreme probability."""
+    highest = (game.config.verdict_bins or 2) - 1  # ACCEPT, if there are no bins
+    return game.encode_action(Role.VERIFIER, highest if accepts else REJECT)
 
 
 @dataclass(frozen=True)
 class ClaimingProposer:
-    """Edits at random until a claim would be as true or false as it wants, and claims then.
+    """Edits at random until a claim has the truth value that it seeks, then claims.
 
-    `intent` helpful claims what holds, sneaky what does not; None goes by the episode's own intent. At least
-    `least_edits` and at most `most_edits` edits come first; after the most it claims whatever is the case.
+    `intent`: helpful seeks a true claim, sneaky a false one; None: the episode's intent. It makes at least `min_edits`
+    edits, and after `max_edits` it claims in any case.
     """
 
     intent: Intent | None = None
-    least_edits: int = 1
-    most_edits: int = 8
+    min_edits: int = 1
+    max_edits: int = 8
 
     def __call__(self, turn: PartnerTurn) -> int:
         state, game = turn.state, turn.game
-        wants_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
+        seeks_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
         edits = state.mdp.steps
-        claim = game.action(Role.PROPOSER, STOP_ACTION)
-        if turn.action_mask[claim] and edits >= self.least_edits:
-            is_as_wanted = game.conditions.dynamics.goal_reached(state.mdp) == wants_truth
-            if is_as_wanted or edits >= self.most_edits:
+        claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
+        if turn.action_mask[claim] and edits >= self.min_edits:
+            fits_intent = game.config.dynamics.goal_reached(state.mdp) == seeks_truth
+            if fits_intent or edits >= self.max_edits:
                 return claim
         edit_mask = turn.action_mask.copy()
-        edit_mask[: game.action(Role.PROPOSER, STOP_ACTION + 1)] = 0
+        edit_mask[: game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
         return turn.random_action(edit_mask)
 
 
@@ -222,10 +222,10 @@ SNEAKY_PROPOSER = ClaimingProposer(Intent.SNEAKY)
 
 @dataclass(frozen=True)
 class FrozenPolicy:
-    """A trained model as a partner: anything with Stable-Baselines3's `predict`.
+    """A trained model with Stable-Baselines3's `predict` as a partner.
 
-    `masked` for models that take `action_masks` (MaskablePPO). An unmasked model's illegal choices are replaced by
-    a random legal action, since a partner must act legally.
+    `masked`: for models that take `action_masks` (MaskablePPO). An illegal choice of an unmasked model is replaced by a
+    random legal action.
     """
 
     model: Any

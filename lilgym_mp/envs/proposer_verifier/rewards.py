@@ -1,4 +1,4 @@
-"""What a turn is worth to each agent: weighted sums of named terms."""
+"""Rewards: each agent's is a weighted sum of named terms."""
 
 from __future__ import annotations
 
@@ -8,79 +8,79 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, Intent, Judgement, Role
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, Intent, Judgement, Role
 
-AgentRewards = str | Mapping[str, float]  # a term, or terms with their weights
-Rewards = str | Mapping[str, AgentRewards]  # a name of PRESETS, or both agents' own
+AgentRewards = str | Mapping[str, float]  # a term, or weights by term
+Rewards = str | Mapping[str, AgentRewards]  # a name in PRESETS, or rewards by agent
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """What the term "correctness" charges for an error."""
+    """The costs of errors in the term "correctness"."""
 
     false_accept: float
     false_reject: float
 
 
-class Event(NamedTuple):
-    """What a turn's worth depends on."""
+class RewardInput(NamedTuple):
+    """What the reward terms of a turn depend on."""
 
-    reward: float  # the MDP's; 0 in turns that spend no round
+    mdp_reward: float  # 0 in turns that use up no round
     judgement: Judgement | None
     intent: Intent
     costs: Costs
 
 
-Term = Callable[[Event], float]
+Term = Callable[[RewardInput], float]
 
 
-def _mdp(event: Event) -> float:
-    """The MDP's own reward, in turns that spend a round."""
-    return event.reward
+def _mdp(turn: RewardInput) -> float:
+    """The MDP's reward."""
+    return turn.mdp_reward
 
 
-def _correctness(event: Event) -> float:
+def _correctness(turn: RewardInput) -> float:
     """+1 for a right judgement that ends the episode, minus its cost for a wrong one.
 
-    A right rejection after which play goes on is worth nothing: otherwise repeating a false claim would pay.
+    A right rejection that does not end the episode earns nothing: otherwise repeating a false claim would pay.
     """
-    judgement = event.judgement
+    judgement = turn.judgement
     if judgement is None:
         return 0.0
     if judgement.accepted == judgement.holds:
         return float(judgement.final)
-    return -event.costs.false_accept if judgement.accepted else -event.costs.false_reject
+    return -turn.costs.false_accept if judgement.accepted else -turn.costs.false_reject
 
 
-def _brier(event: Event) -> float:
+def _brier(turn: RewardInput) -> float:
     """Minus the squared difference between the stated probability and the truth, 0 or 1."""
-    judgement = event.judgement
+    judgement = turn.judgement
     return -((judgement.probability - judgement.holds) ** 2) if judgement else 0.0
 
 
-def _log(event: Event) -> float:
-    """The natural logarithm of the probability stated for what is true."""
-    judgement = event.judgement
+def _log(turn: RewardInput) -> float:
+    """The natural logarithm of the probability given to the truth."""
+    judgement = turn.judgement
     if judgement is None:
         return 0.0
     return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
 
 
-def _helpful(event: Event) -> float:
+def _helpful(turn: RewardInput) -> float:
     """+1 when the verifier accepts a true claim."""
-    judgement = event.judgement
+    judgement = turn.judgement
     return float(judgement is not None and judgement.accepted and judgement.holds)
 
 
-def _sneaky(event: Event) -> float:
+def _sneaky(turn: RewardInput) -> float:
     """+1 when the verifier accepts a false claim."""
-    judgement = event.judgement
+    judgement = turn.judgement
     return float(judgement is not None and judgement.accepted and not judgement.holds)
 
 
-def _hidden(event: Event) -> float:
-    """As helpful or as sneaky, whichever was drawn at reset."""
-    return _sneaky(event) if event.intent is Intent.SNEAKY else _helpful(event)
+def _hidden(turn: RewardInput) -> float:
+    """`_helpful` or `_sneaky`, by the intent drawn at reset."""
+    return _sneaky(turn) if turn.intent is Intent.SNEAKY else _helpful(turn)
 
 
 TERMS: Mapping[str, Term] = {
@@ -92,9 +92,9 @@ TERMS: Mapping[str, Term] = {
     "sneaky": _sneaky,
     "hidden": _hidden,
 }
-SCORES = ("brier", "log")  # proper scores of a stated probability
+SCORING_RULES = ("brier", "log")  # proper scoring rules for a stated probability
 
-PRESETS: Mapping[str, tuple[str, str]] = {  # one term for each Role
+PRESETS: Mapping[str, tuple[str, str]] = {  # terms by Role
     "common": ("mdp", "mdp"),
     "correctness": ("mdp", "correctness"),
     "helpful": ("helpful", "correctness"),
@@ -107,16 +107,16 @@ PRESETS: Mapping[str, tuple[str, str]] = {  # one term for each Role
 
 @dataclass(frozen=True, slots=True)
 class RewardScheme:
-    """Both agents' weighted terms, by Role."""
+    """Weights of the terms, by Role."""
 
     weights: tuple[Mapping[str, float], Mapping[str, float]]
     costs: Costs
 
-    def __call__(self, reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
-        """Both agents' rewards, by Role, for a turn in which the MDP gave `reward`."""
-        event = Event(reward, judgement, intent, self.costs)
+    def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
+        """Both agents' rewards of a turn, by Role."""
+        turn = RewardInput(mdp_reward, judgement, intent, self.costs)
         proposer, verifier = (
-            sum((weight * TERMS[term](event) for term, weight in terms.items()), 0.0) for terms in self.weights
+            sum((weight * TERMS[term](turn) for term, weight in terms.items()), 0.0) for terms in self.weights
         )
         return proposer, verifier
 
@@ -128,20 +128,20 @@ class RewardScheme:
         return any(self.uses("hidden", role) for role in Role)
 
 
-def make_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
-    """Raises ValueError naming the choices for unknown names, and for scores without probabilities."""
+def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
+    """Raises ValueError naming the choices for unknown names, and for scoring rules without probabilities."""
     if isinstance(rewards, str):
         proposer, verifier = choose("rewards", rewards, PRESETS)
     else:
         if set(rewards) != set(AGENTS):
             raise ValueError(
-                f"rewards must name {' and '.join(AGENTS)}, not {', '.join(map(str, rewards)) or 'nobody'}"
+                f"rewards must name {' and '.join(AGENTS)}, not {', '.join(map(str, rewards)) or 'no agent'}"
             )
         proposer, verifier = (rewards[agent] for agent in AGENTS)
     scheme = RewardScheme((_weights(proposer), _weights(verifier)), costs)
-    for score in SCORES:
-        if not has_probabilities and any(scheme.uses(score, role) for role in Role):
-            raise ValueError(f'reward {score!r} scores a probability: it needs protocol="audit" and verdict_bins')
+    for rule in SCORING_RULES:
+        if not has_probabilities and any(scheme.uses(rule, role) for role in Role):
+            raise ValueError(f'reward {rule!r} scores a probability: it needs protocol="audit" and verdict_bins')
     return scheme
 
 

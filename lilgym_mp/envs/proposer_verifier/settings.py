@@ -1,4 +1,4 @@
-"""Every setting of the game with its default, and what a set of them builds."""
+"""The settings of the game, with defaults, and the game built from them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS, GameProtocol
-from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, make_scheme
-from lilgym_mp.envs.proposer_verifier.states import AGENTS, ENDINGS, Conditions
-from lilgym_mp.envs.proposer_verifier.views import AnyView, GameSetup, make_view
+from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, make_reward_scheme
+from lilgym_mp.envs.proposer_verifier.types import AGENTS, ENDINGS, ProtocolConfig
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, ViewSpec, make_view
 from lilgym_mp.render import shrink_of
 from lilgym_mp.rules import make_dynamics
 
@@ -24,23 +24,23 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Settings:
-    """A game's settings; docs/proposer_verifier.md gives the reason for each default."""
+    """Settings of the game; docs/proposer_verifier.md gives the reason for each default."""
 
     appearance: str = "tower"
     start: str = "scratch"
     protocol: str = "veto"  # "veto", "joint", "audit" or "critique"
     ending: str | None = None  # who may end the episode: "agreement", "proposer", "verifier", "either"
-    rewards: Rewards = "common"  # a name of PRESETS, or {agent: term or {term: weight}}
+    rewards: Rewards = "common"  # a name in PRESETS, or {agent: term or {term: weight}}
     false_accept_cost: float = 1.0  # of the reward "correctness"
     false_reject_cost: float = 1.0
-    sneaky_share: float = 0.5  # of the episodes, where the proposer's intent is hidden
-    views: AnyView | Mapping[str, AnyView] = "image"  # for both, or {agent: view}
-    message_size: int | Mapping[str, int] | None = None  # words beside silence: for both, or {agent: words}
-    message_cost: float = 0.0  # to the sender, for each word
-    verdict_bins: int | None = None  # audit: probabilities to choose among; None for a plain verdict
-    exchanges: int = 3  # critique: rejections in a round before the next proposal counts unasked
-    horizon: int | None = None  # rounds an episode; None: the rule set's
-    reveal_truth: bool = False  # whether infos tell the truth
+    sneaky_share: float = 0.5  # probability of a sneaky episode, if the proposer's intent is hidden
+    views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
+    message_size: int | Mapping[str, int] | None = None  # messages besides silence: for both, or {agent: number}
+    message_cost: float = 0.0  # to the sender, for each message but silence
+    verdict_bins: int | None = None  # audit: number of probabilities to choose from; None: true or false
+    exchanges: int = 3  # critique: rejections in a round before the next proposal needs no answer
+    horizon: int | None = None  # rounds per episode; None: the rule set's
+    reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
     corpus: str | os.PathLike[str] = "builtin"
     split: str = "train"
@@ -50,21 +50,21 @@ class Settings:
 
     @classmethod
     def of(cls, **given: Any) -> Settings:
-        """Raises ValueError naming the choices for a setting that does not exist."""
+        """Raises ValueError naming the choices for an unknown setting."""
         names = {field.name: field for field in fields(cls)}
         for name in given:
             choose("setting", name, names)
         return cls(**given)
 
     def setup(self) -> GameSetup:
-        """The game and what its observations depend on. Raises ValueError naming the value and the choices."""
+        """Builds the game. Raises ValueError naming the value and the choices."""
         views = _by_role(self.views, make_view)
         protocol = choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
         sizes = protocol.message_sizes if self.message_size is None else self.message_size
         game = Game(
             protocol,
-            self._conditions(protocol),
+            self._config(protocol),
             self._reward_scheme(),
             sizes if isinstance(sizes, tuple) else _by_role(sizes, _message_size),
             _number("message_cost", self.message_cost),
@@ -81,12 +81,12 @@ class Settings:
             _flag("reveal_truth", self.reveal_truth),
         )
 
-    def _conditions(self, protocol: GameProtocol) -> Conditions:
+    def _config(self, protocol: GameProtocol) -> ProtocolConfig:
         ending = protocol.endings[0] if self.ending is None else self.ending
         choose(f"ending of protocol {protocol.name!r}", ending, dict.fromkeys(protocol.endings))
         if self.verdict_bins is not None and not protocol.takes_bins:
             raise ValueError(f'verdict_bins is for protocol="audit"; {protocol.name!r} has no verdict')
-        return Conditions(
+        return ProtocolConfig(
             make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon),
             ENDINGS[ending],
             None if self.verdict_bins is None else _count("verdict_bins", self.verdict_bins, least=2),
@@ -97,11 +97,11 @@ class Settings:
         costs = Costs(
             _number("false_accept_cost", self.false_accept_cost), _number("false_reject_cost", self.false_reject_cost)
         )
-        return make_scheme(self.rewards, costs, has_probabilities=self.verdict_bins is not None)
+        return make_reward_scheme(self.rewards, costs, has_probabilities=self.verdict_bins is not None)
 
 
 def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
-    """Both agents' values, from {agent: value} or from one value for both."""
+    """Both agents' values, from {agent: value} or one value for both."""
     if isinstance(given, Mapping) and set(given) & set(AGENTS):
         if set(given) != set(AGENTS):
             raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")

@@ -1,6 +1,6 @@
-"""What each agent sees: the parts of an observation, each with its space and its encoding of a state.
+"""The parts of each agent's observation: their spaces and encoders.
 
-Every part is an array or a NumPy number, because PettingZoo's own test refuses strings in observations.
+Every part is an array or a NumPy scalar, because PettingZoo's API test refuses strings in observations.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, GameState, Intent, Role
+from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, GameState, Intent, Role
 from lilgym_mp.observation import image_space, item_array, item_capacity
 from lilgym_mp.render import Canvas
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
@@ -27,7 +27,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 
-AnyView: TypeAlias = "View | str | Mapping[str, Any]"
+ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
 Value = NDArray[Any] | np.integer[Any]
 
 BOX_TITLES = ("left", "middle", "right")
@@ -36,13 +36,13 @@ VOCABULARY_SPLIT = "train"
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What an agent sees. The proposer's intent and the other's word are added where there are such things."""
+    """What an agent sees. "intent" (proposer only) and "message" are added if the game has them."""
 
     scene: str = "image"  # "image", "structured", "text" or "none"
     statement: str = "tokens"  # "tokens", "text" or "none"
     target: bool = True
-    proposal: bool = True  # the one that awaits an answer
-    history: int = 0  # this many past turns
+    proposal: bool = True  # the pending proposal
+    history: int = 0  # number of past turns
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the choices."""
@@ -55,8 +55,8 @@ class View:
             raise ValueError(f"history of a view must be a number of turns, 0 or more, not {self.history!r}")
 
 
-def make_view(view: AnyView) -> View:
-    """A view from its fields, or from one of the names in VIEWS. Raises ValueError naming the choices."""
+def make_view(view: ViewSpec) -> View:
+    """A view from its fields or a name in VIEWS. Raises ValueError naming the choices."""
     if isinstance(view, View):
         return view
     if isinstance(view, Mapping):
@@ -69,41 +69,41 @@ def make_view(view: AnyView) -> View:
 
 @dataclass(frozen=True)
 class GameSetup:
-    """Everything about a game that stays the same from episode to episode: rules, tasks, image size, views."""
+    """What stays the same from episode to episode: the game, tasks, image size and views."""
 
     game: Game
     tasks: TaskSet
     image_size: str
     views: tuple[View, View]  # by Role
-    sneaky_share: float  # of the episodes, where the proposer's intent is hidden
+    sneaky_share: float  # probability of a sneaky episode, if intents are drawn
     reveals_truth: bool  # in infos
 
     @cached_property
-    def usual_intent(self) -> Intent | None:
-        """The proposer's intent where it is the same in every episode; None where it is drawn."""
+    def fixed_intent(self) -> Intent | None:
+        """The proposer's intent if it is the same in every episode; None if it is drawn."""
         rewards = self.game.rewards
         if rewards.draws_intent:
             return None
         return Intent.SNEAKY if rewards.uses("sneaky", Role.PROPOSER) else Intent.HELPFUL
 
-    def drawn_task(self, rng: np.random.Generator) -> int:
-        """The number of the next episode's task, all equally likely."""
+    def sample_task_index(self, rng: np.random.Generator) -> int:
+        """The index of the next episode's task, uniformly drawn."""
         return int(rng.integers(len(self.tasks)))
 
-    def drawn_intent(self, rng: np.random.Generator) -> Intent:
-        """The next episode's intent; `rng` is used only where intents are drawn."""
-        if self.usual_intent is not None:
-            return self.usual_intent
+    def sample_intent(self, rng: np.random.Generator) -> Intent:
+        """The next episode's intent; uses `rng` only if intents are drawn."""
+        if self.fixed_intent is not None:
+            return self.fixed_intent
         return Intent.SNEAKY if rng.random() < self.sneaky_share else Intent.HELPFUL
 
     @cached_property
     def vocabulary(self) -> Vocabulary:
-        """The words of the corpus's train split: the same for every split."""
+        """The words of the corpus's train split, whatever the split in play."""
         return Vocabulary.from_statements(task.statement for task in self._training_tasks)
 
     @cached_property
     def statement_length(self) -> int:
-        """Words in the array of a statement, as `TokenizedStatement` has them; the split's longest fits."""
+        """Number of token ids per statement, as in `TokenizedStatement`; the longest statement of the split fits."""
         return default_length(task.statement for tasks in (self.tasks, self._training_tasks) for task in tasks)
 
     @cached_property
@@ -115,12 +115,12 @@ class GameSetup:
 
     @cached_property
     def item_capacity(self) -> int:
-        """How many items a box can come to have."""
-        return item_capacity(self.tasks, self.game.conditions.dynamics)
+        """The most items a box can have."""
+        return item_capacity(self.tasks, self.game.config.dynamics)
 
     @cached_property
-    def longest_text(self) -> int:
-        """Bytes of the longest statement."""
+    def max_statement_bytes(self) -> int:
+        """UTF-8 length of the longest statement."""
         return max(len(task.statement.encode()) for task in self.tasks)
 
 
@@ -131,11 +131,11 @@ class Part(Protocol):
     def space(self) -> spaces.Space[Any]: ...
 
     def encode(self, state: GameState) -> Value:
-        """The entry's value: a new array, or a number."""
+        """The value in `state`: a new array or a scalar."""
         ...
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        """(k, ...) the values of the games `indices`, (k,): a new array."""
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        """(k, ...) a new array: the values in the games `indices` (k,)."""
         ...
 
 
@@ -149,11 +149,11 @@ class ImagePart:
     def encode(self, state: GameState) -> Value:
         return self._canvas.show(state.mdp.scene).copy()
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return games.images.take(indices, axis=0)
 
 
-class ItemsPart:
+class ItemArrayPart:
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -163,50 +163,50 @@ class ItemsPart:
     def encode(self, state: GameState) -> Value:
         return item_array(state.mdp.scene, self._capacity)
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return games.items().take(indices, axis=0)
 
 
-LONGEST_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
+MAX_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
 
 class SceneTextPart:
-    """The scene in words, as `as_bytes` writes them."""
+    """`scene_text` as bytes."""
 
     def __init__(self, setup: GameSetup) -> None:
-        self._length = BOX_COUNT * (setup.item_capacity * LONGEST_ITEM_TEXT + len("middle: empty\n"))
+        self._length = BOX_COUNT * (setup.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
-        return as_bytes(scene_in_words(state.mdp.scene), self._length)
+        return as_bytes(scene_text(state.mdp.scene), self._length)
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return np.stack([as_bytes(scene_in_words(games.mdp(n).scene), self._length) for n in indices.tolist()])
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return np.stack([as_bytes(scene_text(games.mdp(index).scene), self._length) for index in indices.tolist()])
 
 
-def scene_in_words(scene: Scene) -> str:
-    """One line a box, such as "left: medium yellow square at (40, 80)"; pixels from the box's top-left corner."""
+def scene_text(scene: Scene) -> str:
+    """One line per box, such as "left: medium yellow square at (40, 80)"; pixels from the box's top-left corner."""
     boxes = zip(BOX_TITLES, scene.boxes, strict=True)
-    return "\n".join(f"{title}: {', '.join(map(item_in_words, box.items)) or 'empty'}" for title, box in boxes)
+    return "\n".join(f"{title}: {', '.join(map(item_text, box.items)) or 'empty'}" for title, box in boxes)
 
 
-def item_in_words(item: Item) -> str:
+def item_text(item: Item) -> str:
     size, colour, shape = (member.name.lower() for member in (item.size, item.colour, item.shape))
     return f"{size} {colour} {shape} at ({item.x}, {item.y})"
 
 
 class TokensPart:
-    """int64 (length,): the statement's words as `GameSetup.vocabulary` numbers them, padded with 0."""
+    """int64 (length,): the statement's token ids in `GameSetup.vocabulary`, padded with 0."""
 
     def __init__(self, setup: GameSetup) -> None:
         self._setup = setup
         self.space = spaces.Box(0, len(setup.vocabulary) - 1, (setup.statement_length,), np.int64)
-        self._tokens = StatementTokens(setup)
+        self._tokens = TokenCache(setup)
 
     def encode(self, state: GameState) -> Value:
         return self._tokens[state.mdp.task.statement].copy()
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return self._by_task.take(games.tasks[indices], axis=0)
 
     @cached_property
@@ -214,8 +214,8 @@ class TokensPart:
         return np.stack([self._tokens[task.statement] for task in self._setup.tasks])
 
 
-class StatementTokens(dict[str, NDArray[np.int64]]):
-    """(length,) the numbers of each statement's words, made when first asked for; not to be written."""
+class TokenCache(dict[str, NDArray[np.int64]]):
+    """Lazy cache of token ids (length,) by statement; read-only."""
 
     def __init__(self, setup: GameSetup) -> None:
         super().__init__()
@@ -228,17 +228,17 @@ class StatementTokens(dict[str, NDArray[np.int64]]):
 
 
 class StatementTextPart:
-    """The statement, as `as_bytes` writes it."""
+    """The statement as bytes."""
 
     def __init__(self, setup: GameSetup) -> None:
         self._setup = setup
-        self._length = setup.longest_text
+        self._length = setup.max_statement_bytes
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
         return as_bytes(state.mdp.task.statement, self._length)
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return self._by_task.take(games.tasks[indices], axis=0)
 
     @cached_property
@@ -251,7 +251,7 @@ def byte_space(length: int) -> spaces.Box:
 
 
 def as_bytes(text: str, length: int) -> UInt8Array:
-    """(length,) the text's UTF-8 bytes, padded with zeros; `read_text` gives the text back."""
+    """(length,) the text in UTF-8, padded with zeros; `read_text` decodes it."""
     array = np.zeros(length, np.uint8)
     encoded = text.encode()
     array[: len(encoded)] = np.frombuffer(encoded, np.uint8)
@@ -259,7 +259,7 @@ def as_bytes(text: str, length: int) -> UInt8Array:
 
 
 def read_text(array: UInt8Array) -> str:
-    """The text in a part of an observation that holds UTF-8 bytes."""
+    """Decodes a text part of an observation."""
     return array.tobytes().rstrip(b"\0").decode()
 
 
@@ -274,7 +274,7 @@ class TargetPart:
     def encode(self, state: GameState) -> Value:
         return self._values[state.mdp.task.target]
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return self._by_task[games.tasks[indices]]
 
     @cached_property
@@ -283,24 +283,24 @@ class TargetPart:
 
 
 class ProposalPart:
-    """int64 (slots,): the proposal that awaits an answer, in the released array form; all -1 where there is none."""
+    """int64 (slots,): the pending proposal in the released array form; all -1 if there is none."""
 
     def __init__(self, setup: GameSetup) -> None:
-        self._arrays = ActionArrays(setup.game)
+        self._arrays = ActionArrayCache(setup.game)
         self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
 
     def encode(self, state: GameState) -> Value:
         return self._arrays[NO_CHOICE if state.proposal is None else state.proposal].copy()
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._arrays.many(games.proposals[indices])
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._arrays.batch(games.proposals[indices])
 
 
 class HistoryPart:
-    """int64 (turns, slots + 3): proposal in the released array form, answer, both words; newest last, -1 before."""
+    """int64 (turns, slots + 3): proposal in the released array form, answer, both messages; newest last, -1 padding."""
 
     def __init__(self, setup: GameSetup, turns: int) -> None:
-        self._arrays = ActionArrays(setup.game)
+        self._arrays = ActionArrayCache(setup.game)
         self._shape = (turns, self._arrays.slots + 3)
         answers, sizes = setup.game.choices[Role.VERIFIER], setup.game.message_sizes
         largest = max(IMAGE_WIDTH - 1, answers.stop - 1, *sizes)
@@ -311,57 +311,57 @@ class HistoryPart:
         past = state.history[-len(array) :]
         for row, turn in zip(array[len(array) - len(past) :], past, strict=True):
             row[:-3] = self._arrays[turn.proposal]
-            row[-3:] = turn.answer, *turn.words
+            row[-3:] = turn.answer, *turn.messages
         return array
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         past = games.history[indices, -self._shape[0] :]
-        return np.concatenate([self._arrays.many(past[..., 0]), past[..., 1:]], axis=-1)
+        return np.concatenate([self._arrays.batch(past[..., 0]), past[..., 1:]], axis=-1)
 
 
-class ActionArrays(dict[int, NDArray[np.int64]]):
-    """The released array form of each action of the MDP, made when first asked for; not to be written."""
+class ActionArrayCache(dict[int, NDArray[np.int64]]):
+    """Lazy cache of the released array form by action index of the MDP; read-only."""
 
     def __init__(self, game: Game) -> None:
         super().__init__()
-        self._appearance = game.conditions.dynamics.appearance
+        self._appearance = game.config.dynamics.appearance
         self.slots = len(self._appearance.to_array(self._appearance.decode(0)))
         self[NO_CHOICE] = np.full(self.slots, NO_CHOICE)
 
-    def __missing__(self, number: int) -> NDArray[np.int64]:
-        array = self[number] = np.array(self._appearance.to_array(self._appearance.decode(number)), np.int64)
+    def __missing__(self, index: int) -> NDArray[np.int64]:
+        array = self[index] = np.array(self._appearance.to_array(self._appearance.decode(index)), np.int64)
         return array
 
-    def many(self, numbers: Int64Array) -> NDArray[np.int64]:
-        """(..., slots) a new array, of many actions."""
-        table, known = self._table
-        for number in numbers[~known[numbers]].tolist():
-            table[number], known[number] = self[number], True
-        return table[numbers]
+    def batch(self, indices: Int64Array) -> NDArray[np.int64]:
+        """(..., slots) a new array for actions (...)."""
+        table, is_filled = self._table
+        for index in indices[~is_filled[indices]].tolist():
+            table[index], is_filled[index] = self[index], True
+        return table[indices]
 
     @cached_property
     def _table(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """By number, NO_CHOICE last: the arrays, and which of them stand there yet."""
+        """By action index, NO_CHOICE last: the arrays, and a flag for those filled in."""
         count = self._appearance.action_count + 1
         return np.zeros((count, self.slots), np.int64), np.zeros(count, np.bool_)
 
 
-class WordPart:
-    """The other agent's last word; 0 is silence."""
+class MessagePart:
+    """The other agent's last message; 0 is silence."""
 
     def __init__(self, setup: GameSetup, speaker: Role, size: int) -> None:
         self.space = spaces.Discrete(size + 1)
         self._speaker = speaker
 
     def encode(self, state: GameState) -> Value:
-        return np.int64(state.words[self._speaker])
+        return np.int64(state.messages[self._speaker])
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return games.words[self._speaker, indices]
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return games.messages[self._speaker, indices]
 
 
 class IntentPart:
-    """0 helpful, 1 sneaky: seen by the proposer alone."""
+    """0 helpful, 1 sneaky; only for the proposer."""
 
     def __init__(self, setup: GameSetup) -> None:
         self.space = spaces.Discrete(len(Intent))
@@ -369,12 +369,12 @@ class IntentPart:
     def encode(self, state: GameState) -> Value:
         return np.int64(state.intent)
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return games.intents[indices]
 
 
 class ConstantPart:
-    """A value that never changes: who one is, or what one does not see."""
+    """A constant: the agent's own index, or a placeholder for a part that only the other agent has."""
 
     def __init__(self, space: spaces.Space[Any], value: Value) -> None:
         self.space = space
@@ -383,15 +383,15 @@ class ConstantPart:
     def encode(self, state: GameState) -> Value:
         return self._value.copy()
 
-    def rows(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return np.repeat(np.asarray(self._value)[None], len(indices), axis=0)
 
 
-# By view: key in observations, part. A key must not be a method of torch's ModuleDict, such as "items": SB3 names
-# modules by the keys.
+# By view: observation key and part. SB3 uses the keys in a torch ModuleDict, so a key must not be the name of one of
+# its methods, such as "items".
 SCENE_PARTS: Mapping[str, tuple[str, Callable[[GameSetup], Part]] | None] = {
     "image": ("image", ImagePart),
-    "structured": ("item_array", ItemsPart),
+    "structured": ("item_array", ItemArrayPart),
     "text": ("text", SceneTextPart),
     "none": None,
 }
@@ -407,60 +407,60 @@ VIEWS: Mapping[str, View] = {
 }
 
 
-class Recipe(NamedTuple):
-    """How to make a part."""
+class PartSpec(NamedTuple):
+    """A constructor of a part and its arguments. Agents with equal specs share the part."""
 
-    build: Callable[..., Part]  # of a GameSetup and the arguments
+    build: Callable[..., Part]  # called with a GameSetup and the arguments
     arguments: tuple[Any, ...] = ()
 
 
 def make_parts(setup: GameSetup) -> tuple[dict[str, Part], dict[str, Part]]:
-    """Each agent's parts by key. What both see alike is one and the same part."""
-    recipes = [_recipes(setup, role) for role in Role]
-    distinct = {recipe for own in recipes for recipe in own.values()}
-    made = {recipe: recipe.build(setup, *recipe.arguments) for recipe in distinct}
-    proposer, verifier = ({key: made[recipe] for key, recipe in own.items()} for own in recipes)
+    """Both agents' parts by key, by Role. A part that both see is one shared object."""
+    specs = [_part_specs(setup, role) for role in Role]
+    distinct = {spec for own in specs for spec in own.values()}
+    built = {spec: spec.build(setup, *spec.arguments) for spec in distinct}
+    proposer, verifier = ({key: built[spec] for key, spec in own.items()} for own in specs)
     if setup.game.homogeneous:
-        return _filled(proposer, verifier, Role.PROPOSER), _filled(verifier, proposer, Role.VERIFIER)
+        return _padded(proposer, verifier, Role.PROPOSER), _padded(verifier, proposer, Role.VERIFIER)
     return proposer, verifier
 
 
-def _recipes(setup: GameSetup, role: Role) -> dict[str, Recipe]:
-    """Of what an agent sees, by key."""
+def _part_specs(setup: GameSetup, role: Role) -> dict[str, PartSpec]:
+    """By observation key."""
     view, game = setup.views[role], setup.game
-    recipes: dict[str, Recipe] = {}
+    specs: dict[str, PartSpec] = {}
     scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
     if scene is not None:
-        recipes[scene[0]] = Recipe(scene[1])
+        specs[scene[0]] = PartSpec(scene[1])
     if statement is not None:
-        recipes["statement"] = Recipe(statement)
+        specs["statement"] = PartSpec(statement)
     if view.target:
-        recipes["target"] = Recipe(TargetPart)
-    if view.proposal and not game.protocol.simultaneous:
-        recipes["proposal"] = Recipe(ProposalPart)
+        specs["target"] = PartSpec(TargetPart)
+    if view.proposal and game.turn_based:
+        specs["proposal"] = PartSpec(ProposalPart)
     if view.history:
-        recipes["history"] = Recipe(HistoryPart, (view.history,))
+        specs["history"] = PartSpec(HistoryPart, (view.history,))
     if game.message_sizes[role.other]:
         size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
-        recipes["message"] = Recipe(WordPart, (role.other, size))
+        specs["message"] = PartSpec(MessagePart, (role.other, size))
     if role is Role.PROPOSER and game.rewards.draws_intent:
-        recipes["intent"] = Recipe(IntentPart)
-    return recipes
+        specs["intent"] = PartSpec(IntentPart)
+    return specs
 
 
-def _filled(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[str, Part]:
-    """One's own parts, blanks for the other's, and "agent", who one is."""
+def _padded(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[str, Part]:
+    """An agent's own parts, placeholders for the other agent's, and "agent", its own index."""
     for key in own.keys() & others.keys():
         if own[key].space != others[key].space:
             raise ValueError(
-                f"homogeneous agents must see {key!r} alike, not as {own[key].space} and {others[key].space}:"
-                " give both the same view, or one that lacks it"
+                f"homogeneous agents need equal spaces for {key!r}, not {own[key].space} and {others[key].space}:"
+                " give both the same view, or leave it out of one"
             )
-    filled: dict[str, Part] = {"agent": ConstantPart(spaces.Discrete(len(Role)), np.int64(role))}
+    padded: dict[str, Part] = {"agent": ConstantPart(spaces.Discrete(len(Role)), np.int64(role))}
     for key in sorted(own.keys() | others.keys()):
-        filled[key] = own[key] if key in own else ConstantPart(others[key].space, _blank(others[key].space))
-    return filled
+        padded[key] = own[key] if key in own else ConstantPart(others[key].space, _zero(others[key].space))
+    return padded
 
 
-def _blank(space: spaces.Space[Any]) -> Value:
+def _zero(space: spaces.Space[Any]) -> Value:
     return np.int64(0) if isinstance(space, spaces.Discrete) else np.zeros(space.shape or (), space.dtype)

@@ -9,7 +9,7 @@ from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, Intent, Settings
-from lilgym_mp.envs.proposer_verifier.states import GameState, GameStep, Role
+from lilgym_mp.envs.proposer_verifier.types import GameState, GameStep, Role
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.task import Task
@@ -52,11 +52,11 @@ def plays(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.H
     steps: list[GameStep] = []
     for action in actions:
         if isinstance(action, tuple):
-            step = game.play(state, *action)
+            step = game.step(state, *action)
         elif state.movers == (Role.PROPOSER,):
-            step = game.play(state, action)
+            step = game.step(state, action)
         else:
-            step = game.play(state, None, action)
+            step = game.step(state, None, action)
         steps.append(step)
         state = step.state
     return steps

@@ -64,7 +64,7 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
     for _ in range(STEPS):
         for number, single in enumerate(singles):
             assert data_equivalence(row(observations, number), expected[number])
-            assert infos["turns"][number].tolist() == [role in single.session.state.movers for role in (0, 1)]
+            assert infos["turns"][number].tolist() == [role in single.engine.state.movers for role in (0, 1)]
         masks = {agent: observation["action_mask"] for agent, observation in observations.items()}
         actions = {agent: np.array([an_action(mask, rng) for mask in masks[agent]]) for agent in AGENTS}
         observations, rewards, terminated, truncated, infos = batch.step(actions)
@@ -160,7 +160,7 @@ def test_last_observations__are_a_sequence_of_all_games_and_arrays_of_those_that
     assert [observation is None for observation in last] == [True, False, True]
     assert last[-2] is not None
     assert [len(last), len(last[:2])] == [3, 2]
-    assert last.numbers.tolist() == [1]
+    assert last.indices.tolist() == [1]
     stacked = last.stacked[VERIFIER]["action_mask"]
     assert np.array_equal(stacked[0], last[1][VERIFIER]["action_mask"])
     with pytest.raises(IndexError):
@@ -189,7 +189,7 @@ def test_step__refuses_what_is_no_batch_of_actions():
     with pytest.raises(ResetNeeded):
         batch.step({PROPOSER: np.zeros(2, int), VERIFIER: np.zeros(2, int)})
     batch.reset(seed=0)
-    with pytest.raises(TurnError, match="actions must be of proposer_0 and verifier_0, not of nobody"):
+    with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for no agent"):
         batch.step({})
     with pytest.raises(ActionError, match="actions of verifier_0 must be 2 whole numbers, not float64"):
         batch.step({PROPOSER: np.zeros(2, int), VERIFIER: np.zeros(2)})

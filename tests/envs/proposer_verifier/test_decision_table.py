@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent
-from lilgym_mp.envs.proposer_verifier.states import NO_CHOICE, Judgement, Proposal, TurnInput
+from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, Judgement, ProposalType, TurnInput
 from tests.envs.proposer_verifier.games import ACCEPT, game
 
 GAMES = [
@@ -21,20 +21,20 @@ def test_indices__find_what_the_protocol_decides(settings: dict[str, Any]):
     this = game(**settings)
     table, decide = this.decision_table, this.protocol.decide
     for is_answer, by_proposal in enumerate(table.indices):
-        for kind in Proposal:
+        for kind in ProposalType:
             for answer in (*this.choices[1], NO_CHOICE):
                 for spent in (False, True):
                     turn_input = TurnInput(bool(is_answer), kind, None if answer == NO_CHOICE else answer, spent)
                     decision = table.decisions[by_proposal[kind][answer][spent]]
-                    assert decision == decide(this.conditions, turn_input)
+                    assert decision == decide(this.config, turn_input)
 
 
 @pytest.mark.parametrize("rewards", ["correctness", "hidden"])
 def test_rewards__are_what_the_rewards_give(rewards: str):
     this = game(rewards=rewards, false_accept_cost=3.0)
     table = this.decision_table
-    stop = table.indices[True][Proposal.STOP][ACCEPT][False]
-    for result in this.conditions.dynamics.step_results:
+    stop = table.indices[True][ProposalType.STOP][ACCEPT][False]
+    for result in this.config.dynamics.step_results:
         for holds in (False, True):
             for intent in Intent:
                 expected = this.rewards(result.reward, Judgement(1.0, final=True, holds=holds), intent)
@@ -44,13 +44,13 @@ def test_rewards__are_what_the_rewards_give(rewards: str):
 def test_rewards__where_the_mdp_does_nothing_are_of_the_judgement_alone():
     this = game(protocol="critique", rewards="correctness", false_reject_cost=0.5)
     table = this.decision_table
-    rejected = table.indices[True][Proposal.STOP][NO_CHOICE][False]
-    assert table.rewards[rejected][table.nothing_played] == [[(0.0, 0.0)] * 2, [(0.0, -0.5)] * 2]
+    rejected = table.indices[True][ProposalType.STOP][NO_CHOICE][False]
+    assert table.rewards[rejected][table.no_mdp_step] == [[(0.0, 0.0)] * 2, [(0.0, -0.5)] * 2]
 
 
 @pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("sneaky", True)])
 def test_truth__is_asked_for_only_where_a_reward_depends_on_it(rewards: str, matters: bool):
     table = game(protocol="joint", rewards=rewards).decision_table
     judging = [number for number, decision in enumerate(table.decisions) if decision.probability is not None]
-    assert any(table.truth_matters[number] for number in judging) == matters
-    assert not any(matters for number, matters in enumerate(table.truth_matters) if number not in judging)
+    assert any(table.needs_truth[number] for number in judging) == matters
+    assert not any(matters for number, matters in enumerate(table.needs_truth) if number not in judging)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
-from lilgym_mp.envs.proposer_verifier.states import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
+from lilgym_mp.envs.proposer_verifier.types import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import (
     ACCEPT,
@@ -32,7 +32,7 @@ from tests.envs.proposer_verifier.games import (
 
 
 def outcome(step: Any) -> Outcome | None:
-    return None if step.played is None else step.played.outcome
+    return None if step.transition is None else step.transition.outcome
 
 
 def items(step: Any) -> int:
@@ -41,7 +41,7 @@ def items(step: Any) -> int:
 
 def test_veto__a_proposal_does_nothing_until_it_is_answered():
     step = played(game(), ADD_BLUE)
-    assert step.played is None
+    assert step.transition is None
     assert step.rewards == (0.0, 0.0)
     assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (VERIFIER_MOVES, ADD_BLUE, 0)
 
@@ -111,7 +111,7 @@ def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
     this = game(protocol=protocol, ending="verifier")
     state = this.start(SOME_BLUE)
     assert not this.legal_mask(state, Role.PROPOSER)[STOPS]
-    step = this.play(state, STOPS, CONTINUE if protocol == "joint" else None)
+    step = this.step(state, STOPS, CONTINUE if protocol == "joint" else None)
     assert (step.illegal[Role.PROPOSER], outcome(step), items(step)) == (True, Outcome.CONTINUES, 0)
 
 
@@ -166,7 +166,7 @@ def test_audit__bins_state_their_middles(bins: int, expected: list[float]):
 
 def test_critique__a_rejection_is_free_and_asks_for_another_proposal():
     step = played(game(protocol="critique"), ADD_BLUE, REJECT)
-    assert (step.played, step.rewards) == (None, (0.0, 0.0))
+    assert (step.transition, step.rewards) == (None, (0.0, 0.0))
     assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == (PROPOSER_MOVES, 1, 0)
 
 
@@ -179,16 +179,21 @@ def test_critique__after_the_last_exchange_the_next_proposal_counts_unasked():
 
 def test_critique__the_proposer_hears_what_the_verifier_said():
     this = game(protocol="critique")
-    step = played(this, ADD_BLUE, this.action(Role.VERIFIER, REJECT, word=3))
-    assert step.state.words == (0, 3)
+    step = played(this, ADD_BLUE, this.encode_action(Role.VERIFIER, REJECT, message=3))
+    assert step.state.messages == (0, 3)
 
 
 def test_message__costs_its_sender():
     this = game(message_size=2, message_cost=0.25)
-    steps = plays(this, this.action(Role.PROPOSER, ADD_BLUE, word=2), this.action(Role.VERIFIER, ACCEPT), ADD_BLACK * 3)
+    steps = plays(
+        this,
+        this.encode_action(Role.PROPOSER, ADD_BLUE, message=2),
+        this.encode_action(Role.VERIFIER, ACCEPT),
+        ADD_BLACK * 3,
+    )
     assert steps[0].rewards == (-0.25, 0.0)
     assert steps[1].rewards == (-0.1, -0.1)
-    assert steps[1].state.words == (2, 0)
+    assert steps[1].state.messages == (2, 0)
 
 
 ILLEGAL = [
@@ -250,32 +255,32 @@ def test_play__refuses_to_act_out_of_turn():
     this = game()
     state = this.start(SOME_BLUE)
     with pytest.raises(TurnError, match="verifier_0 acted out of turn: it is the turn of proposer_0"):
-        this.play(state, ADD_BLUE, ACCEPT)
+        this.step(state, ADD_BLUE, ACCEPT)
     with pytest.raises(TurnError, match="it is the turn of proposer_0: it must act"):
-        this.play(state)
+        this.step(state)
 
 
 def test_play__refuses_to_act_after_the_end():
     this = game(ending="proposer")
     over = played(this, STOPS).state
     with pytest.raises(TurnError, match="the game is over"):
-        this.play(over, ADD_BLUE)
+        this.step(over, ADD_BLUE)
 
 
 @pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, None, [1]])
 def test_play__refuses_what_is_no_action(action: Any):
     this = game()
     with pytest.raises((ActionError, TurnError), match="proposer_0"):
-        this.play(this.start(SOME_BLUE), action)
+        this.step(this.start(SOME_BLUE), action)
 
 
 def test_describe__names_actions():
     this = game(ending="verifier", message_size=2)
     describe = this.describe
-    assert describe(Role.PROPOSER, this.action(Role.PROPOSER, ADD_BLUE)) == "ADD(LEFT, BLUE)"
-    assert describe(Role.PROPOSER, this.action(Role.PROPOSER, WAIT)) == "wait"
-    assert describe(Role.VERIFIER, this.action(Role.VERIFIER, REJECT, word=1)) == "reject, word 1"
-    assert describe(Role.VERIFIER, this.action(Role.VERIFIER, VERIFIER_STOPS)) == "stop"
+    assert describe(Role.PROPOSER, this.encode_action(Role.PROPOSER, ADD_BLUE)) == "ADD(LEFT, BLUE)"
+    assert describe(Role.PROPOSER, this.encode_action(Role.PROPOSER, WAIT)) == "wait"
+    assert describe(Role.VERIFIER, this.encode_action(Role.VERIFIER, REJECT, message=1)) == "reject, message 1"
+    assert describe(Role.VERIFIER, this.encode_action(Role.VERIFIER, VERIFIER_STOPS)) == "stop"
 
 
 GAMES = {
@@ -294,8 +299,8 @@ def test_play__is_pure_and_ends_in_time_and_agrees_with_the_masks(key: tuple[str
         if not state.movers:
             break
         actions = [chance % this.action_counts[role] if role in state.movers else None for role in Role]
-        step = this.play(state, *actions)
-        assert this.play(state, *actions) == step
+        step = this.step(state, *actions)
+        assert this.step(state, *actions) == step
         for role in state.movers:
             mask = this.legal_mask(state, role)
             assert mask.dtype == np.int8
@@ -306,5 +311,5 @@ def test_play__is_pure_and_ends_in_time_and_agrees_with_the_masks(key: tuple[str
             elif step.illegal[role]:
                 assert not mask[actions[role]]
         assert bool(step.state.movers) != (step.terminated or step.truncated)
-        assert step.state.mdp.steps <= this.conditions.dynamics.horizon
+        assert step.state.mdp.steps <= this.config.dynamics.horizon
         state = step.state

@@ -36,7 +36,7 @@ from lilgym_mp.envs.proposer_verifier import (
     summarise,
 )
 from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord
-from lilgym_mp.envs.proposer_verifier.states import Judgement
+from lilgym_mp.envs.proposer_verifier.types import Judgement
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
 
@@ -126,7 +126,7 @@ def test_single_agent_view__gives_all_that_was_earned_since_the_last_action():
     assert reward == -0.1
     view = SingleAgentView(env(), VERIFIER, RandomPartner())
     view.reset(seed=0)
-    assert view.unwrapped.session.state.proposal is not None
+    assert view.unwrapped.engine.state.proposal is not None
 
 
 def test_single_agent_view__draws_games_anew_that_end_without_it():
@@ -164,7 +164,7 @@ def test_single_agent_view__refuses_what_it_cannot_play():
         SingleAgentView(env(), "judge", "random")
     with pytest.raises(ValueError, match="unknown partner 'friend'; choose from always_accept, always_reject"):
         SingleAgentView(env(), VERIFIER, "friend")
-    with pytest.raises(TypeError, match="a partner must be a function of a PartnerTurn, not 3"):
+    with pytest.raises(TypeError, match="a partner must be callable with a PartnerTurn, not 3"):
         SingleAgentView(env(), VERIFIER, 3)  # pyright: ignore[reportArgumentType]
 
 
@@ -222,7 +222,7 @@ def test_frozen_policy__plays_a_models_actions_or_a_legal_one():
     assert view.step(ADD_BLUE)[1] == -0.1
     view = SingleAgentView(env(ending="verifier"), VERIFIER, FrozenPolicy(FirstAction(), masked=False))
     view.reset(seed=0)
-    assert view.unwrapped.session.state.proposal != STOPS
+    assert view.unwrapped.engine.state.proposal != STOPS
 
 
 def test_error_rate__must_be_a_share():

@@ -126,7 +126,7 @@ def test_both_forms__play_the_same_game(protocol: str):
         while parallel.agents:
             legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
             actions = {agent: int(rng.choice(numbers)) for agent, numbers in legal.items()}
-            movers = len(turns.session.state.movers)
+            movers = len(turns.engine.state.movers)
             observations, rewards, terminations, truncations, infos = parallel.step(actions)
             for _ in range(movers):
                 turns.step(actions[turns.agent_selection])
@@ -143,7 +143,7 @@ def test_state__is_a_picture(protocol: str):
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_render__as_pettingzoo_tests_it(protocol: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("lilgym_mp.envs.proposer_verifier.session.RENDER_FPS", 10_000)
+    monkeypatch.setattr("lilgym_mp.envs.proposer_verifier.engine.RENDER_FPS", 10_000)
     render_test(lambda **how: env(protocol=protocol, **how))
 
 
@@ -283,7 +283,7 @@ def test_step__after_the_end_is_refused(form: str):
 def test_parallel_step__wants_both_agents_actions(actions: dict[str, int]):
     game = parallel_env()
     game.reset(seed=0)
-    with pytest.raises(TurnError, match="actions must be of proposer_0 and verifier_0, not of"):
+    with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
         game.step(actions)
 
 
@@ -308,7 +308,7 @@ def test_a_finished_agent__takes_no_action():
 def test_registry__makes_both_forms(kind: Any, base: type):
     game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
     assert isinstance(game, base)
-    assert game.unwrapped.session.game.protocol.name == "audit"
+    assert game.unwrapped.engine.game.protocol.name == "audit"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

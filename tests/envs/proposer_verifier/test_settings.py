@@ -45,7 +45,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"homogeneous": 1}, "homogeneous must be True or False, not 1"),
     (
         {"homogeneous": True, "views": {"proposer_0": {"history": 2}, "verifier_0": {"history": 3}}},
-        "homogeneous agents must see 'history' alike",
+        "homogeneous agents need equal spaces for 'history'",
     ),
 ]
 

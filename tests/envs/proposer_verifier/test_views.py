@@ -11,92 +11,92 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
-from lilgym_mp.envs.proposer_verifier.session import Session
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.render import draw
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, setup
 
 PROPOSER, VERIFIER = AGENTS
 
 
-def session(**settings: Any) -> Session:
+def engine(**settings: Any) -> GameEngine:
     """A game of the one task, just begun."""
-    started = Session(setup(**settings))
+    started = GameEngine(setup(**settings))
     started.reset(0, None)
     return started
 
 
 def test_image__is_the_drawn_scene():
-    game = session()
-    game.play(ADD_BLUE, None)
-    game.play(None, ACCEPT)
-    assert np.array_equal(game.see(Role.VERIFIER)["image"], draw(game.state.mdp.scene, "half"))
+    game = engine()
+    game.step(ADD_BLUE, None)
+    game.step(None, ACCEPT)
+    assert np.array_equal(game.observe_parts(Role.VERIFIER)["image"], draw(game.state.mdp.scene, "half"))
 
 
 def test_native_image__is_twice_as_large():
-    assert session(image_size="native").see(Role.PROPOSER)["image"].shape == (100, 380, 3)
+    assert engine(image_size="native").observe_parts(Role.PROPOSER)["image"].shape == (100, 380, 3)
 
 
 def test_structured_scene__holds_each_item():
-    game = session(views="structured")
-    game.play(ADD_BLUE, None)
-    game.play(None, ACCEPT)
-    items = game.see(Role.VERIFIER)["item_array"]
+    game = engine(views="structured")
+    game.step(ADD_BLUE, None)
+    game.step(None, ACCEPT)
+    items = game.observe_parts(Role.VERIFIER)["item_array"]
     assert items.shape == (3, 4, 5)
     assert items[0, 0].tolist() == [40, 80, 1, 2, 1]
     assert (items.reshape(-1, 5)[1:] == -1).all()
 
 
 def test_text__can_be_read_back():
-    game = session(views="text")
-    game.play(ADD_BLUE, None)
-    game.play(None, ACCEPT)
-    seen = game.see(Role.VERIFIER)
+    game = engine(views="text")
+    game.step(ADD_BLUE, None)
+    game.step(None, ACCEPT)
+    seen = game.observe_parts(Role.VERIFIER)
     assert read_text(seen["text"]) == "left: medium blue square at (40, 80)\nmiddle: empty\nright: empty"
     assert read_text(seen["statement"]) == "Some block is blue."
 
 
 def test_tokens__are_the_words_of_the_statement():
-    game = session()
-    tokens = game.see(Role.PROPOSER)["statement"]
+    game = engine()
+    tokens = game.observe_parts(Role.PROPOSER)["statement"]
     assert game.setup.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
 def test_proposal__is_seen_in_the_released_array_form_until_it_is_answered():
-    game = session()
-    assert game.see(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
-    game.play(ADD_BLUE, None)
-    assert game.see(Role.VERIFIER)["proposal"].tolist() == [1, 0, 2]
-    game.play(None, REJECT)
-    assert game.see(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+    game = engine()
+    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+    game.step(ADD_BLUE, None)
+    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [1, 0, 2]
+    game.step(None, REJECT)
+    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
 
 
 def test_history__holds_the_last_turns_newest_last():
-    game = session(views={"history": 3}, message_size=2)
-    game.play(game.game.action(Role.PROPOSER, ADD_BLUE, word=2), None)
-    game.play(None, game.game.action(Role.VERIFIER, REJECT, word=1))
-    nothing, proposed, rejected = game.see(Role.PROPOSER)["history"].tolist()
+    game = engine(views={"history": 3}, message_size=2)
+    game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
+    game.step(None, game.game.encode_action(Role.VERIFIER, REJECT, message=1))
+    nothing, proposed, rejected = game.observe_parts(Role.PROPOSER)["history"].tolist()
     assert nothing == [-1] * 6
     assert proposed == [1, 0, 2, -1, 2, 0]
     assert rejected == [-1, -1, -1, REJECT, 2, 1]
 
 
 def test_message__is_the_others_last_word():
-    game = session(message_size={PROPOSER: 2, VERIFIER: 0})
-    game.play(game.game.action(Role.PROPOSER, ADD_BLUE, word=2), None)
-    assert game.see(Role.VERIFIER)["message"] == 2
-    assert "message" not in game.see(Role.PROPOSER)
+    game = engine(message_size={PROPOSER: 2, VERIFIER: 0})
+    game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
+    assert game.observe_parts(Role.VERIFIER)["message"] == 2
+    assert "message" not in game.observe_parts(Role.PROPOSER)
 
 
 def test_view__can_leave_out_everything_but_one_part():
     nothing = View(scene="none", statement="none", target=False, proposal=False)
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False)}
-    assert set(session(views=views).see(Role.VERIFIER)) == {"target"}
-    assert session(views=nothing).see(Role.PROPOSER) == {}
+    assert set(engine(views=views).observe_parts(Role.VERIFIER)) == {"target"}
+    assert engine(views=nothing).observe_parts(Role.PROPOSER) == {}
 
 
 def test_joint__shows_no_proposal():
-    assert "proposal" not in session(protocol="joint").see(Role.VERIFIER)
+    assert "proposal" not in engine(protocol="joint").observe_parts(Role.VERIFIER)
 
 
 def test_homogeneous__agents_have_equal_spaces_and_know_who_they_are():

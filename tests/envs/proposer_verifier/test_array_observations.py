@@ -79,7 +79,7 @@ def test_turns__tell_masks_in_infos():
 def test_forms__unknown_ones_are_refused_naming_the_choices():
     with pytest.raises(ValueError, match="unknown observations 'flat'; choose from image, nested, vector"):
         parallel_env(observations="flat")
-    with pytest.raises(ValueError, match='observations="image" needs views with a scene as "image"'):
+    with pytest.raises(ValueError, match='observations="image" needs views with scene="image"'):
         parallel_env(observations="image", views="structured")
     with pytest.raises(WrongEnvironment, match='GridPlanes needs the game with observations="nested"'):
         grid_planes_v0(parallel_env(observations="vector"))

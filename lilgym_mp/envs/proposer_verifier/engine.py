@@ -1,0 +1,243 @@
+"""The engine behind the AEC, parallel and single-agent environments: the current game and its observations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, SupportsIndex
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.choices import choose
+from lilgym_mp.envs.proposer_verifier.types import (
+    AGENTS,
+    PROPOSER,
+    VERIFIER,
+    GameState,
+    GameStep,
+    Intent,
+    Judgement,
+    Role,
+)
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts
+from lilgym_mp.envs.single import end_info
+from lilgym_mp.envs.window import RENDER_FPS, Window
+from lilgym_mp.render import text
+from lilgym_mp.render.frames import frame
+from lilgym_mp.rules import State
+
+RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
+NO_ILLEGAL_CHOICES = (False, False)
+INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
+
+AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
+Info = dict[str, Any]
+
+
+def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.Dict, spaces.Discrete]:
+    """An agent's observation and action spaces, newly made."""
+    observation = spaces.Dict({key: part.space for key, part in parts.items()})
+    mask = spaces.Box(0, 1, (action_count,), np.int8)
+    return spaces.Dict({"observation": observation, "action_mask": mask}), spaces.Discrete(action_count)
+
+
+def intent_option(options: Mapping[str, Any]) -> Intent | None:
+    """The "intent" of reset options. Raises ValueError naming the choices."""
+    return choose("intent", options["intent"], INTENTS) if "intent" in options else None
+
+
+def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgement | None = None) -> Info:
+    """Info entries of the setting `reveal_truth`."""
+    info: Info = {
+        "truth": mdp.task.truth(mdp.scene),
+        "goal_reached": setup.game.config.dynamics.goal_reached(mdp),
+        "intent": intent.name.lower(),
+    }
+    if judgement is not None:
+        info["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
+    return info
+
+
+def agent_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
+    """Both agents' infos, by Role: the shared entries and "illegal_choice"."""
+    proposer, verifier = shared, shared.copy()
+    if illegal[0]:
+        proposer["illegal_choice"] = True
+    if illegal[1]:
+        verifier["illegal_choice"] = True
+    return proposer, verifier
+
+
+class GameEngine:
+    """The state of the current game, a random generator, observation encoders and rendering."""
+
+    def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
+        self.setup = setup
+        self.game = setup.game
+        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
+        self.rng, _ = seeding.np_random()
+        self.parts = make_parts(setup)
+        shared = {key for key, part in self.parts[PROPOSER].items() if self.parts[VERIFIER].get(key) is part}
+        encoders = [[(key, part.encode, key in shared) for key, part in parts.items()] for parts in self.parts]
+        self._shared_encoders = [(key, encode) for key, encode, both in encoders[PROPOSER] if both]
+        self._own_encoders = tuple(
+            [(key, encode) for key, encode, is_shared in own if not is_shared] for own in encoders
+        )
+        self._shared_values: dict[str, Value] = {}  # cache of the shared parts, encoded from `_encoded_state`
+        self._encoded_state: GameState | None = None
+        self.last_step: GameStep | None = None
+        self._state: GameState | None = None
+        self._last_actions = ""  # as text, for the caption
+        self._window: Window | None = None
+
+    @property
+    def state(self) -> GameState:
+        """The state of the game. Raises ResetNeeded before the first reset."""
+        if self._state is None:
+            raise ResetNeeded("call reset first")
+        return self._state
+
+    def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
+        """Starts a game; returns both agents' infos.
+
+        Options: "task", an id; "intent", "helpful" or "sneaky". Others are ignored, as PettingZoo's API test demands.
+        """
+        if seed is not None:
+            self.rng, _ = seeding.np_random(seed)
+        setup, options = self.setup, options or {}
+        task = (
+            setup.tasks.by_id(options["task"]) if "task" in options else setup.tasks[setup.sample_task_index(self.rng)]
+        )
+        intent = intent_option(options)
+        state = self._state = self.game.start(task, setup.sample_intent(self.rng) if intent is None else intent)
+        self.last_step = None
+        self._last_actions = ""
+        if self.render_mode is not None:
+            self._show()
+        info = {"task": task.id}
+        if setup.reveals_truth:
+            info |= truth_info(setup, state.mdp, state.intent)
+        return info, info.copy()
+
+    def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
+        """Plays one turn. Raises ResetNeeded before reset and after the end; otherwise as `Game.step`."""
+        state = self._state
+        if state is None or not state.movers:
+            raise ResetNeeded("call reset first" if state is None else "the game is over; call reset before acting")
+        step = self.last_step = self.game.step(state, proposer, verifier)
+        self._state = step.state
+        if self.render_mode is not None:
+            self._record_actions(proposer, verifier)
+            self._show()
+        return step
+
+    def step_both(self, proposer: SupportsIndex, verifier: SupportsIndex) -> tuple[GameStep, tuple[Info, Info]]:
+        """Plays one turn with an action from each agent; returns the step and both infos.
+
+        In turn-based protocols the action of the agent out of turn is ignored, and illegal unless it is "wait".
+        """
+        game = self.game
+        if not game.turn_based:
+            step = self.step(proposer, verifier)
+            return step, self.infos(step)
+        if VERIFIER in self.state.movers:
+            idle, waited = PROPOSER, game.is_wait(PROPOSER, proposer)
+            step = self.step(None, verifier)
+        else:
+            idle, waited = VERIFIER, game.is_wait(VERIFIER, verifier)
+            step = self.step(proposer, None)
+        infos = self.infos(step)
+        if not waited:
+            infos[idle]["illegal_choice"] = True
+        return step, infos
+
+    def infos(self, step: GameStep) -> tuple[Info, Info]:
+        """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
+        state, transition, reveals_truth = step.state, step.transition, self.setup.reveals_truth
+        if state.movers and not reveals_truth and step.illegal == NO_ILLEGAL_CHOICES:
+            return {}, {}
+        shared: Info = {}
+        if reveals_truth:
+            shared = truth_info(self.setup, state.mdp, state.intent, step.judgement)
+        if transition is not None and not state.movers:
+            shared |= end_info(transition)
+        return agent_infos(shared, step.illegal)
+
+    def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
+        """Both agents' observations, by Role; they share the arrays of parts that both see."""
+        state, game = self.state, self.game
+        proposer: dict[str, Value] = {}
+        for key, encode in self._shared_encoders:
+            proposer[key] = encode(state)
+        verifier = proposer.copy()
+        proposer_encoders, verifier_encoders = self._own_encoders
+        for key, encode in proposer_encoders:
+            proposer[key] = encode(state)
+        for key, encode in verifier_encoders:
+            verifier[key] = encode(state)
+        return (
+            {"observation": proposer, "action_mask": game.legal_mask(state, PROPOSER)},
+            {"observation": verifier, "action_mask": game.legal_mask(state, VERIFIER)},
+        )
+
+    def observe(self, role: Role) -> AgentObservation:
+        """One agent's observation. Until the state changes, both agents' share the arrays of parts that both see."""
+        return {"observation": self.observe_parts(role), "action_mask": self.game.legal_mask(self.state, role)}
+
+    def observe_parts(self, role: Role) -> dict[str, Any]:
+        """One agent's observation without the mask."""
+        state = self.state
+        if state is not self._encoded_state:
+            self._shared_values = {key: encode(state) for key, encode in self._shared_encoders}
+            self._encoded_state = state
+        parts = self._shared_values.copy()
+        for key, encode in self._own_encoders[role]:
+            parts[key] = encode(state)
+        return parts
+
+    def spaces(self, role: Role) -> tuple[spaces.Dict, spaces.Discrete]:
+        """An agent's observation and action spaces, newly made."""
+        return agent_spaces(self.parts[role], self.game.action_counts[role])
+
+    def _record_actions(self, *actions: SupportsIndex | None) -> None:
+        descriptions = [
+            f"{AGENTS[role]}: {self.game.describe(role, action)}"
+            for role, action in zip(Role, actions, strict=True)
+            if action is not None
+        ]
+        self._last_actions = ";  ".join(descriptions)
+
+    def render(self) -> UInt8Array | str | None:
+        """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
+        if self.render_mode == "ansi":
+            return text(self.state.mdp.scene, self._caption())
+        if self.render_mode == "rgb_array":
+            return frame(self.state.mdp.scene, self._caption())
+        self._show()
+        return None
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = Window(RENDER_FPS)
+            self._window.show(frame(self.state.mdp.scene, self._caption()))
+
+    def _caption(self) -> list[str]:
+        mdp, last = self.state.mdp, self.last_step
+        horizon = self.game.config.dynamics.horizon
+        lines = [
+            mdp.task.statement,
+            f"Make it {mdp.task.target}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
+        ]
+        if last is not None and last.transition is not None:
+            outcome, rewards = last.transition.outcome, " and ".join(f"{reward:+.1f}" for reward in last.rewards)
+            lines.append(f"{outcome}, rewards {rewards}")
+        return lines
+
+    def close(self) -> None:
+        if self._window is not None:
+            self._window.close()
+            self._window = None
