@@ -183,7 +183,7 @@ class Writer:
         if not words:
             return self.leaf(kind, names)
         word = chance.choice(words)
-        given = [self.argument(p.kind.name, depth - 1, names) for p in word.parameters if not p.optional]
+        given = [self.argument(p.type.name, depth - 1, names) for p in word.parameters if not p.optional]
         return f"{word.name}({', '.join(given)})"
 
     @staticmethod
@@ -254,7 +254,7 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
         except ProgramError:
             found["refused"] += 1
             continue
-        found["programs with a fast form" if program.is_fast else "programs without"] += 1
+        found["programs with a fast form" if program.has_generated_code else "programs without"] += 1
         for _ in range(3):
             scene = random_scene(chance)
             ours, theirs = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)

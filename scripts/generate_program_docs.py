@@ -1,4 +1,4 @@
-"""Writes docs/programs.md from the code: `python scripts/generate_program_docs.py [--check]`."""
+"""Generates docs/programs.md from the code: `python scripts/generate_program_docs.py [--check]`."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from lilgym_mp.programs import costs, lifting, syntax
-from lilgym_mp.programs.views import ENUMS, BoxView
+from lilgym_mp.programs import box_functions, costs, syntax
+from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "programs.md"
 
 INTRODUCTION = """# The program language
 
-A program says what a statement means. It is one expression, a small part of Python, that is true or false of
-a scene. This page is written by `scripts/generate_program_docs.py` from the code; change it there.
+A program is the meaning of a statement: one expression in a small subset of Python that is true or false of a scene.
+This page is generated from the code by `scripts/generate_program_docs.py`; edit it there.
 
 ```python
 from lilgym_mp.programs import compile_program
@@ -23,17 +23,16 @@ from lilgym_mp.programs import compile_program
 program = compile_program("exist(filter_obj(all_items, is_blue))")
 program(scene)  # True or False
 program.evaluate(scene)  # the same, but raises ProgramRuntimeError where the program has no value
-program.errors  # a Counter: how often, and why, it had no value (then it counts as False)
+program.errors  # Counter of the error messages; program(scene) is False on an error
 ```
 
-`lilgym-mp program check "..."` says what is wrong with a program, or which words it uses.
+`lilgym-mp program check "..."` explains what is wrong with a program, or lists the words it uses.
 
-## What a scene is made of
+## Scenes
 
 `all_boxes` is the list of the three boxes, left to right; `all_items` the list of all items, box by box.
-A box can stand wherever a list of items is wanted: it means its items, and is false where it has none. Items and boxes
-are themselves and nothing else: two items that look the same at the same place of two boxes are different, and count
-twice.
+A box can be used as the list of its items, and is falsy when empty. Items and boxes are compared by identity: two items
+with the same attributes and coordinates in two boxes are different, and count twice.
 
 Members of a box `b` and of an item `x`:
 
@@ -42,70 +41,71 @@ Members of a box `b` and of an item `x`:
 """
 
 COORDINATES = """
-Coordinates are pixels in the item's own box, of side 100: left = x, right = x + size, and, measured upwards,
-top = 100 - y, bottom = 100 - (y + size), for an item whose picture starts x pixels from the left and y from the
-top. So "above" is larger.
+Coordinates are pixels in the item's own box, whose side is 100. For an item whose top-left corner is x pixels from the
+left and y pixels from the top: left = x, right = x + size, top = 100 - y, bottom = 100 - (y + size). Heights are
+measured upwards, so higher items have larger values.
 
 Values:
 
 """
 
 SYNTAX = """
-## What may be written
+## Syntax
 
 | | |
 | --- | --- |
-| whole numbers, `True`, `False` | at most {max_int} |
-| calls of the words below | arguments by position or by name: `is_touching_wall(x, side=Side.TOP)` |
-| `lambda x: ...` | one parameter; an inner one may hide an outer one of the same name |
+| non-negative integers, `True`, `False` | at most {max_int} |
+| calls of the words below | positional or keyword arguments: `is_touching_wall(x, side=Side.TOP)` |
+| `lambda x: ...` | one parameter; an inner one may shadow an outer one |
 | a word without arguments | as a function: `filter_obj(all_items, is_blue)` |
-| `and`, `or`, `not` | Python's: they stop at the first operand that decides, and take any value as a truth |
-| `==` `!=` `<` `<=` `>` `>=` `in` `not in` | also in chains: `1 < count(s) <= 3` |
-| `+` `%` | numbers; `+` also joins two lists |
-| `s[0]`, `s[1:]` | positions in a list or of items in a box, counted from 0 |
+| `and`, `or`, `not` | as in Python: they short-circuit and accept any truthy or falsy value |
+| `==` `!=` `<` `<=` `>` `>=` `in` `not in` | may be chained: `1 < count(s) <= 3` |
+| `+` `%` | numbers; `+` also concatenates two lists |
+| `s[0]`, `s[1:]` | index or slice of a list, or of the items of a box |
 | `[a, b]`, `{{a, b}}` | lists and sets |
 
-Everything else of Python is refused: other operators, other attributes, comprehensions, strings, assignments,
+All other Python is rejected: other operators, other attributes, comprehensions, strings, assignments,
 conditional expressions, starred arguments, names that start with an underscore, comments and line breaks.
 
-`AND`, `OR` and `NOT` differ from `and`, `or` and `not`: they want bools, and evaluate all their arguments.
+`AND`, `OR` and `NOT` differ from `and`, `or` and `not`: they require bools and evaluate all their arguments.
 
-## The words
+## Words
 
-In the signatures *collection* is a list, a set or a box; a set is gone through in scene order, boxes from the left
-and items as they are listed in the box, so that a program always gives the same value.
+In the signatures *collection* is a list, a set or a box. Sets are iterated in scene order (boxes left to right, items
+in the order of their box), so programs are deterministic.
 """
 
 LIMITS = """
 ## Limits
 
-A source has at most {max_length} characters, {max_brackets} nested brackets, {max_depth} nested expressions.
-An evaluation takes at most {steps:,} steps of about a tenth of a microsecond: whatever is copied, hashed, compared
-or brought into order is charged first, elements of elements included. No collection holds more than {size:,} elements,
-collections are nested at most {nesting} deep, functions called at most {calls} deep, and the values that an evaluation
-holds at once have at most {held:,} elements at all levels. A program that needs more has no value on that scene.
+The source has at most {max_length} characters; brackets nest at most {max_brackets} deep, expressions {max_depth} deep.
+An evaluation has a budget of {steps:,} steps of about 0.1 microseconds. Copying, hashing, comparing and sorting are
+charged in advance, nested elements included. A collection has at most {size:,} elements, collections nest at most
+{nesting} deep, function calls at most {calls} deep, and the values held at once have at most {held:,} elements at all
+levels.
+A program that exceeds a limit has no value on that scene.
 
-What this promises for any text, on a processor core of our days: it compiles or is refused in less than 5 seconds and
-100 MB, and has its value or `ProgramRuntimeError` in less than 30 seconds and 200 MB, on any scene. The programs made
-to break this take up to 7 seconds and 20 MB ([reliability.md](reliability.md)); official ones microseconds.
+On one core of current hardware, any text compiles or is rejected within 5 seconds and 100 MB, and evaluates to its
+value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene. Adversarial programs take up to 7 seconds
+and 20 MB ([reliability.md](reliability.md)); official ones take microseconds.
 
-Evaluation is fast while no box holds more than {box} items; beyond that programs are run in a slower form with the
-same values.
+Programs are evaluated by generated code while every box has at most {box} items, and by the slower reference evaluator,
+with the same results, otherwise.
 
 ## Errors
 
-`compile_program` raises `ProgramError` (a `ValueError`) for a text that is not a program, with `.position` (line,
-column), `.piece`, `.reason` and `.source`. `.explain()` shows it:
+`compile_program` raises `ProgramError` (a `ValueError`) for an invalid program, with `.position` (line, column),
+`.piece` (the offending text), `.reason` and `.source`. `.explain()` formats it:
 
 ```
 {example}
 ```
 
-`program.evaluate` raises `ProgramRuntimeError` where a program has no value: `unique` of what is not exactly one,
-an argument of the wrong kind, a position out of range, a result that is not a bool, too much work.
-`program(scene)` is `False` there, and `program.errors` counts the message, once for each scene.
+`program.evaluate` raises `ProgramRuntimeError` when a program has no value on the scene: `unique` of a collection that
+does not have exactly one element, an argument of the wrong type, an index out of range, a result that is not a bool, or
+an exceeded limit. `program(scene)` is then `False`, and `program.errors` counts the message once per scene.
 
-## Three programs, step by step
+## Three examples
 
 *"There is a blue item at the left wall."*
 
@@ -113,7 +113,7 @@ an argument of the wrong kind, a position out of range, a result that is not a b
 exist(filter_obj(all_items, lambda x: AND(is_blue(x), is_touching_wall(x, Side.LEFT))))
 ```
 
-`filter_obj` keeps the items for which the lambda is true; `exist` asks whether any are left.
+`filter_obj` keeps the items for which the lambda is true; `exist` tests whether any remain.
 
 *"Exactly two boxes hold at least two black items."*
 
@@ -121,7 +121,7 @@ exist(filter_obj(all_items, lambda x: AND(is_blue(x), is_touching_wall(x, Side.L
 count(filter_obj(all_boxes, lambda b: count(filter_color(b, Color.BLACK)) >= 2)) == 2
 ```
 
-Boxes are filtered just as items are. `filter_color(b, ...)` goes over the items of the box.
+Boxes are filtered like items. `filter_color(b, ...)` filters the items of the box.
 
 *"In some tower a blue block lies on another block."*
 
@@ -129,8 +129,7 @@ Boxes are filtered just as items are. `filter_color(b, ...)` goes over the items
 exist(filter_obj(all_items, lambda x: x.box.is_tower() and exist(filter_color(get_above(x), Color.BLUE))))
 ```
 
-In a tower `get_above(x)` is the block that touches `x` from above, or nothing; elsewhere it is everything in the box
-that lies higher than `x`.
+In a tower, `get_above(x)` contains at most the block resting on `x`; elsewhere, everything in the box above `x`.
 """
 
 MEMBERS = {
@@ -143,10 +142,10 @@ MEMBERS = {
 
 def document() -> str:
     """The whole page."""
-    lines = [f"| `{member}` | {meaning} |" for member, meaning in MEMBERS.items()]
+    lines = [f"| `{member}` | {description} |" for member, description in MEMBERS.items()]
     parts = [INTRODUCTION + "\n".join(lines) + "\n", COORDINATES]
-    for name, kind in ENUMS.items():
-        parts.append(f"- `{name}`: {', '.join(f'`{name}.{member.name}`' for member in kind)}\n")
+    for name, enum in ENUMS.items():
+        parts.append(f"- `{name}`: {', '.join(f'`{name}.{member.name}`' for member in enum)}\n")
     parts.append(SYNTAX.format(max_int=syntax.MAX_INT))
     for group in GROUPS:
         parts.append(f"\n### {group.capitalize()}\n\n| | |\n| --- | --- |\n")
@@ -162,7 +161,7 @@ def document() -> str:
             nesting=costs.NESTING_LIMIT,
             calls=costs.CALL_LIMIT,
             held=costs.HELD_LIMIT,
-            box=lifting.MAX_BOX_ITEMS,
+            box=box_functions.MAX_BOX_ITEMS,
             example=_example_error(),
         )
     )
@@ -179,7 +178,7 @@ def _example_error() -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only say whether the page is up to date")
+    parser.add_argument("--check", action="store_true", help="only check whether the page is up to date")
     if parser.parse_args().check:
         current = TARGET.read_text(encoding="utf-8") == document()
         print("up to date" if current else f"{TARGET.name} is out of date; run this script without --check")

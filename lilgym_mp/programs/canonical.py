@@ -28,7 +28,7 @@ from lilgym_mp.programs.syntax import (
     WordName,
     children,
 )
-from lilgym_mp.programs.views import Color, Shape, Size
+from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.programs.words import WORDS, Parameter, Word
 from lilgym_mp.scene import BOX_COUNT
 
@@ -94,7 +94,7 @@ def _rewritten_arguments(word: Word, arguments: Sequence[Node | None], scope: Sc
     for parameter, argument in zip(word.parameters, arguments, strict=True):
         if argument is None:
             done.append(None)
-        elif parameter.kind.name == "function":
+        elif parameter.type.name == "function":
             done.append(_rewritten_function(argument, scope, _element(done[0], scope)))
         else:
             done.append(_rewritten(argument, scope))
@@ -173,7 +173,7 @@ def _without_defaults(node: Call) -> tuple[Node | None, ...]:
 def _box_itself(parameter: Parameter, argument: Node | None) -> Node | None:
     """A box where its list of items is given for a collection: the same elements in the same order."""
     match argument:
-        case Member(of=box, name="all_items_in_box", called=True) if parameter.kind.name in _COLLECTION_KINDS:
+        case Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_KINDS:
             return box
         case _:
             return argument

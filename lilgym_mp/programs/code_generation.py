@@ -5,8 +5,8 @@ boxes are unrolled. The part of a program that speaks of one box only (most of a
 function of its own, a *kernel*, whose value is kept in `box.memo`: after a step of play only the box that
 changed is looked at again.
 
-The fast form gives the reference form's value or raises UnsureError, and raises it wherever the reference
-form would fail (and sometimes where it would not). What is not covered here raises Uncovered at compile time.
+The fast form gives the reference form's value or raises FallbackError, and raises it wherever the reference
+form would fail (and sometimes where it would not). What is not covered here raises Unsupported at compile time.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from enum import Enum
 from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
 
-from lilgym_mp.programs import costs, lifting
-from lilgym_mp.programs.expressions import (
+from lilgym_mp.programs import box_functions, costs
+from lilgym_mp.programs.ir import (
     ATTRIBUTE_TYPES,
     BOXES,
     ITEM_FIELDS,
@@ -42,7 +42,7 @@ from lilgym_mp.programs.expressions import (
     Static,
     TheOnly,
     Truth,
-    Uncovered,
+    Unsupported,
     all_total,
     as_collection,
     as_truth,
@@ -76,8 +76,8 @@ from lilgym_mp.programs.syntax import (
     children,
     own_size,
 )
-from lilgym_mp.programs.views import Color, Shape, Side, Size
-from lilgym_mp.programs.vocabulary import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
+from lilgym_mp.programs.values import Color, Shape, Side, Size
+from lilgym_mp.programs.word_lowering import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 
@@ -97,22 +97,22 @@ class Expression(NamedTuple):
         return "".join(f"{indent}{name} = {text}\n" for name, text in self.hoisted.items())
 
 
-def truth_expression(tree: Node) -> Expression | None:
+def generate_expression(tree: Node) -> Expression | None:
     """A program's truth as an expression, None where there is none."""
     try:
         generator = _Generator(_Work(), kernel=False)
         value = generator.code(tree, {})
         return generator.expression(value.text) if isinstance(value, Truth) else None
-    except (Uncovered, RecursionError, MemoryError, SyntaxError):
+    except (Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
-def fast_form(tree: Node) -> Callable[[Scene], bool] | None:
-    """The fast form of a program, None where it has none. It raises UnsureError when it cannot tell."""
-    expression = truth_expression(tree)
+def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
+    """The fast form of a program, None where it has none. It raises FallbackError when it cannot tell."""
+    expression = generate_expression(tree)
     try:
         return expression and _compiled(_scene_source(expression), expression.names, "truth")
-    except (Uncovered, RecursionError, MemoryError, SyntaxError):
+    except (Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
@@ -277,7 +277,7 @@ class _Generator:
         return value if isinstance(value, Truth) else uncovered("not a bool")
 
     def code(self, node: Node, scope: Scope) -> Code:
-        """The node's value. Raises Uncovered where its text is too long: texts hold those of their parts repeatedly."""
+        """Lowers a node. Raises Unsupported when the text gets too long: it can contain a part's text many times."""
         self.charge(0)
         value = self.written(node, scope)
         length = text_length(value, MAX_TEXT)
@@ -344,7 +344,7 @@ class _Generator:
         self.charge(1 + MOST_ITEMS)
         if isinstance(of, OneBox) and node.called:
             if node.name == "is_tower":
-                return Truth(self.lifted("is_tower", lifting.is_tower, of.box))
+                return Truth(self.lifted("is_tower", box_functions.is_tower, of.box))
             return Items((Part(of.box, None),), ordered=True)
         if isinstance(of, OneItem):
             if node.name == "box":
@@ -444,19 +444,19 @@ class _Generator:
                 uncovered("side")
             constants.append(side.value)
         name = "_".join((node.word.name, *(value.name for value in constants)))
-        return self.lifted(name, lifting.lifted_test(node.word, tuple(constants)), box)
+        return self.lifted(name, box_functions.vectorised_test(node.word, tuple(constants)), box)
 
     def relation(self, node: Call, scope: Scope) -> Items:
         of = as_collection(self.code(cast("Node", node.arguments[0]), scope))
         self.charge_call(node.word, of)
         if isinstance(of, OneItem):
-            rows = self.lifted(node.word.name, lifting.lifted_relation(node.word), of.box)
+            rows = self.lifted(node.word.name, box_functions.vectorised_relation(node.word), of.box)
             return Items((Part(of.box, f"{rows}[{of.text}]", of.total),), ordered=False)
         if not isinstance(of, Items):
             uncovered("relation")
         parts: list[Part] = []
         for part in sorted(of.parts, key=lambda part: part.box):
-            rows = self.lifted(node.word.name, lifting.lifted_relation(node.word), part.box)
+            rows = self.lifted(node.word.name, box_functions.vectorised_relation(node.word), part.box)
             parts.append(Part(part.box, f"united({rows}, {part.mask})", part.total))
         return Items(tuple(parts), ordered=False)
 
@@ -534,7 +534,7 @@ class _Generator:
             chosen: Scope = {**scope, parameter: Static(tuple(items), (Truth("True"),) * len(items))}
             self.loops += 1
             sizes = Counter(part.box for part in parts).values()
-            ways = math.prod(math.comb(lifting.MAX_BOX_ITEMS, size) for size in sizes)
+            ways = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes)
             times, self.times = self.times, self.times * ways
             self.charge_function(body)
             condition = self.strict_truth(body, chosen) if strict else self.truth(body, chosen)
@@ -597,7 +597,7 @@ class _Generator:
         self.count += 1
         index = f"i{self.count}"
         bound: Scope = {**scope, parameter: OneItem(part.box, index)}
-        times, self.times = self.times, self.times * lifting.MAX_BOX_ITEMS
+        times, self.times = self.times, self.times * box_functions.MAX_BOX_ITEMS
         self.charge_function(body)
         masks, rest = self.split(parameter, body, index, bound, strict=strict)
         for mask in masks:
@@ -676,7 +676,7 @@ class _Generator:
         """A truth that is the same for all items of the box, such as one about the box."""
         try:
             value = self.tried(node, bound)
-        except Uncovered:
+        except Unsupported:
             return None
         if re.search(rf"\b{index}\b", value.text):
             return None
@@ -685,12 +685,12 @@ class _Generator:
 
 def _is_test(word: Word) -> bool:
     """A truth about an item, with sides at most as further arguments."""
-    kinds = [parameter.kind.name for parameter in word.parameters]
+    kinds = [parameter.type.name for parameter in word.parameters]
     return kinds[:1] == ["item"] and set(kinds[1:]) <= {"Side"} and word.result == "bool" and word.depends_on != "scene"
 
 
 def _is_relation(word: Word) -> bool:
-    return len(word.parameters) == 1 and word.parameters[0].kind.each and word.depends_on == "box"
+    return len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box"
 
 
 def _as_lambda(node: Node) -> tuple[str, Node]:

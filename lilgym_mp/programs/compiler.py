@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from functools import lru_cache
 
-from lilgym_mp.programs.code_generation import fast_form
+from lilgym_mp.programs.box_functions import FallbackError
+from lilgym_mp.programs.code_generation import generate_function
 from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError
-from lilgym_mp.programs.lifting import UnsureError
-from lilgym_mp.programs.reference import evaluate, reference_form
+from lilgym_mp.programs.reference import build_closure, evaluate
 from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse
 from lilgym_mp.scene import Scene
 
@@ -22,16 +22,16 @@ class Program:
     once a scene. The truth is kept in `scene.memo`. A program is pickled by its source, without the counts.
     """
 
-    __slots__ = ("_fast", "_key", "_reference", "errors", "is_fast", "source", "tree")
+    __slots__ = ("_fast", "_key", "_reference", "errors", "has_generated_code", "source", "tree")
 
     def __init__(self, source: str) -> None:
         """Raises ProgramError when `source` is not a program."""
         self.source = source
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
-        self._reference = reference_form(self.tree)
-        fast = fast_form(self.tree)
-        self.is_fast = fast is not None  # whether the program has a fast form
+        self._reference = build_closure(self.tree)
+        fast = generate_function(self.tree)
+        self.has_generated_code = fast is not None  # whether the program has a fast form
         self._fast = fast or _unsure
         self._key = "program truth " + source
 
@@ -41,7 +41,7 @@ class Program:
         if truth is None:
             try:
                 truth = self._fast(scene)
-            except UnsureError:
+            except FallbackError:
                 truth = self._reference_truth(scene)
             memo[self._key] = truth
         return truth
@@ -50,7 +50,7 @@ class Program:
         """The truth in the scene; raises ProgramRuntimeError where there is none. Nothing is counted."""
         try:
             return self._fast(scene)
-        except UnsureError:
+        except FallbackError:
             return self.evaluate_reference(scene)
 
     def evaluate_reference(self, scene: Scene) -> bool:
@@ -73,7 +73,7 @@ class Program:
 
 def _unsure(scene: Scene) -> bool:
     """The fast form of programs that have none."""
-    raise UnsureError
+    raise FallbackError
 
 
 def compile_program(source: str) -> Program:

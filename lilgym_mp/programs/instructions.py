@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum, auto, unique
 from typing import Any, NamedTuple
 
-from lilgym_mp.programs import lifting
-from lilgym_mp.programs.code_generation import Expression, Kernel, truth_expression
-from lilgym_mp.programs.expressions import BOXES, LOCAL_BOX
+from lilgym_mp.programs import box_functions
+from lilgym_mp.programs.code_generation import Expression, Kernel, generate_expression
+from lilgym_mp.programs.ir import BOXES, LOCAL_BOX, Unsupported
 from lilgym_mp.programs.syntax import Node
 
-MOST_INSTRUCTIONS = 256
+MAX_INSTRUCTIONS = 256
 
 
 @unique
@@ -25,10 +25,10 @@ class Operation(IntEnum):
 
     CONSTANT = 0  # the number a
     LENGTH = auto()  # the number of items of box b
-    ITEM_TYPES = auto()  # the mask of the items of box b whose item type is in the mask a
-    PLACES = auto()  # the mask of the items of box b that pass test a of their place
-    TABLE = auto()  # what table a has of box b
-    ONLY = auto()  # the position of the only bit of a; the program's truth is unknown unless there is just one
+    ITEM_TYPE_TEST = auto()  # the mask of the items of box b whose item type is in the mask a
+    POSITION_TEST = auto()  # the mask of the items of box b that pass test a of their place
+    BOX_TABLE = auto()  # what table a has of box b
+    ONLY_BIT = auto()  # the position of the only bit of a; the program's truth is unknown unless there is just one
     BIT_COUNT = auto()
     NOT = auto()
     INVERT = auto()
@@ -54,12 +54,8 @@ class Instruction(NamedTuple):
     b: int = 0
 
 
-class Unwritten(Exception):
-    """An expression without instructions."""
-
-
-# What a function of a box, lifted or a kernel's, is for box `b`; raises Unwritten where there is no instruction for it.
-AskBox = Callable[[lifting.Lifted, int], Instruction]
+# Lowers a box function (vectorised word or kernel) applied to box `b` to one instruction, or raises Unsupported.
+LowerBoxFunction = Callable[[box_functions.BoxFunction, int], Instruction]
 
 _BINARY: Mapping[type[ast.AST], Operation] = {
     ast.BitAnd: Operation.BIT_AND,
@@ -84,28 +80,28 @@ _UNARY: Mapping[type[ast.AST], Operation] = {
 _SWAPPED: Mapping[type[ast.AST], Operation] = {ast.Gt: Operation.LESS, ast.GtE: Operation.LESS_OR_EQUAL}
 
 
-def instructions(tree: Node, ask_box: AskBox) -> list[Instruction] | None:
+def instructions(tree: Node, lower_box_function: LowerBoxFunction) -> list[Instruction] | None:
     """A program's instructions, the last of which is its truth (not zero: true); None where there are none."""
-    expression = truth_expression(tree)
+    expression = generate_expression(tree)
     if expression is None:
         return None
-    writer = _Writer(ask_box)
+    writer = _Writer(lower_box_function)
     try:
         last = writer.write_text(expression.text, expression, dict(zip(BOXES, range(len(BOXES)), strict=True)))
-    except (Unwritten, RecursionError):
+    except (Unsupported, RecursionError):
         return None
     written = list(writer.numbers)
     if last != len(written) - 1:
         written.append(Instruction(Operation.BIT_OR, last, last))
-    return written if len(written) <= MOST_INSTRUCTIONS else None
+    return written if len(written) <= MAX_INSTRUCTIONS else None
 
 
 class _Writer:
     """Writes each distinct instruction once."""
 
-    def __init__(self, ask_box: AskBox) -> None:
+    def __init__(self, lower_box_function: LowerBoxFunction) -> None:
         self.numbers: dict[Instruction, int] = {}
-        self._ask_box = ask_box
+        self._lower_box_function = lower_box_function
 
     def add(self, *instruction: int) -> int:
         """The number of an instruction, whose value later ones take by it."""
@@ -140,13 +136,13 @@ class _Writer:
             case ast.Call(func=ast.Name(id="len"), args=[ast.Attribute(value=ast.Name(id=box), attr="items")]):
                 return self.add(Operation.LENGTH, 0, boxes[box])
             case ast.Call(func=ast.Name(id="only"), args=[mask]):
-                return self.add(Operation.ONLY, write(mask))
+                return self.add(Operation.ONLY_BIT, write(mask))
             case ast.Call(func=ast.Name(id="occurring"), args=[mask, *by_value]):
                 return self._occurring(write(mask), [write(having) for having in by_value])
             case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=box)]) if box in boxes:
                 return self._box_function(name, within.names, boxes[box])
             case _:
-                raise Unwritten
+                raise Unsupported
 
     def _joined(self, operation: Operation, values: list[int]) -> int:
         joined = values[0]
@@ -158,7 +154,7 @@ class _Writer:
         if type(operator) in _SWAPPED:
             return self.add(_SWAPPED[type(operator)], right, left)
         if type(operator) not in _BINARY:
-            raise Unwritten
+            raise Unsupported
         return self.add(_BINARY[type(operator)], left, right)
 
     def _occurring(self, mask: int, by_value: list[int]) -> int:
@@ -174,8 +170,8 @@ class _Writer:
     def _box_function(self, name: str, names: Mapping[str, Any], box: int) -> int:
         kernel = names.get(f"{name}_kept")
         try:
-            return self.add(*self._ask_box(names[name], box))
-        except Unwritten:
+            return self.add(*self._lower_box_function(names[name], box))
+        except Unsupported:
             if not isinstance(kernel, Kernel):
                 raise
             return self.write_text(kernel.expression.text, kernel.expression, {LOCAL_BOX: box})

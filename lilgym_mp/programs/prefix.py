@@ -28,7 +28,7 @@ from lilgym_mp.programs.syntax import (
     Subscript,
     Variable,
 )
-from lilgym_mp.programs.views import ENUMS
+from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS
 
 MAX_NUMBER = 20
@@ -119,7 +119,7 @@ def _form(node: Node) -> tuple[str, Sequence[Node]]:
             raise PrefixError(f"{type(node).__name__} has no tokens")
 
 
-def tree_of(tokens: Sequence[str]) -> Node:
+def tree_from_tokens(tokens: Sequence[str]) -> Node:
     """The tree of all the tokens. Raises PrefixError where they are none, too few or too many."""
     node, end = _tree(tokens, 0, 0)
     if end != len(tokens):

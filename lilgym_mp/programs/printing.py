@@ -111,7 +111,7 @@ def word_table() -> list[WordEntry]:
             word.group,
             sum(not parameter.optional for parameter in word.parameters),
             len(word.parameters),
-            tuple(parameter.kind.name for parameter in word.parameters),
+            tuple(parameter.type.name for parameter in word.parameters),
             word.result,
             word.meaning,
         )

@@ -1,7 +1,7 @@
-"""The reference form of a program: closures over readable words. It defines what a program means.
+"""The reference evaluator: a closure-compiling interpreter that defines the semantics of programs.
 
-Every step is charged to a budget before it is taken, and every value is counted, elements of elements included, before
-it is copied, hashed, compared or brought into order, so that no program, whatever it nests, works without bound.
+Each step is charged to the evaluation budget before it runs. A value's size, nested elements included, is charged
+before the value is copied, hashed, compared or sorted, so the cost of any program is bounded however it nests.
 """
 
 from __future__ import annotations
@@ -31,115 +31,116 @@ from lilgym_mp.programs.syntax import (
     WordName,
     own_size,
 )
-from lilgym_mp.programs.views import BoxView, Color, ItemView, SceneView, Shape, Side, Size
-from lilgym_mp.programs.words import FunctionValue, Word, described
+from lilgym_mp.programs.values import BoxView, Color, ItemView, SceneView, Shape, Side, Size
+from lilgym_mp.programs.words import FunctionValue, Word, describe
 from lilgym_mp.scene import Scene
 
 _SETS = (set, frozenset)
-_HOLDERS = frozenset({list, tuple, *_SETS})  # types of what is counted as more than one element within another
-_SINGLE = frozenset({ItemView, bool, int, Color, Shape, Size, Side, FunctionValue})
+_CONTAINERS = frozenset({list, tuple, *_SETS})
+_SCALARS = frozenset({ItemView, bool, int, Color, Shape, Size, Side, FunctionValue})
 
 
-class Run:
-    """One evaluation: the scene, how much work is left, and how much is held."""
+class Evaluation:
+    """State of one evaluation: the scene and the remaining budget."""
 
-    __slots__ = ("calls", "held", "item_count", "lambdas", "steps_left", "view", "words")
+    __slots__ = ("call_depth", "held", "item_count", "lambdas", "steps_left", "view", "words")
 
     def __init__(self, scene: Scene) -> None:
         self.view = SceneView(scene)
         self.item_count = sum(len(box.items) for box in scene.boxes)
         self.steps_left = costs.STEP_LIMIT
-        self.held = 0  # elements, at all levels, of values that wait for others
-        self.calls = 0  # of functions, within each other
-        self.lambdas = 0  # made so far
-        self.words: dict[str, FunctionValue] = {}  # that are used as values
+        self.held = 0  # elements, at all levels, of operands waiting for other operands
+        self.call_depth = 0
+        self.lambdas = 0  # created so far
+        self.words: dict[str, FunctionValue] = {}  # words used as values
 
     def charge(self, steps: int) -> None:
         self.steps_left -= steps
         if self.steps_left < 0:
             raise ProgramRuntimeError(f"the program needs more than {costs.STEP_LIMIT} steps on this scene")
 
-    def weighed(self, value: Any) -> int:
-        """The elements of a value at all levels, itself included. Charges for going through it once."""
-        if type(value) in _HOLDERS:
-            return self._weighed(value, 1)
+    def measure(self, value: Any) -> int:
+        """The number of elements of a value at all levels, itself included. Charges for one traversal."""
+        if type(value) in _CONTAINERS:
+            return self._measure(value, 1)
         return 1 + len(value) if isinstance(value, BoxView) else 1
 
-    def _weighed(self, value: Any, level: int) -> int:
+    def _measure(self, value: Any, level: int) -> int:
         size = len(value)
         if size > costs.SIZE_LIMIT:
-            raise ProgramRuntimeError(f"{described(value)} elements; there may be {costs.SIZE_LIMIT}")
+            raise ProgramRuntimeError(f"{describe(value)} elements; at most {costs.SIZE_LIMIT} are allowed")
         if level > costs.NESTING_LIMIT:
             raise ProgramRuntimeError(f"collections are nested more than {costs.NESTING_LIMIT} deep")
         self.charge(1 + size)
-        weight = 1 + size
-        if not _HOLDERS.isdisjoint(map(type, value)):
-            weight += sum([self._weighed(part, level + 1) - 1 for part in value if type(part) in _HOLDERS])
+        count = 1 + size
+        if not _CONTAINERS.isdisjoint(map(type, value)):
+            count += sum([self._measure(part, level + 1) - 1 for part in value if type(part) in _CONTAINERS])
         if isinstance(value, _SETS):
-            self.charge(costs.sorting(weight, size))
-        return weight
+            self.charge(costs.sort_steps(count, size))
+        return count
 
-    def hold(self, weight: int) -> None:
-        """Counts elements as held. Raises ProgramRuntimeError when they are too many."""
-        self.held += weight
+    def hold(self, count: int) -> None:
+        """Adds to the held elements. Raises ProgramRuntimeError beyond HELD_LIMIT."""
+        self.held += count
         if self.held > costs.HELD_LIMIT:
             raise ProgramRuntimeError(f"the program holds more than {costs.HELD_LIMIT} elements at once")
 
-    def operands(self, forms: Sequence[Form], variables: Variables) -> tuple[list[Any], int]:
-        """The values of some forms, and their elements, which are held until they are let go of."""
+    def operands(self, closures: Sequence[Closure], variables: Variables) -> tuple[list[Any], int]:
+        """Evaluates the closures; returns their values and total element count, which the caller must release from
+        `held`."""
         values: list[Any] = []
-        weight = 0
-        for form in forms:
-            value = form(self, variables)
+        total = 0
+        for closure in closures:
+            value = closure(self, variables)
             values.append(value)
-            if type(value) in _SINGLE:  # most are: `hold` takes a call
-                weight += 1
+            if type(value) in _SCALARS:  # the common case, without the cost of calling `hold`
+                total += 1
                 self.held += 1
                 continue
-            elements = self.weighed(value)
-            self.hold(elements)
-            weight += elements
-        return values, weight
+            count = self.measure(value)
+            self.hold(count)
+            total += count
+        return values, total
 
-    def called(self, word: Word, args: Sequence[Any], weight: int) -> Any:
-        """The value of a call of a word, whose arguments have so many elements."""
-        self.charge(word.steps(weight, self.item_count))
-        if word.growth is None:
+    def call_word(self, word: Word, args: Sequence[Any], element_count: int) -> Any:
+        """Calls a word whose arguments have `element_count` elements at all levels."""
+        self.charge(word.steps(element_count, self.item_count))
+        if word.result_size is None:
             return word(*args)
-        growth = word.growth(*word.taken(tuple(args)))
-        if growth.elements > costs.SIZE_LIMIT:
+        size = word.result_size(*word.coerce(tuple(args)))
+        if size.subsets > costs.SIZE_LIMIT:
             raise ProgramRuntimeError(f"{word.name}: the result has more than {costs.SIZE_LIMIT} elements")
-        made = growth.weight(weight)
-        self.hold(made)
-        self.charge(costs.MADE * made)
-        self.held -= made
+        created = size.element_count(element_count)
+        self.hold(created)
+        self.charge(costs.SUBSET_ELEMENT * created)
+        self.held -= created
         return word(*args)
 
     def enter(self, steps: int) -> None:
-        """Charges a call of a function, which `calls` counts as open."""
+        """Charges for a function call and increments `call_depth`."""
         self.charge(steps)
-        self.calls += 1
-        if self.calls > costs.CALL_LIMIT:
+        self.call_depth += 1
+        if self.call_depth > costs.CALL_LIMIT:
             raise ProgramRuntimeError(f"functions call each other more than {costs.CALL_LIMIT} deep")
 
 
 Variables = dict[str, Any]
-Form = Callable[[Run, Variables], Any]
+Closure = Callable[[Evaluation, Variables], Any]
 
 
-def reference_form(node: Node) -> Form:
-    """The closure that gives the node's value, from a run and the values of the variables around it."""
+def build_closure(node: Node) -> Closure:
+    """Compiles a node to a closure from the evaluation state and the enclosing variables to the node's value."""
     match node:
         case Constant(value=value):
-            return lambda run, variables: value
+            return lambda evaluation, variables: value
         case SceneName(name="all_boxes"):
-            return lambda run, variables: list(run.view.boxes)
+            return lambda evaluation, variables: list(evaluation.view.boxes)
         case SceneName():
             return _all_items
         case Variable(name=name):
-            return lambda run, variables: variables[name]
+            return lambda evaluation, variables: variables[name]
         case WordName(word=word):
-            return lambda run, variables: _word_value(run, word)
+            return lambda evaluation, variables: _word_value(evaluation, word)
         case Lambda():
             return _lambda(node)
         case Call():
@@ -149,8 +150,8 @@ def reference_form(node: Node) -> Form:
         case Logic():
             return _logic(node)
         case Not(operand=operand):
-            form = reference_form(operand)
-            return lambda run, variables: not form(run, variables)
+            closure = build_closure(operand)
+            return lambda evaluation, variables: not closure(evaluation, variables)
         case Comparison():
             return _comparison(node)
         case Arithmetic():
@@ -161,119 +162,117 @@ def reference_form(node: Node) -> Form:
             return _display(node)
 
 
-def evaluate(form: Form, scene: Scene) -> bool:
-    """The value of a whole program on a scene.
-
-    Raises ProgramRuntimeError, also for a value that is not a bool.
-    """
-    return evaluate_counted(form, scene)[0]
+def evaluate(closure: Closure, scene: Scene) -> bool:
+    """The value of a whole program on a scene. Raises ProgramRuntimeError if there is none or it is not a bool."""
+    return evaluate_with_steps(closure, scene)[0]
 
 
-def evaluate_counted(form: Form, scene: Scene) -> tuple[bool, int]:
-    """`evaluate`, and the steps that it took."""
-    run = Run(scene)
+def evaluate_with_steps(closure: Closure, scene: Scene) -> tuple[bool, int]:
+    """Like `evaluate`, also returning the steps charged."""
+    evaluation = Evaluation(scene)
     try:
-        value = form(run, {})
+        value = closure(evaluation, {})
     except RecursionError:
-        raise ProgramRuntimeError("the program is too deeply nested to be run here") from None
+        raise ProgramRuntimeError("the program is too deeply nested to be evaluated here") from None
     if type(value) is not bool:
-        raise ProgramRuntimeError(f"a program gives a bool, not {described(value)}")
-    return value, costs.STEP_LIMIT - run.steps_left
+        raise ProgramRuntimeError(f"a program must return a bool, not {describe(value)}")
+    return value, costs.STEP_LIMIT - evaluation.steps_left
 
 
-def _all_items(run: Run, variables: Variables) -> Any:
-    run.charge(run.item_count)
-    return run.view.items()
+def _all_items(evaluation: Evaluation, variables: Variables) -> Any:
+    evaluation.charge(evaluation.item_count)
+    return evaluation.view.items()
 
 
-def _word_value(run: Run, word: Word) -> FunctionValue:
-    """The word as a value, such as the second argument of filter_obj; the same one throughout a run."""
+def _word_value(evaluation: Evaluation, word: Word) -> FunctionValue:
+    """A word used as a value, e.g. as the second argument of filter_obj; one object per evaluation."""
 
     def call(value: Any) -> Any:
-        run.enter(costs.LAMBDA)
-        result = run.called(word, (value,), run.weighed(value))
-        run.calls -= 1
-        run.weighed(result)
+        evaluation.enter(costs.LAMBDA)
+        result = evaluation.call_word(word, (value,), evaluation.measure(value))
+        evaluation.call_depth -= 1
+        evaluation.measure(result)
         return result
 
-    found = run.words.get(word.name)
+    found = evaluation.words.get(word.name)
     if found is None:
-        found = run.words[word.name] = FunctionValue(call, (word.name,))
+        found = evaluation.words[word.name] = FunctionValue(call, (word.name,))
     return found
 
 
-def _lambda(node: Lambda) -> Form:
-    parameter, body = node.parameter, reference_form(node.body)
+def _lambda(node: Lambda) -> Closure:
+    parameter, body = node.parameter, build_closure(node.body)
     steps = costs.LAMBDA + costs.NODE * own_size(node.body)
 
-    def form(run: Run, variables: Variables) -> Any:
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
         def call(value: Any) -> Any:
-            run.enter(steps)
-            result = body(run, {**variables, parameter: value})
-            run.calls -= 1
-            run.weighed(result)
+            evaluation.enter(steps)
+            result = body(evaluation, {**variables, parameter: value})
+            evaluation.call_depth -= 1
+            evaluation.measure(result)
             return result
 
-        run.lambdas += 1
-        return FunctionValue(call, ("", run.lambdas))
+        evaluation.lambdas += 1
+        return FunctionValue(call, ("", evaluation.lambdas))
 
-    return form
+    return closure
 
 
-def _call(node: Call) -> Form:
+def _call(node: Call) -> Closure:
     word = node.word
-    forms = [None if argument is None else reference_form(argument) for argument in node.arguments]
+    closures = [None if argument is None else build_closure(argument) for argument in node.arguments]
     defaults = [parameter.default for parameter in word.parameters]
-    given = len(forms)
-    while given and forms[given - 1] is None:
-        given -= 1
-    given_forms = [
-        _constant(default) if form is None else form for form, default in zip(forms[:given], defaults, strict=False)
+    passed = len(closures)  # trailing defaults are left to the word
+    while passed and closures[passed - 1] is None:
+        passed -= 1
+    operands = [
+        _constant(default) if closure is None else closure
+        for closure, default in zip(closures[:passed], defaults, strict=False)
     ]
 
-    def call(run: Run, variables: Variables) -> Any:
-        args, weight = run.operands(given_forms, variables)
-        value = run.called(word, args, weight)
-        run.held -= weight
+    def call(evaluation: Evaluation, variables: Variables) -> Any:
+        args, count = evaluation.operands(operands, variables)
+        value = evaluation.call_word(word, args, count)
+        evaluation.held -= count
         return value
 
     return call
 
 
-def _constant(value: Any) -> Form:
-    return lambda run, variables: value
+def _constant(value: Any) -> Closure:
+    return lambda evaluation, variables: value
 
 
-def _member(node: Member) -> Form:
-    of, name = reference_form(node.of), node.name
+def _member(node: Member) -> Closure:
+    of, name = build_closure(node.of), node.name
     owner, owner_name = (BoxView, "a box") if name in METHODS else (ItemView, "an item")
 
-    def read(run: Run, variables: Variables) -> Any:
-        value = of(run, variables)
+    def read(evaluation: Evaluation, variables: Variables) -> Any:
+        value = of(evaluation, variables)
         if type(value) is not owner:
-            raise ProgramRuntimeError(f".{name}: only {owner_name} has it, not {described(value)}")
+            raise ProgramRuntimeError(f".{name}: only {owner_name} has it, not {describe(value)}")
         return getattr(value, name)
 
-    def call(run: Run, variables: Variables) -> Any:
-        run.charge(1 + run.item_count)
-        return read(run, variables)()
+    def call(evaluation: Evaluation, variables: Variables) -> Any:
+        evaluation.charge(1 + evaluation.item_count)
+        return read(evaluation, variables)()
 
     return call if node.called else read
 
 
-def _logic(node: Logic) -> Form:
-    forms = [reference_form(operand) for operand in node.operands]
+def _logic(node: Logic) -> Closure:
+    closures = [build_closure(operand) for operand in node.operands]
     stop_at = node.operator == "or"
 
-    def form(run: Run, variables: Variables) -> Any:
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
         value: Any = None
-        for operand in forms:
-            value = operand(run, variables)
+        for operand in closures:
+            value = operand(evaluation, variables)
             if bool(value) is stop_at:
                 break
         return value
 
-    return form
+    return closure
 
 
 _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
@@ -288,92 +287,94 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _comparison(node: Comparison) -> Form:
-    left_form = reference_form(node.left)
-    steps = [(name, reference_form(right)) for name, right in zip(node.operators, node.rights, strict=True)]
+def _comparison(node: Comparison) -> Closure:
+    left_closure = build_closure(node.left)
+    steps = [(name, build_closure(right)) for name, right in zip(node.operators, node.rights, strict=True)]
 
-    def form(run: Run, variables: Variables) -> Any:
-        (left,), left_weight = run.operands((left_form,), variables)
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
+        (left,), left_count = evaluation.operands((left_closure,), variables)
         truth = True
-        for name, right_form in steps:
-            (right,), right_weight = run.operands((right_form,), variables)
-            truth = _operate(run, name, _COMPARISONS[name], left, right, left_weight + right_weight)
-            run.held -= left_weight
-            left, left_weight = right, right_weight
+        for name, right_closure in steps:
+            (right,), right_count = evaluation.operands((right_closure,), variables)
+            truth = _operate(evaluation, name, _COMPARISONS[name], left, right, left_count + right_count)
+            evaluation.held -= left_count
+            left, left_count = right, right_count
             if not truth:
                 break
-        run.held -= left_weight
+        evaluation.held -= left_count
         return truth
 
-    return form
+    return closure
 
 
-def _operate(run: Run, name: str, operation: Callable[[Any, Any], Any], left: Any, right: Any, weight: int) -> Any:
-    run.charge(costs.OPERATION + weight)
+def _operate(
+    evaluation: Evaluation, name: str, operation: Callable[[Any, Any], Any], left: Any, right: Any, count: int
+) -> Any:
+    evaluation.charge(costs.OPERATION + count)
     try:
         return operation(left, right)
     except TypeError:
-        raise ProgramRuntimeError(f"{name}: cannot be used with {described(left)} and {described(right)}") from None
+        raise ProgramRuntimeError(f"{name}: cannot be used with {describe(left)} and {describe(right)}") from None
     except ZeroDivisionError:
         raise ProgramRuntimeError(f"{name}: the right side is 0") from None
 
 
-def _arithmetic(node: Arithmetic) -> Form:
-    forms = reference_form(node.left), reference_form(node.right)
+def _arithmetic(node: Arithmetic) -> Closure:
+    closures = (build_closure(node.left), build_closure(node.right))
     name, operation = node.operator, {"+": operator.add, "%": operator.mod}[node.operator]
 
-    def form(run: Run, variables: Variables) -> Any:
-        (left, right), weight = run.operands(forms, variables)
-        value = _operate(run, name, operation, left, right, weight)
-        run.held -= weight
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
+        (left, right), count = evaluation.operands(closures, variables)
+        value = _operate(evaluation, name, operation, left, right, count)
+        evaluation.held -= count
         return value
 
-    return form
+    return closure
 
 
-def _subscript(node: Subscript | Slice) -> Form:
-    of = reference_form(node.of)
+def _subscript(node: Subscript | Slice) -> Closure:
+    of = build_closure(node.of)
     if isinstance(node, Subscript):
-        parts = [reference_form(node.index)]
+        parts = [build_closure(node.index)]
     else:
-        parts = [part and reference_form(part) for part in (node.start, node.stop, node.step)]
+        parts = [part and build_closure(part) for part in (node.start, node.stop, node.step)]
 
-    def form(run: Run, variables: Variables) -> Any:
-        (value,), weight = run.operands((of,), variables)
-        numbers = [part and part(run, variables) for part in parts]
-        run.held -= weight
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
+        (value,), count = evaluation.operands((of,), variables)
+        indices = [part and part(evaluation, variables) for part in parts]
+        evaluation.held -= count
         if type(value) is BoxView:
             value = value.all_items_in_box()
         if not isinstance(value, list | tuple):
-            raise ProgramRuntimeError(f"[ ]: only a list has positions, not {described(value)}")
-        for number in numbers:
-            if number is not None and type(number) is not int:
-                raise ProgramRuntimeError(f"[ ]: a position is a number, not {described(number)}")
-        held = cast("list[Any]", value)
-        run.charge(costs.OPERATION + len(held))
+            raise ProgramRuntimeError(f"[ ]: only a list can be indexed, not {describe(value)}")
+        for index in indices:
+            if index is not None and type(index) is not int:
+                raise ProgramRuntimeError(f"[ ]: an index must be an int, not {describe(index)}")
+        sequence = cast("list[Any]", value)
+        evaluation.charge(costs.OPERATION + len(sequence))
         if isinstance(node, Slice):
-            if numbers[2] == 0:
-                raise ProgramRuntimeError("[ ]: the step of a slice is not 0")
-            return held[slice(*numbers)]
-        index = cast("int", numbers[0])
-        if index >= len(held):
-            raise ProgramRuntimeError(f"[{index}]: out of range for {described(held)}")
-        return held[index]
+            if indices[2] == 0:
+                raise ProgramRuntimeError("[ ]: the step of a slice cannot be 0")
+            return sequence[slice(*indices)]
+        index = cast("int", indices[0])
+        if index >= len(sequence):
+            raise ProgramRuntimeError(f"[{index}]: out of range for {describe(sequence)}")
+        return sequence[index]
 
-    return form
+    return closure
 
 
-def _display(node: Display) -> Form:
-    forms = [reference_form(element) for element in node.elements]
+def _display(node: Display) -> Closure:
+    closures = [build_closure(element) for element in node.elements]
     kind = node.kind
 
-    def form(run: Run, variables: Variables) -> Any:
-        values, weight = run.operands(forms, variables)
-        run.charge(costs.OPERATION + weight)
-        run.held -= weight
+    def closure(evaluation: Evaluation, variables: Variables) -> Any:
+        values, count = evaluation.operands(closures, variables)
+        evaluation.charge(costs.OPERATION + count)
+        evaluation.held -= count
         try:
             return kind(values)
         except TypeError:
             raise ProgramRuntimeError("{ }: a list or a set cannot be an element of a set") from None
 
-    return form
+    return closure

@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lilgym_mp.programs import lifting
-from lilgym_mp.programs.lifting import UnsureError
+from lilgym_mp.programs import box_functions
+from lilgym_mp.programs.box_functions import FallbackError
 
 
 def _bits(mask: int) -> list[int]:
@@ -24,14 +24,14 @@ def _bits(mask: int) -> list[int]:
 def _only(mask: int) -> int:
     """The position of the only one of a mask."""
     if mask == 0 or mask & (mask - 1):
-        raise UnsureError
+        raise FallbackError
     return mask.bit_length() - 1
 
 
 def _only_meets(masks: tuple[int, ...], tests: tuple[int, ...]) -> bool:
     """Whether the test holds for the only item of the masks, one mask and one test a box."""
     if sum([mask.bit_count() for mask in masks]) != 1:
-        raise UnsureError
+        raise FallbackError
     return any(mask & test for mask, test in zip(masks, tests, strict=True))
 
 
@@ -65,6 +65,6 @@ NAMES: dict[str, Any] = {
     "none": frozenset[Any](),
     "occurring": _occurring,
     "mask_of": _mask_of,
-    "check_size": lifting.check_size,
-    "UnsureError": UnsureError,
+    "check_size": box_functions.check_size,
+    "FallbackError": FallbackError,
 }

@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from lilgym_mp.programs import functions as _functions
 from lilgym_mp.programs.errors import ProgramError
-from lilgym_mp.programs.views import ENUMS
+from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS, Word
 
 MAX_LENGTH = 5_000  # characters; the longest official program has 816

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.printing import source_of
-from lilgym_mp.programs.reference import Run, reference_form
+from lilgym_mp.programs.reference import Evaluation, build_closure
 from lilgym_mp.programs.syntax import (
     Call,
     Constant,
@@ -20,54 +20,54 @@ from lilgym_mp.programs.syntax import (
     children,
     parse,
 )
-from lilgym_mp.programs.views import BoxView, ItemView
+from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.scene import BOX_SIDE, Scene
 
 BOX_TITLES = ("left", "middle", "right")
 SIZE_NAMES = {"BIG": "large"}  # by the name in programs, where it is another than elsewhere
 
 
-ItemPlace = tuple[int, int]  # box, and position among the box's items
+ItemIndex = tuple[int, int]  # box, and position among the box's items
 
 
-class Part(NamedTuple):
+class TraceEntry(NamedTuple):
     """A part of a program, and its value in words."""
 
     depth: int  # parts within which it lies
     source: str
     value: str
-    items: tuple[ItemPlace, ...] = ()  # those that the value is or holds, in scene order
+    items: tuple[ItemIndex, ...] = ()  # those that the value is or holds, in scene order
 
 
-def trace(source: str, scene: Scene) -> list[Part]:
+def trace(source: str, scene: Scene) -> list[TraceEntry]:
     """The parts of a program that have a value of their own, the whole first, and, under each call that takes a
     condition, which of the elements satisfy it. Raises ProgramError for what is no program."""
     return list(_parts(parse(source), scene, 0))
 
 
-def _parts(node: Node, scene: Scene, depth: int) -> Iterator[Part]:
+def _parts(node: Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
     if isinstance(node, Constant | SceneName | WordName | Lambda) or _free(node):
         return
-    yield Part(depth, source_of(node), *_value(node, scene))
+    yield TraceEntry(depth, source_of(node), *_value(node, scene))
     if isinstance(node, Call):
         yield from _conditions(node, scene, depth + 1)
     for child in children(node):
         yield from _parts(child, scene, depth + 1)
 
 
-def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[Part]:
+def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
     """For each condition among the arguments, the elements of the first argument that satisfy it."""
     elements, *others = call.arguments
     for other in others:
         if elements is not None and isinstance(other, Lambda) and not _free(other) and not _free(elements):
-            yield Part(depth, source_of(other), *_satisfying(elements, other, scene))
+            yield TraceEntry(depth, source_of(other), *_satisfying(elements, other, scene))
 
 
-def _satisfying(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemPlace, ...]]:
-    run = Run(scene)
+def _satisfying(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
+    run = Evaluation(scene)
     try:
-        collection = reference_form(elements)(run, {})
-        body = reference_form(condition.body)
+        collection = build_closure(elements)(run, {})
+        body = build_closure(condition.body)
         held = [element for element in collection if _holds(body(run, {condition.parameter: element}))]
         return f"satisfied by {_told(held) if held else 'none'} of {len(collection)}", _places(held)
     except (ProgramRuntimeError, TypeError) as fault:
@@ -79,15 +79,15 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: Node, scene: Scene) -> tuple[str, tuple[ItemPlace, ...]]:
+def _value(node: Node, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
-        value = reference_form(node)(Run(scene), {})
+        value = build_closure(node)(Evaluation(scene), {})
     except ProgramRuntimeError as fault:
         return f"no value: {fault}", ()
     return _told(value), _places(value)
 
 
-def _places(value: Any) -> tuple[ItemPlace, ...]:
+def _places(value: Any) -> tuple[ItemIndex, ...]:
     """The places of the items that a value is or holds, at any level."""
     match value:
         case ItemView():

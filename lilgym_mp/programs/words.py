@@ -1,8 +1,8 @@
-"""How a typed Python function becomes a word of the program language.
+"""The `@word` decorator: registers a typed Python function as a word (built-in function) of the program language.
 
-`@word(group)` reads a function's annotations and docstring: they are the only declaration of the word. The
-annotations are the kinds below; a kind checks an argument and brings it into the one form its functions
-work on (a collection becomes a list in scene order). Wrong arguments raise ProgramRuntimeError.
+A word is declared by its function's annotations and docstring alone. Each annotation is one of the parameter types
+below, which checks the argument and coerces it: a collection, for example, becomes a list in scene order. Arguments of
+the wrong type raise ProgramRuntimeError.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args,
 
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError
-from lilgym_mp.programs.views import BoxView, Color, ItemView, Shape, Side, Size
+from lilgym_mp.programs.values import BoxView, Color, ItemView, Shape, Side, Size
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Dependency = Literal["attributes", "position", "item", "box", "scene"]
@@ -34,20 +34,20 @@ GROUPS = (
 
 
 class WordError(TypeError):
-    """A function that cannot become a word; says why."""
+    """The decorated function cannot be registered as a word."""
 
 
-class KindError(Exception):
-    """An argument of the wrong kind."""
+class ArgumentTypeError(Exception):
+    """The argument is not of the parameter's type."""
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A kind of argument: its name for people, and `take`, which checks and normalises a value."""
+class ParameterType:
+    """`coerce` returns the normalised argument or raises ArgumentTypeError; `name` appears in signatures and errors."""
 
     name: str
-    take: Callable[[Any], Any]
-    each: bool = False  # the function is called for each item and the results are united
+    coerce: Callable[[Any], Any]
+    mapped: bool = False  # call the function once per item and return the union of the results
 
 
 def is_collection(value: object) -> bool:
@@ -55,7 +55,7 @@ def is_collection(value: object) -> bool:
 
 
 def elements(value: Iterable[Any]) -> list[Any]:
-    """The elements of a collection; those of a set in scene order, so that programs are deterministic."""
+    """The elements of a collection as a list; a set is sorted into scene order so that programs are deterministic."""
     if isinstance(value, set | frozenset):
         return sorted(cast("set[Any]", value), key=_scene_order)
     return list(value)
@@ -77,7 +77,7 @@ def _scene_order(value: Any) -> tuple[Any, ...]:
 
 
 class FunctionValue:
-    """A lambda or a word as a value of a program. `order` tells where it comes in a set."""
+    """A lambda or a word used as a value. `order` is its sort key among functions in a set."""
 
     __slots__ = ("call", "order")
 
@@ -89,13 +89,13 @@ class FunctionValue:
         return self.call(value)
 
 
-def identity(value: Any) -> Hashable:
-    """What makes a value one object among others: numbers and attributes by value, all else by identity."""
+def identity_key(value: Any) -> Hashable:
+    """Key for counting distinct objects: numbers and attributes by value, everything else by identity."""
     return (type(value), value) if isinstance(value, int | Enum) else id(value)
 
 
 def value_key(value: Any) -> Hashable:
-    """A key that is equal for equal values, lists and sets included."""
+    """A hashable key, equal for equal values; lists and sets are allowed."""
     if isinstance(value, list | tuple):
         return (type(cast("object", value)), tuple(map(value_key, cast("Iterable[Any]", value))))
     if isinstance(value, set | frozenset):
@@ -103,8 +103,8 @@ def value_key(value: Any) -> Hashable:
     return value
 
 
-def described(value: object) -> str:
-    """A value for an error message."""
+def describe(value: object) -> str:
+    """The value as text for an error message."""
     if isinstance(value, ItemView):
         return f"item {value.index} of box {value.box.index}"
     if isinstance(value, BoxView):
@@ -119,25 +119,25 @@ def described(value: object) -> str:
     return "a function"
 
 
-def _instance(kind: type) -> Callable[[Any], Any]:
-    def take(value: Any) -> Any:
-        if type(value) is not kind:
-            raise KindError
+def _instance(expected: type) -> Callable[[Any], Any]:
+    def coerce(value: Any) -> Any:
+        if type(value) is not expected:
+            raise ArgumentTypeError
         return value
 
-    return take
+    return coerce
 
 
 def _collection(value: Any) -> list[Any]:
     if not is_collection(value):
-        raise KindError
+        raise ArgumentTypeError
     return elements(value)
 
 
 def _items(value: Any) -> list[Any]:
     found = _collection(value)
     if any(type(item) is not ItemView for item in found):
-        raise KindError
+        raise ArgumentTypeError
     return found
 
 
@@ -151,7 +151,7 @@ def _collections(value: Any) -> list[list[Any]]:
 
 def _function(value: Any) -> Any:
     if not isinstance(value, FunctionValue):
-        raise KindError
+        raise ArgumentTypeError
     return value
 
 
@@ -159,41 +159,41 @@ def _any(value: Any) -> Any:
     return value
 
 
-def values_of(kind: type[Enum]) -> Callable[[Any], Any]:
-    """Takes a value of the enum, or a collection of them."""
+def _enum_values(expected: type[Enum]) -> Callable[[Any], Any]:
+    """Accepts a member of the enum or a collection of members."""
 
-    def take(value: Any) -> Any:
+    def coerce(value: Any) -> Any:
         found = elements(value) if is_collection(value) else [value]
-        if any(type(part) is not kind for part in found):
-            raise KindError
+        if any(type(part) is not expected for part in found):
+            raise ArgumentTypeError
         return value
 
-    return take
+    return coerce
 
 
-Value = Annotated[Any, Kind("value", _any)]
-Boolean = Annotated[bool, Kind("bool", _instance(bool))]
-Integer = Annotated[int, Kind("int", _instance(int))]
-AnItem = Annotated[ItemView, Kind("item", _instance(ItemView))]
-EachItem = Annotated[ItemView, Kind("item or collection of items", _item_or_items, each=True)]
-ItemOrItems = Annotated[list[ItemView], Kind("item or collection of items", _item_or_items)]
-Items = Annotated[list[ItemView], Kind("collection of items", _items)]
-Elements = Annotated[list[Any], Kind("collection", _collection)]
-Collections = Annotated[list[list[Any]], Kind("collection of collections", _collections)]
-AFunction = Annotated[Callable[[Any], Any], Kind("function", _function)]
-AColor = Annotated[Color, Kind("Color", _instance(Color))]
-AShape = Annotated[Shape, Kind("Shape", _instance(Shape))]
-ASize = Annotated[Size, Kind("Size", _instance(Size))]
-ASide = Annotated[Side, Kind("Side", _instance(Side))]
-Colors = Annotated[Any, Kind("Color or collection of Colors", values_of(Color))]
-Shapes = Annotated[Any, Kind("Shape or collection of Shapes", values_of(Shape))]
-Sizes = Annotated[Any, Kind("Size or collection of Sizes", values_of(Size))]
+AnyArg = Annotated[Any, ParameterType("value", _any)]
+BoolArg = Annotated[bool, ParameterType("bool", _instance(bool))]
+IntArg = Annotated[int, ParameterType("int", _instance(int))]
+ItemArg = Annotated[ItemView, ParameterType("item", _instance(ItemView))]
+EachItemArg = Annotated[ItemView, ParameterType("item or collection of items", _item_or_items, mapped=True)]
+ItemOrItemsArg = Annotated[list[ItemView], ParameterType("item or collection of items", _item_or_items)]
+ItemsArg = Annotated[list[ItemView], ParameterType("collection of items", _items)]
+CollectionArg = Annotated[list[Any], ParameterType("collection", _collection)]
+CollectionsArg = Annotated[list[list[Any]], ParameterType("collection of collections", _collections)]
+FunctionArg = Annotated[Callable[[Any], Any], ParameterType("function", _function)]
+ColorArg = Annotated[Color, ParameterType("Color", _instance(Color))]
+ShapeArg = Annotated[Shape, ParameterType("Shape", _instance(Shape))]
+SizeArg = Annotated[Size, ParameterType("Size", _instance(Size))]
+SideArg = Annotated[Side, ParameterType("Side", _instance(Side))]
+ColorsArg = Annotated[Any, ParameterType("Color or collection of Colors", _enum_values(Color))]
+ShapesArg = Annotated[Any, ParameterType("Shape or collection of Shapes", _enum_values(Shape))]
+SizesArg = Annotated[Any, ParameterType("Size or collection of Sizes", _enum_values(Size))]
 
 
 @dataclass(frozen=True)
 class Parameter:
     name: str
-    kind: Kind
+    type: ParameterType
     default: Any = inspect.Parameter.empty
     keyword_only: bool = False
 
@@ -202,29 +202,29 @@ class Parameter:
         return self.default is not inspect.Parameter.empty
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.kind.name}" + (f" = {self.default}" if self.optional else "")
+        return f"{self.name}: {self.type.name}" + (f" = {self.default}" if self.optional else "")
 
 
-class Growth(NamedTuple):
-    """How large a list of choices is."""
+class ResultSize(NamedTuple):
+    """Size of a list of k-subsets of a collection, computed before the list is built."""
 
-    elements: int
-    each: int  # elements of each
-    of: int  # elements chosen from
+    subsets: int
+    subset_size: int  # k
+    collection_size: int
 
-    def weight(self, chosen_from: int) -> int:
-        """Elements at all levels, if what is chosen from has so many."""
-        return self.elements * (1 + self.each * -(-chosen_from // max(1, self.of)))
+    def element_count(self, collection_elements: int) -> int:
+        """Elements at all nesting levels of the result, given those of the collection."""
+        return self.subsets * (1 + self.subset_size * -(-collection_elements // max(1, self.collection_size)))
 
 
 @dataclass(frozen=True, eq=False)
 class Word:
-    """A word of the language; calling it checks the arguments first.
+    """A word of the language; calling it coerces the arguments first.
 
-    `depends_on` says what the value for an item depends on: its attributes (colour, shape, size), its position (and
-    size), both, its box, or the whole scene.
-    `steps_each` is what an element of the arguments costs. `growth` tells how large the result is where it can
-    exceed the arguments.
+    `depends_on`: what the value for an item depends on: its attributes (colour, shape, size), its position (and
+    size), both ("item"), its box, or the whole scene.
+    `steps_per_element`: evaluation cost per element of the arguments.
+    `result_size`: computes the size of a result that can be larger than the arguments, else None.
     """
 
     name: str
@@ -233,19 +233,19 @@ class Word:
     parameters: tuple[Parameter, ...]
     result: str
     depends_on: Dependency
-    steps_each: int
-    growth: Callable[..., Growth] | None
+    steps_per_element: int
+    result_size: Callable[..., ResultSize] | None
 
     @property
-    def is_of_item_alone(self) -> bool:
-        """Whether the value for an item depends on nothing but the item."""
+    def depends_on_item_only(self) -> bool:
+        """Whether the value for an item is independent of its box and scene."""
         return self.depends_on in ("attributes", "position", "item")
 
     @property
     def signature(self) -> str:
-        stars = [index for index, parameter in enumerate(self.parameters) if parameter.keyword_only][:1]
         shown = list(map(str, self.parameters))
-        for index in stars:
+        first_keyword_only = [index for index, parameter in enumerate(self.parameters) if parameter.keyword_only][:1]
+        for index in first_keyword_only:
             shown.insert(index, "*")
         return f"{self.name}({', '.join(shown)}) -> {self.result}"
 
@@ -253,15 +253,15 @@ class Word:
     def meaning(self) -> str:
         return inspect.getdoc(self.function) or ""
 
-    def steps(self, weight: int, item_count: int) -> int:
-        """How many steps a call is charged, for the elements of its arguments and the items of the scene."""
-        others = costs.PAIR * item_count if self.depends_on in ("box", "scene") else 0
-        return costs.CALL + weight * (self.steps_each + others)
+    def steps(self, element_count: int, item_count: int) -> int:
+        """Cost of a call, given the elements in its arguments (all levels) and the items in the scene."""
+        per_pair = costs.PAIR * item_count if self.depends_on in ("box", "scene") else 0
+        return costs.CALL + element_count * (self.steps_per_element + per_pair)
 
     def bind(self, positional: int, keywords: Iterable[str]) -> tuple[int | str | None, ...]:
-        """For each parameter where its argument is: a position, a keyword, or None for the default.
+        """Where each parameter's argument comes from: a position, a keyword, or None for the default.
 
-        Raises TypeError saying which arguments are missing, unknown or too many.
+        Raises TypeError for missing, unknown, repeated or surplus arguments.
         """
         named = set(keywords)
         if len(named) != len(list(keywords)):
@@ -287,31 +287,31 @@ class Word:
         return tuple(places)
 
     def __call__(self, *args: Any) -> Any:
-        taken = self.taken(args)
-        if not self.parameters or not self.parameters[0].kind.each:
-            return self.function(*taken)
-        united: set[Any] = set()
-        for item in taken[0]:
-            united |= self.function(item)
-        return united
+        coerced = self.coerce(args)
+        if not self.parameters or not self.parameters[0].type.mapped:
+            return self.function(*coerced)
+        union: set[Any] = set()
+        for item in coerced[0]:
+            union |= self.function(item)
+        return union
 
-    def taken(self, args: tuple[Any, ...]) -> list[Any]:
-        """The arguments, checked and brought into the form the function works on, defaults filled in."""
+    def coerce(self, args: tuple[Any, ...]) -> list[Any]:
+        """The arguments checked and coerced, with defaults filled in."""
         parameters = self.parameters
         if len(args) > len(parameters):
             raise ProgramRuntimeError(f"{self.name}: {len(args)} arguments are too many")
-        taken: list[Any] = []
+        coerced: list[Any] = []
         for parameter, value in zip(parameters, args, strict=False):
             try:
-                taken.append(parameter.kind.take(value))
-            except KindError:
-                expected = f"{self.name}: {parameter.name} must be {_article(parameter.kind.name)}"
-                raise ProgramRuntimeError(f"{expected}, not {described(value)}") from None
+                coerced.append(parameter.type.coerce(value))
+            except ArgumentTypeError:
+                expected = f"{self.name}: {parameter.name} must be {_article(parameter.type.name)}"
+                raise ProgramRuntimeError(f"{expected}, not {describe(value)}") from None
         for parameter in parameters[len(args) :]:
             if not parameter.optional:
                 raise ProgramRuntimeError(f"{self.name}: argument {parameter.name!r} is missing")
-            taken.append(parameter.default)
-        return taken
+            coerced.append(parameter.default)
+        return coerced
 
 
 WORDS: dict[str, Word] = {}
@@ -322,42 +322,47 @@ def word(
     *,
     depends_on: Dependency = "item",
     name: str | None = None,
-    steps_each: int = 2,
-    growth: Callable[..., Growth] | None = None,
+    steps_per_element: int = 2,
+    result_size: Callable[..., ResultSize] | None = None,
 ) -> Callable[[Function], Function]:
-    """Makes the decorated function a word; `name` is for words that would hide a built-in of Python.
+    """Registers the decorated function as a word; `name` overrides the function's name where that would shadow a
+    Python built-in.
 
-    Raises WordError for an unknown group or dependency, a name that is taken, an argument that is annotated with none
-    of the kinds above or may be any number of arguments, and a function without a docstring or annotated result.
+    Raises WordError for an unknown group or dependency, a name already taken, a parameter that is variadic or not
+    annotated with one of the parameter types above, and a function without a docstring or return annotation.
     """
-    for what, value, choices in (("group", group, GROUPS), ("depends_on", depends_on, get_args(Dependency))):
+    for option, value, choices in (("group", group, GROUPS), ("depends_on", depends_on, get_args(Dependency))):
         if value not in choices:
-            raise WordError(f"unknown {what} {value!r}; choose from {', '.join(choices)}")
+            raise WordError(f"unknown {option} {value!r}; choose from {', '.join(choices)}")
 
     def declare(function: Function) -> Function:
         called = name or cast("Any", function).__name__
         if called in WORDS:
-            raise WordError(f"there is a word {called} already, in {WORDS[called].function.__module__}")
+            raise WordError(f"word {called} is already defined in {WORDS[called].function.__module__}")
         if not inspect.getdoc(function):
-            raise WordError(f"the word {called} needs a docstring: it is what the documentation says of it")
+            raise WordError(f"word {called} needs a docstring, which becomes its documentation")
         hints = get_type_hints(function, include_extras=True)
         if "return" not in hints:
-            raise WordError(f"the word {called} needs an annotation of its result")
+            raise WordError(f"word {called} needs a return annotation")
         parameters = tuple(
             Parameter(
-                given.name, _kind(called, given, hints.get(given.name)), given.default, given.kind is given.KEYWORD_ONLY
+                parameter.name,
+                _parameter_type(called, parameter, hints.get(parameter.name)),
+                parameter.default,
+                parameter.kind is parameter.KEYWORD_ONLY,
             )
-            for given in inspect.signature(function).parameters.values()
+            for parameter in inspect.signature(function).parameters.values()
         )
         result = _result_name(hints["return"])
-        plain = _by_position(function, parameters)
-        WORDS[called] = Word(called, plain, group, parameters, result, depends_on, steps_each, growth)
+        positional = _positional_only(function, parameters)
+        WORDS[called] = Word(called, positional, group, parameters, result, depends_on, steps_per_element, result_size)
         return function
 
     return declare
 
 
-def _by_position(function: Callable[..., Any], parameters: tuple[Parameter, ...]) -> Callable[..., Any]:
+def _positional_only(function: Callable[..., Any], parameters: tuple[Parameter, ...]) -> Callable[..., Any]:
+    """The function with its keyword-only parameters taken by position."""
     names = [parameter.name for parameter in parameters if parameter.keyword_only]
     if not names:
         return function
@@ -369,27 +374,26 @@ def _by_position(function: Callable[..., Any], parameters: tuple[Parameter, ...]
     return functools.update_wrapper(call, function)
 
 
-def _kind(word: str, parameter: inspect.Parameter, annotation: Any) -> Kind:
-    """The kind that the parameter is annotated with."""
+def _parameter_type(word: str, parameter: inspect.Parameter, annotation: Any) -> ParameterType:
     if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-        raise WordError(f"the word {word} cannot take any number of arguments, as {parameter} does")
+        raise WordError(f"word {word} cannot take variadic arguments such as {parameter}")
     parts = (part for union in (annotation, *get_args(annotation)) for part in get_args(union))
-    kind = next((part for part in parts if isinstance(part, Kind)), None)
-    if kind is None:
-        kinds = ", ".join(sorted(name for name, value in globals().items() if _names_kind(value)))
-        raise WordError(f"argument {parameter.name!r} of the word {word} must be annotated with one of {kinds}")
-    return kind
+    found = next((part for part in parts if isinstance(part, ParameterType)), None)
+    if found is None:
+        choices = ", ".join(sorted(name for name, value in globals().items() if _is_parameter_annotation(value)))
+        raise WordError(f"argument {parameter.name!r} of word {word} must be annotated with one of {choices}")
+    return found
 
 
-def _names_kind(value: object) -> bool:
-    return any(isinstance(part, Kind) for part in get_args(value))
+def _is_parameter_annotation(value: object) -> bool:
+    return any(isinstance(part, ParameterType) for part in get_args(value))
 
 
 def _result_name(annotation: Any) -> str:
     if annotation is Any:
         return "value"
     text = annotation.__name__ if isinstance(annotation, type) and not get_args(annotation) else str(annotation)
-    for module in ("lilgym_mp.programs.views.", "typing."):
+    for module in ("lilgym_mp.programs.values.", "typing."):
         text = text.replace(module, "")
     return text.replace("ItemView", "item").replace("Any", "value")
 

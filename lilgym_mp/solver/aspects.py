@@ -30,7 +30,7 @@ from lilgym_mp.programs.syntax import (
     WordName,
     children,
 )
-from lilgym_mp.programs.views import BoxView, ItemView, Side
+from lilgym_mp.programs.values import BoxView, ItemView, Side
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Item
 from lilgym_mp.solver.item_samples import every_item, sample_number
@@ -180,9 +180,9 @@ def _sides_known(call: Call) -> bool:
 
 def _is_question(word: Word) -> bool:
     """Whether a word is a truth about one item by itself, with sides at most as further arguments."""
-    kinds = [parameter.kind.name for parameter in word.parameters]
+    kinds = [parameter.type.name for parameter in word.parameters]
     alone = kinds[:1] == ["item"] and set(kinds[1:]) <= {"Side"}
-    return alone and word.result == "bool" and word.is_of_item_alone
+    return alone and word.result == "bool" and word.depends_on_item_only
 
 
 def _renamed(node: Node) -> Node:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
-from lilgym_mp.programs.code_generation import fast_form
-from lilgym_mp.programs.lifting import UnsureError
-from lilgym_mp.programs.reference import evaluate, reference_form
+from lilgym_mp.programs.box_functions import FallbackError
+from lilgym_mp.programs.code_generation import generate_function
+from lilgym_mp.programs.reference import build_closure, evaluate
 from lilgym_mp.programs.syntax import (
     Call,
     Comparison,
@@ -189,14 +189,14 @@ def _counted(count: Node) -> Answer:
 
 
 def _asked(tree: Node) -> Answer:
-    fast, reference = fast_form(tree), reference_form(tree)
+    fast, reference = generate_function(tree), build_closure(tree)
 
     def answer(box: Box) -> Hashable:
         scene = Scene((box, NOTHING, NOTHING))
         try:
             if fast is not None:
                 return fast(scene)
-        except UnsureError:
+        except FallbackError:
             pass
         try:
             return evaluate(reference, scene)

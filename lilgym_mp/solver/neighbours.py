@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from typing import Any
 
-from lilgym_mp.programs import lifting
-from lilgym_mp.programs.views import BoxView
+from lilgym_mp.programs import box_functions
+from lilgym_mp.programs.values import BoxView
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 from lilgym_mp.solver.aspects import Aspects
@@ -107,21 +107,21 @@ class Profile:
         sizes = [item.size for item in box.items]  # what can lie beside an item hangs on it
         try:
             related = [_related(word, box, numbers) for word in self._aspects.relations]
-        except lifting.UnsureError:  # more items than relations are looked at for
+        except box_functions.FallbackError:  # more items than relations are looked at for
             return box.items
         rows = list(zip(numbers, sizes, *related, strict=True))
-        tower = self._aspects.towers and lifting.is_tower(box)
+        tower = self._aspects.towers and box_functions.is_tower(box)
         return (tower, tuple(rows if self._aspects.ordered else sorted(rows)))
 
 
 def _related(word: Word, box: Box, numbers: list[int]) -> list[Any]:
     """By item, what the word says of it, in terms of classes; its place where the word is of another kind."""
     if word.depends_on == "box" and word.parameters[0].kind.each:
-        masks = lifting.lifted_relation(word)(box)
+        masks = box_functions.vectorised_relation(word)(box)
         return [tuple(sorted(_chosen(numbers, masks[position]))) for position in range(len(numbers))]
-    kinds = [parameter.kind.name for parameter in word.parameters]
+    kinds = [parameter.type.name for parameter in word.parameters]
     if word.depends_on == "box" and kinds == ["item"]:
-        mask = lifting.lifted_test(word, ())(box)
+        mask = box_functions.vectorised_test(word, ())(box)
         return [mask >> position & 1 for position in range(len(numbers))]
     if kinds == ["item", "item"]:
         return _pairs(word, box, numbers)

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import ATTRIBUTES, METHODS, SCENE_NAMES, parse
-from lilgym_mp.programs.views import ENUMS, BoxView
+from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
 
 KEYWORDS = ("lambda", "and", "or", "not", "in", "True", "False")

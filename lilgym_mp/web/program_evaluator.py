@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
-from lilgym_mp.programs.tracing import Part, trace
+from lilgym_mp.programs.tracing import TraceEntry, trace
 from lilgym_mp.scene import Scene
 
 START_SECONDS = 60.0  # for a new process to import what it needs, on a busy machine
@@ -26,7 +26,7 @@ class Evaluation(NamedTuple):
 
     truths: list[bool | None]
     fault: str | None
-    parts: list[Part]  # of the program in the first scene, where they were asked for
+    parts: list[TraceEntry]  # of the program in the first scene, where they were asked for
 
 
 class EvaluationError(Exception):

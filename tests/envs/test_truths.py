@@ -19,9 +19,9 @@ from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.cores.truths import ItemBoxes, StackBoxes
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.programs import Program, compile_program
+from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
 from lilgym_mp.programs.instructions import Operation, instructions
-from lilgym_mp.programs.lifting import MAX_BOX_ITEMS, item_test, lifted_test
-from lilgym_mp.programs.views import Side
+from lilgym_mp.programs.values import Side
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
@@ -94,8 +94,8 @@ OPERATIONS = {
     "count(all_items) == 3 + 3": {Operation.LENGTH, Operation.ADD, Operation.EQUAL},
     "count(filter_obj(all_items, lambda x: not is_black(x))) == 3": {Operation.INVERT, Operation.BIT_COUNT},
     "exist(filter_obj(all_items, lambda x: is_black(x) and is_touching_wall(x, Side.BOTTOM)))": {
-        Operation.ITEM_TYPES,
-        Operation.PLACES,
+        Operation.ITEM_TYPE_TEST,
+        Operation.POSITION_TEST,
         Operation.BIT_AND,
     },
     "count(filter_obj(all_boxes, lambda b: count(b) > 1)) % 2 == 0": {Operation.REMAINDER, Operation.LESS},
@@ -119,7 +119,7 @@ OPERATIONS = {
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__are_those_of_each_operation(appearance: str, source: str) -> None:
     boxes = StackBoxes(tower_tables().boxes) if appearance == "tower" else ItemBoxes()
-    written = instructions(compile_program(source).tree, boxes.ask)
+    written = instructions(compile_program(source).tree, boxes.lower_box_function)
     assert written is not None
     expected = OPERATIONS[source] if appearance == "scatter" else set[Operation]()  # a tower's boxes are tables
     assert expected <= {instruction.operation for instruction in written}
@@ -175,7 +175,7 @@ def test_word__depends_on_nothing_else(name: str) -> None:
     word = WORDS[name]
     for side in Side if len(word.parameters) > 1 else (None,):
         constants = () if side is None else (side,) * (len(word.parameters) - 1)
-        test = item_test(lifted_test(word, constants))
+        test = item_test(vectorised_test(word, constants))
         assert test is not None
         assert test.depends_on == word.depends_on
         at = [(0, 0), (3, 50), (70, 6), (66, 70)]
@@ -196,5 +196,5 @@ def test_place_tests__beyond_what_a_number_holds_are_the_programs() -> None:
     boxes = ItemBoxes()
     boxes._place_tests = {lambda box, n=n: n: n for n in range(62)}
     source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"
-    assert instructions(compile_program(source).tree, boxes.ask) is None
-    assert instructions(compile_program(source).tree, ItemBoxes().ask) is not None
+    assert instructions(compile_program(source).tree, boxes.lower_box_function) is None
+    assert instructions(compile_program(source).tree, ItemBoxes().lower_box_function) is not None

@@ -10,7 +10,7 @@ from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
-from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_of
+from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens
 from lilgym_mp.programs.printing import source_of, word_table
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
@@ -55,7 +55,7 @@ def check(corpus: str) -> int:
                 tokens = prefix_tokens(form)
             except PrefixError:
                 continue
-            assert canonical_form(tree_of(tokens)) == form, source
+            assert canonical_form(tree_from_tokens(tokens)) == form, source
             count += 1
     return count
 
@@ -166,7 +166,7 @@ def test_tokens__end_by_their_arities():
 )
 def test_tokens__that_are_no_program_are_refused(tokens: list[str], said: str):
     with pytest.raises(PrefixError, match=said):
-        tree_of(tokens)
+        tree_from_tokens(tokens)
 
 
 def test_tokens__forms_without_tokens_are_refused():

@@ -83,7 +83,7 @@ def test_program__that_might_need_too_many_steps_has_no_fast_form() -> None:
         "count(filter_obj(all_items, lambda a: exist(filter_obj(all_items, lambda b: exist(filter_obj(all_items, "
         "lambda c: a.color == b.color and b.color == c.color and get_above(c) == get_above(a) and False)))))) == 0"
     )
-    assert not program.is_fast
+    assert not program.has_generated_code
     assert program(scene_of(5)) is True
 
 

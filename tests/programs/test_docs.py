@@ -36,5 +36,5 @@ def test_program_docs__examples_are_programs(generator: ModuleType) -> None:
     assert len(examples) == 3
     for source in examples:
         program = compile_program(source)
-        assert program.is_fast
+        assert program.has_generated_code
         assert program.evaluate(Scene.empty()) is False

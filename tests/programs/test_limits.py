@@ -8,7 +8,7 @@ import pytest
 
 from checks.program_language import ATTACKS, Writer, attacked, crowded_scene, fuzz, limited, outcome
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, code_generation, compile_program, costs
-from lilgym_mp.programs.reference import evaluate_counted, reference_form
+from lilgym_mp.programs.reference import build_closure, evaluate_with_steps
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
@@ -56,7 +56,7 @@ def steps_allowed(source: str) -> int | None:
     work = code_generation._Work()
     try:
         code_generation._Generator(work, kernel=False).code(parse(source), {})
-    except code_generation.Uncovered:
+    except code_generation.Unsupported:
         return None
     return costs.STEP_LIMIT - work.steps_left
 
@@ -78,7 +78,7 @@ def test_fast_form__reckons_with_as_many_steps_as_the_reference_form_takes(sourc
     allowed = steps_allowed(source)
     if allowed is None:
         pytest.skip("has no fast form")
-    assert evaluate_counted(reference_form(parse(source)), crowded_scene(72))[1] <= allowed
+    assert evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1] <= allowed
 
 
 def test_fast_form__reckons_with_enough_steps_for_random_programs() -> None:
@@ -88,7 +88,7 @@ def test_fast_form__reckons_with_enough_steps_for_random_programs() -> None:
         source = writer.program(writer.chance.randint(2, 5))
         try:
             allowed = steps_allowed(source)
-            steps = evaluate_counted(reference_form(parse(source)), crowded_scene(72))[1]
+            steps = evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1]
         except (ProgramError, ProgramRuntimeError):
             continue
         if allowed is not None:
@@ -102,7 +102,7 @@ def test_fast_form__is_not_written_at_length_to_be_thrown_away() -> None:
     for _ in range(14):
         source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
     work = code_generation._Work()
-    with pytest.raises(code_generation.Uncovered, match="too long"):
+    with pytest.raises(code_generation.Unsupported, match="too long"):
         code_generation._Generator(work, kernel=False).code(parse(source), {})
     assert work.text_left > -code_generation.MAX_TEXT * 10
 

@@ -1,4 +1,4 @@
-"""Declaring words of the program language: what a function lacks is told in one line, and no word comes of it."""
+"""`@word` rejects functions that are not fully declared, with a one-line reason."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.programs.words import WORDS, Items, WordError, word
+from lilgym_mp.programs.words import WORDS, ItemsArg, WordError, word
 
 
-def documented(items: Items) -> bool:
+def documented(items: ItemsArg) -> bool:
     """Whether there are items."""
     return bool(items)
 
 
-def undocumented(items: Items) -> bool:
+def undocumented(items: ItemsArg) -> bool:
     return bool(items)
 
 
-def without_result(items: Items):
+def without_result(items: ItemsArg):
     """Whether there are items."""
     return bool(items)
 
 
-def of_no_kind(items: list[Any]) -> bool:
+def untyped_parameter(items: list[Any]) -> bool:
     """Whether there are items."""
     return bool(items)
 
@@ -33,34 +33,34 @@ def not_annotated(items) -> bool:
     return bool(items)
 
 
-def of_many(*items: Items) -> bool:
+def variadic(*items: ItemsArg) -> bool:
     """Whether there are items."""
     return bool(items)
 
 
 @pytest.mark.parametrize(
-    ("function", "said"),
+    ("function", "reason"),
     [
-        (undocumented, "the word undocumented needs a docstring"),
-        (without_result, "the word without_result needs an annotation of its result"),
-        (of_no_kind, "argument 'items' of the word of_no_kind must be annotated with one of .*Items"),
-        (not_annotated, "argument 'items' of the word not_annotated must be annotated with one of .*Items"),
-        (of_many, r"the word of_many cannot take any number of arguments, as \*items"),
+        (undocumented, "word undocumented needs a docstring"),
+        (without_result, "word without_result needs a return annotation"),
+        (untyped_parameter, "argument 'items' of word untyped_parameter must be annotated with one of .*ItemsArg"),
+        (not_annotated, "argument 'items' of word not_annotated must be annotated with one of .*ItemsArg"),
+        (variadic, r"word variadic cannot take variadic arguments such as \*items"),
     ],
 )
-def test_word__what_a_function_lacks_is_told(function: Any, said: str) -> None:
-    with pytest.raises(WordError, match=said):
+def test_word__incomplete_declarations_are_rejected(function: Any, reason: str) -> None:
+    with pytest.raises(WordError, match=reason):
         word("sets")(function)
     assert function.__name__ not in WORDS
 
 
-def test_word__a_name_is_taken_once() -> None:
-    with pytest.raises(WordError, match=r"there is a word count already, in lilgym_mp\.programs\.functions"):
+def test_word__a_name_cannot_be_registered_twice() -> None:
+    with pytest.raises(WordError, match=r"word count is already defined in lilgym_mp\.programs\.functions"):
         word("sets", name="count")(documented)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "reason"),
     [
         ({"group": "magic"}, "unknown group 'magic'; choose from sets, item tests"),
         (
@@ -69,6 +69,6 @@ def test_word__a_name_is_taken_once() -> None:
         ),
     ],
 )
-def test_word__unknown_options_are_refused_with_the_choices(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(WordError, match=said):
+def test_word__unknown_options_are_rejected_with_the_choices(options: dict[str, Any], reason: str) -> None:
+    with pytest.raises(WordError, match=reason):
         word(**options)

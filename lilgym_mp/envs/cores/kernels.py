@@ -25,8 +25,8 @@ from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, TIED, GridTables
+from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.programs.instructions import Operation
-from lilgym_mp.programs.lifting import MAX_BOX_ITEMS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 
 NO_ITEM = -1
@@ -39,10 +39,10 @@ UNKNOWN = -(2**40)  # instead of a truth: only the program itself can tell
 (
     _CONSTANT,
     _LENGTH,
-    _ITEM_TYPES,
-    _PLACES,
-    _TABLE,
-    _ONLY,
+    _ITEM_TYPE_TEST,
+    _POSITION_TEST,
+    _BOX_TABLE,
+    _ONLY_BIT,
     _BIT_COUNT,
     _NOT,
     _INVERT,
@@ -527,7 +527,7 @@ def write_truths(
     """Writes into `truths` (k,) whether the chosen programs (k,) are true in environments (k,): 0, 1 or UNKNOWN.
 
     UNKNOWN too where `chosen` is negative or the arrays do not hold the scene. Gives the number of UNKNOWN.
-    `stacks`: (3 N,) by row, of towers; `values` (MOST_INSTRUCTIONS,): room to work in.
+    `stacks`: (3 N,) by row, of towers; `values` (MAX_INSTRUCTIONS,): room to work in.
     """
     unknown = 0
     for k in range(len(env_ids)):
@@ -550,19 +550,19 @@ def write_truths(
                 value = a
             elif operation == _LENGTH:
                 value = scenes.counts[first_row + b]
-            elif operation == _ITEM_TYPES:
+            elif operation == _ITEM_TYPE_TEST:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
                     value |= ((a >> (scenes.items[first_row + b, slot] & 255)) & 1) << slot
-            elif operation == _PLACES:
+            elif operation == _POSITION_TEST:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
                     x, y, item_type = item_fields(scenes.items[first_row + b, slot])
                     value |= ((programs.places[item_type % SIZE_COUNT, x, y] >> a) & 1) << slot
-            elif operation == _TABLE:
+            elif operation == _BOX_TABLE:
                 value = programs.tables[a, stacks[first_row + b]]
                 is_known &= value != UNKNOWN
-            elif operation == _ONLY:
+            elif operation == _ONLY_BIT:
                 value = 0
                 is_known &= values[a] != 0 and values[a] & (values[a] - 1) == 0
                 while value < BITS and not (values[a] >> value) & 1:

@@ -13,8 +13,8 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
 from lilgym_mp.programs import compile_program
-from lilgym_mp.programs.instructions import MOST_INSTRUCTIONS, Instruction, Operation, Unwritten, instructions
-from lilgym_mp.programs.lifting import ItemTest, Lifted, UnsureError, item_test
+from lilgym_mp.programs.box_functions import BoxFunction, FallbackError, ItemTest, item_test
+from lilgym_mp.programs.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 from lilgym_mp.task import Task
 
@@ -27,8 +27,8 @@ class Boxes(Protocol):
     places: Int64Array  # `kernels.Programs.places`
     tables: Int64Array  # `kernels.Programs.tables`
 
-    def ask(self, function: Lifted, box: int) -> Instruction:
-        """`programs.instructions.AskBox`."""
+    def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
+        """`programs.instructions.LowerBoxFunction`."""
         ...
 
 
@@ -40,7 +40,7 @@ class Truths:
         self._boxes = boxes
         self._by_task = np.full(len(tasks), NOT_MET)  # indices of programs
         self._by_source: dict[str, int] = {}
-        self._values = np.empty(MOST_INSTRUCTIONS, np.int64)
+        self._values = np.empty(MAX_INSTRUCTIONS, np.int64)
         self._programs = Programs(np.empty((0, 3), np.int64), np.zeros(1, np.int64), boxes.places, boxes.tables)
 
     def write(
@@ -70,7 +70,7 @@ class Truths:
 
     def _write_instructions(self, source: str) -> int:
         """The index of the program in `_programs`, or NONE."""
-        written = instructions(compile_program(source).tree, self._boxes.ask)
+        written = instructions(compile_program(source).tree, self._boxes.lower_box_function)
         if written is None:
             return NONE
         rows = np.concatenate([self._programs.rows, np.array(written, np.int64)])
@@ -85,25 +85,25 @@ class ItemBoxes:
     def __init__(self) -> None:
         self.places = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)
         self.tables = np.empty((0, 0), np.int64)
-        self._place_tests: dict[Lifted, int] = {}  # the bit of each in `places`
+        self._place_tests: dict[BoxFunction, int] = {}  # the bit of each in `places`
 
-    def ask(self, function: Lifted, box: int) -> Instruction:
+    def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         test = item_test(function)
         if test is not None and test.depends_on == "attributes":
             passing = [test.passes(Item(0, 0, *fields)) for fields in ITEM_TYPES]
             return Instruction(
-                Operation.ITEM_TYPES, sum(1 << index for index, passes in enumerate(passing) if passes), box
+                Operation.ITEM_TYPE_TEST, sum(1 << index for index, passes in enumerate(passing) if passes), box
             )
         if test is None or test.depends_on != "position":
-            raise Unwritten
+            raise Unsupported
         if function not in self._place_tests:
             self._keep(function, test)
-        return Instruction(Operation.PLACES, self._place_tests[function], box)
+        return Instruction(Operation.POSITION_TEST, self._place_tests[function], box)
 
-    def _keep(self, function: Lifted, test: ItemTest) -> None:
+    def _keep(self, function: BoxFunction, test: ItemTest) -> None:
         bit = len(self._place_tests)
         if bit == BITS:
-            raise Unwritten
+            raise Unsupported
         for size in Size:
             places = range(BOX_SIDE - size.pixels + 1)
             passing = [[test.passes(Item(x, y, Shape.SQUARE, Colour.BLACK, size)) for y in places] for x in places]
@@ -118,21 +118,21 @@ class StackBoxes:
         self.places = np.zeros((0, 0, 0), np.int64)
         self.tables = np.empty((0, len(boxes)), np.int64)
         self._boxes = boxes
-        self._indices: dict[Lifted, int] = {}  # in `tables`
+        self._indices: dict[BoxFunction, int] = {}  # in `tables`
 
-    def ask(self, function: Lifted, box: int) -> Instruction:
+    def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:
             values = [_value(function, each) for each in self._boxes]
             self.tables = np.concatenate([self.tables, np.array([values], np.int64)])
             self._indices[function] = len(self._indices)
-        return Instruction(Operation.TABLE, self._indices[function], box)
+        return Instruction(Operation.BOX_TABLE, self._indices[function], box)
 
 
-def _value(function: Lifted, box: Box) -> int:
+def _value(function: BoxFunction, box: Box) -> int:
     try:
         value = function(box)
-    except UnsureError:
+    except FallbackError:
         return UNKNOWN
     if not isinstance(value, int):  # rows of a relation
-        raise Unwritten
+        raise Unsupported
     return value

@@ -17,7 +17,7 @@ from lilgym_mp.learning.parsing.symbols import (
 )
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.canonical import canonical_form
-from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_of
+from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 
@@ -52,7 +52,7 @@ def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) 
     """The normalised with its program in the same colours; None where the program has no tokens, or too many."""
     try:
         tokens = prefix_tokens(canonical_form(parse(program)))
-        tokens = prefix_tokens(canonical_form(tree_of(tokens_recoloured(tokens, normalised.exchange))))
+        tokens = prefix_tokens(canonical_form(tree_from_tokens(tokens_recoloured(tokens, normalised.exchange))))
     except PrefixError:
         return None
     return Pair(normalised.words, tuple(tokens)) if len(tokens) <= most_tokens else None
@@ -60,7 +60,7 @@ def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) 
 
 def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
     """The source of the program that the parser wrote for a normalised. Raises PrefixError, ProgramError."""
-    tree = canonical_form(tree_of(tokens_recoloured(tokens, inverse(exchange))))
+    tree = canonical_form(tree_from_tokens(tokens_recoloured(tokens, inverse(exchange))))
     return compile_program(source_of(tree)).source
 
 

@@ -118,7 +118,7 @@ class Parser:
                 program = program_of([TOKENS.symbol(token) for token in candidate.tokens], normalised.exchange)
             except (PrefixError, ProgramError):
                 continue
-            well_typed = compile_program(program).is_fast
+            well_typed = compile_program(program).has_generated_code
             if not well_typed and math.exp(candidate.log_probability) < LEAST_BADLY_TYPED * total:
                 continue
             meaning = truths(program, appearance)

@@ -1,4 +1,4 @@
-"""The words of the language, one decorated function each. Importing this package declares them all."""
+"""The words of the language, one decorated function each. Importing this package registers them all."""
 
 from lilgym_mp.programs.functions import attributes, collections, items, logic, relations
 

@@ -7,56 +7,56 @@ from typing import Any
 
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.words import (
-    AFunction,
-    Collections,
-    Elements,
-    Growth,
-    Integer,
-    Value,
-    described,
-    identity,
+    AnyArg,
+    CollectionArg,
+    CollectionsArg,
+    FunctionArg,
+    IntArg,
+    ResultSize,
+    describe,
+    identity_key,
     word,
 )
 
-MANY = 10**9  # stands for any number of combinations beyond every limit
+MAX_BINOMIAL = 10**9  # above every limit
 
 
-def number_of_choices(n: int, k: int) -> int:
-    """How many ways there are to choose k of n, at most MANY: never a huge number."""
+def binomial(n: int, k: int) -> int:
+    """The binomial coefficient (n over k), clipped to MAX_BINOMIAL to avoid computing huge integers."""
     if k < 0 or k > n:
         return 0
     ways = 1
     for index in range(min(k, n - k)):
         ways = ways * (n - index) // (index + 1)
-        if ways >= MANY:
-            return MANY
+        if ways >= MAX_BINOMIAL:
+            return MAX_BINOMIAL
     return ways
 
 
-def growth_of_sublists(k: int, s: list[Any]) -> Growth:
-    """How large `select(k, s)` is."""
-    return Growth(number_of_choices(len(s), k), k, len(s))
+def combinations_size(s: list[Any], k: int) -> ResultSize:
+    """The size of `combinations(s, k)`."""
+    return ResultSize(binomial(len(s), k), k, len(s))
 
 
-def growth_of_tuples(s: list[Any], k: int) -> Growth:
-    """How large `combinations(s, k)` is."""
-    return Growth(number_of_choices(len(s), k), k, len(s))
+def select_size(k: int, s: list[Any]) -> ResultSize:
+    """The size of `select(k, s)`."""
+    return combinations_size(s, k)
 
 
 @word("sets")
-def exist(s: Elements) -> bool:
+def exist(s: CollectionArg) -> bool:
     """Whether `s` has at least one element."""
     return bool(s)
 
 
 @word("sets")
-def count(s: Elements) -> int:
-    """The number of distinct objects in `s`; equal items at different places are different objects."""
-    return len({identity(x) for x in s})
+def count(s: CollectionArg) -> int:
+    """The number of distinct objects in `s`; items with equal attributes are still distinct."""
+    return len({identity_key(x) for x in s})
 
 
 @word("sets")
-def unique(s: Elements) -> Any:
+def unique(s: CollectionArg) -> Any:
     """The only element of `s`. An error unless there is exactly one."""
     if count(s) != 1:
         raise ProgramRuntimeError(f"unique: s must hold exactly one object, not {count(s)}")
@@ -64,67 +64,67 @@ def unique(s: Elements) -> Any:
 
 
 @word("sets")
-def filter_obj(s: Elements, f: AFunction) -> list[Any]:
-    """The list of those x of `s`, in order, for which f(x) is true or not empty."""
+def filter_obj(s: CollectionArg, f: FunctionArg) -> list[Any]:
+    """The list of the x in `s`, in order, for which f(x) is truthy (true or not empty)."""
     return [x for x in s if f(x)]
 
 
 @word("sets")
-def union(a: Elements, b: Elements) -> set[Any]:
-    """The set of what is in `a` or in `b`."""
+def union(a: CollectionArg, b: CollectionArg) -> set[Any]:
+    """The union of `a` and `b`."""
     return as_set(a) | as_set(b)
 
 
 @word("sets")
-def intersect(a: Elements, b: Elements) -> set[Any]:
-    """The set of what is in both `a` and `b`."""
+def intersect(a: CollectionArg, b: CollectionArg) -> set[Any]:
+    """The intersection of `a` and `b`."""
     return as_set(a) & as_set(b)
 
 
 @word("sets")
-def union_all(sets: Collections) -> set[Any]:
-    """The set of what is in any of `sets`; empty for none."""
+def union_all(sets: CollectionsArg) -> set[Any]:
+    """The union of all `sets`; empty when there are none."""
     return as_set([x for part in sets for x in part])
 
 
 @word("sets")
-def intersect_all(sets: Collections) -> set[Any]:
-    """The set of what is in all of `sets`; empty for none."""
+def intersect_all(sets: CollectionsArg) -> set[Any]:
+    """The intersection of all `sets`; empty when there are none."""
     return as_set(sets[0]).intersection(*map(as_set, sets[1:])) if sets else set()
 
 
 @word("sets")
-def contained(a: Elements, b: Elements) -> bool:
+def contained(a: CollectionArg, b: CollectionArg) -> bool:
     """Whether every element of `a` is in `b`."""
     return as_set(a) <= as_set(b)
 
 
 @word("sets")
-def equal_set(a: Elements, b: Elements) -> bool:
-    """Whether `a` and `b` have the same elements, whatever their order and repetitions."""
+def equal_set(a: CollectionArg, b: CollectionArg) -> bool:
+    """Whether `a` and `b` have the same elements, ignoring order and repetition."""
     return as_set(a) == as_set(b)
 
 
 @word("sets")
-def member_of(x: Value, s: Elements) -> bool:
+def member_of(x: AnyArg, s: CollectionArg) -> bool:
     """Whether `x` is in `s`."""
     return x in s
 
 
-@word("sets", growth=growth_of_sublists)
-def select(k: Integer, s: Elements) -> list[list[Any]]:
-    """All sub-lists of `s` of size `k`, in order."""
+@word("sets", result_size=select_size)
+def select(k: IntArg, s: CollectionArg) -> list[list[Any]]:
+    """All sub-lists of `s` with `k` elements, in order."""
     return [list(choice) for choice in itertools.combinations(s, k)] if k >= 0 else []
 
 
-@word("sets", growth=growth_of_tuples)
-def combinations(s: Elements, k: Integer) -> list[tuple[Any, ...]]:
-    """All `k`-tuples of elements of `s`, in order, each choice once."""
+@word("sets", result_size=combinations_size)
+def combinations(s: CollectionArg, k: IntArg) -> list[tuple[Any, ...]]:
+    """All `k`-element combinations of `s` as tuples, in order."""
     return list(itertools.combinations(s, k)) if k >= 0 else []
 
 
 @word("built-ins", name="set")
-def as_set(s: Elements = ()) -> set[Any]:  # pyright: ignore[reportArgumentType]
+def as_set(s: CollectionArg = ()) -> set[Any]:  # pyright: ignore[reportArgumentType]
     """The set of the elements of `s`."""
     try:
         return set(s)
@@ -133,23 +133,23 @@ def as_set(s: Elements = ()) -> set[Any]:  # pyright: ignore[reportArgumentType]
 
 
 @word("built-ins", name="len")
-def length(s: Elements) -> int:
+def length(s: CollectionArg) -> int:
     """The number of elements of `s`, repetitions counted."""
     return len(s)
 
 
 @word("built-ins", name="min")
-def smallest(s: Elements, *, key: AFunction | None = None) -> Any:
-    """The first of the elements x of `s` with the smallest key(x). An error when `s` is empty."""
+def smallest(s: CollectionArg, *, key: FunctionArg | None = None) -> Any:
+    """The first x in `s` with the smallest key(x). An error when `s` is empty."""
     if not s:
         raise ProgramRuntimeError("min: s is empty")
     try:
         return min(s, key=key)
     except TypeError:
-        raise ProgramRuntimeError(f"min: {described(s)} whose elements cannot be ordered") from None
+        raise ProgramRuntimeError(f"min: cannot order the elements of {describe(s)}") from None
 
 
 @word("built-ins", name="all")
-def every(s: Elements) -> bool:
-    """Whether every element of `s` is true or not empty; true when `s` is empty."""
+def every(s: CollectionArg) -> bool:
+    """Whether every element of `s` is truthy (true or not empty); true when `s` is empty."""
     return all(s)

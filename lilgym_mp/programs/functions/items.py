@@ -1,148 +1,148 @@
-"""Tests of one item: its attributes, its place in the box, walls and corners; and how close two items are.
+"""Tests of one item (attributes, position in the box, walls, corners) and of the distance between two items.
 
 Source: SPEC section 8, "item tests", "walls", "two items".
 """
 
 from __future__ import annotations
 
-from lilgym_mp.programs.views import Color, ItemView, Shape, Side, Size
-from lilgym_mp.programs.words import AnItem, ASide, word
+from lilgym_mp.programs.values import Color, ItemView, Shape, Side, Size
+from lilgym_mp.programs.words import ItemArg, SideArg, word
 from lilgym_mp.scene import BOX_SIDE
 
 MARGIN = 4  # pixels: "closely touching"
-WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; the release's two words for it raise on every call
-LEVEL_HEIGHT = 21  # pixels from one block of a tower to the next
+WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; our choice, as the release's two such functions always raise
+LEVEL_HEIGHT = 21  # pixels between the bottoms of consecutive blocks of a tower
 
 
 @word("item tests", depends_on="attributes")
-def is_yellow(x: AnItem) -> bool:
+def is_yellow(x: ItemArg) -> bool:
     """Whether `x` is yellow."""
     return x.color is Color.YELLOW
 
 
 @word("item tests", depends_on="attributes")
-def is_blue(x: AnItem) -> bool:
+def is_blue(x: ItemArg) -> bool:
     """Whether `x` is blue."""
     return x.color is Color.BLUE
 
 
 @word("item tests", depends_on="attributes")
-def is_black(x: AnItem) -> bool:
+def is_black(x: ItemArg) -> bool:
     """Whether `x` is black."""
     return x.color is Color.BLACK
 
 
 @word("item tests", depends_on="attributes")
-def is_circle(x: AnItem) -> bool:
+def is_circle(x: ItemArg) -> bool:
     """Whether `x` is a circle."""
     return x.shape is Shape.CIRCLE
 
 
 @word("item tests", depends_on="attributes")
-def is_square(x: AnItem) -> bool:
+def is_square(x: ItemArg) -> bool:
     """Whether `x` is a square."""
     return x.shape is Shape.SQUARE
 
 
 @word("item tests", depends_on="attributes")
-def is_triangle(x: AnItem) -> bool:
+def is_triangle(x: ItemArg) -> bool:
     """Whether `x` is a triangle."""
     return x.shape is Shape.TRIANGLE
 
 
 @word("item tests", depends_on="attributes")
-def is_big(x: AnItem) -> bool:
+def is_big(x: ItemArg) -> bool:
     """Whether `x` is big (30 pixels)."""
     return x.size is Size.BIG
 
 
 @word("item tests", depends_on="attributes")
-def is_medium(x: AnItem) -> bool:
+def is_medium(x: ItemArg) -> bool:
     """Whether `x` is medium (20 pixels)."""
     return x.size is Size.MEDIUM
 
 
 @word("item tests", depends_on="attributes")
-def is_small(x: AnItem) -> bool:
+def is_small(x: ItemArg) -> bool:
     """Whether `x` is small (10 pixels)."""
     return x.size is Size.SMALL
 
 
 @word("item tests", depends_on="box")
-def is_top(x: AnItem) -> bool:
-    """Whether no item of the box has a higher top than `x`."""
+def is_top(x: ItemArg) -> bool:
+    """Whether no item of its box has a higher top than `x`."""
     return all(y.top <= x.top for y in x.box.members)
 
 
 @word("item tests", depends_on="box")
-def is_bottom(x: AnItem) -> bool:
-    """Whether no item of the box has a lower top than `x` (tops are compared, not bottoms)."""
+def is_bottom(x: ItemArg) -> bool:
+    """Whether no item of its box has a lower top than `x` (tops are compared, not bottoms)."""
     return all(y.top >= x.top for y in x.box.members)
 
 
 @word("item tests", depends_on="box")
-def is_second(x: AnItem) -> bool:
-    """Whether `x` is the second block from below of a tower."""
+def is_second(x: ItemArg) -> bool:
+    """Whether `x` is the second block of a tower, counted from the bottom."""
     return x.bottom == LEVEL_HEIGHT and x.box.is_tower()
 
 
 @word("item tests", depends_on="box")
-def is_third(x: AnItem) -> bool:
-    """Whether `x` is the third block from below of a tower."""
+def is_third(x: ItemArg) -> bool:
+    """Whether `x` is the third block of a tower, counted from the bottom."""
     return x.bottom == 2 * LEVEL_HEIGHT and x.box.is_tower()
 
 
 @word("walls", depends_on="position")
-def is_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
-    """Whether `x` reaches the wall of its box on that side."""
+def is_touching_wall(x: ItemArg, side: SideArg = Side.ANY) -> bool:
+    """Whether `x` touches the wall of its box on that side."""
     return _near_wall(x, side, 0)
 
 
 @word("walls", depends_on="position")
-def is_closely_touching_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
+def is_closely_touching_wall(x: ItemArg, side: SideArg = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from the wall of its box on that side."""
     return _near_wall(x, side, MARGIN)
 
 
 @word("walls", depends_on="position")
-def is_close_to_wall(x: AnItem, side: ASide = Side.ANY) -> bool:
+def is_close_to_wall(x: ItemArg, side: SideArg = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from the wall of its box on that side."""
     return _near_wall(x, side, WIDE_MARGIN)
 
 
 @word("walls", depends_on="position")
-def is_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
+def is_touching_corner(x: ItemArg, side: SideArg = Side.ANY) -> bool:
     """Whether `x` touches exactly two walls, one of them on that side."""
     return _near_corner(x, 0, side)
 
 
 @word("walls", depends_on="position")
-def is_closely_touching_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
+def is_closely_touching_corner(x: ItemArg, side: SideArg = Side.ANY) -> bool:
     """Whether `x` is at most 4 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, MARGIN, side)
 
 
 @word("walls", depends_on="position")
-def is_closely_touching_specific_corner(x: AnItem, side_a: ASide, side_b: ASide) -> bool:
-    """Whether `x` is at most 4 pixels from exactly two walls, those on both sides among them."""
+def is_closely_touching_specific_corner(x: ItemArg, side_a: SideArg, side_b: SideArg) -> bool:
+    """Whether `x` is at most 4 pixels from exactly two walls: those on the two sides."""
     return _near_corner(x, MARGIN, side_a, side_b)
 
 
 @word("walls", depends_on="position")
-def is_close_to_corner(x: AnItem, side: ASide = Side.ANY) -> bool:
+def is_close_to_corner(x: ItemArg, side: SideArg = Side.ANY) -> bool:
     """Whether `x` is at most 8 pixels from exactly two walls, one of them on that side."""
     return _near_corner(x, WIDE_MARGIN, side)
 
 
 @word("two items")
-def is_closely_touching(x: AnItem, y: AnItem) -> bool:
-    """Whether an edge of `x` and the opposite edge of `y` differ by at most 4 pixels, whatever their boxes."""
+def is_closely_touching(x: ItemArg, y: ItemArg) -> bool:
+    """Whether an edge of `x` is at most 4 pixels from the opposite edge of `y`, even in different boxes."""
     gaps = (x.top - y.bottom, x.bottom - y.top, x.left - y.right, x.right - y.left)
     return any(abs(gap) <= MARGIN for gap in gaps)
 
 
 def _walls(x: ItemView, margin: int) -> tuple[bool, bool, bool, bool]:
-    """Which walls are within the margin, in the order of Side."""
+    """Whether `x` is within the margin of each wall, in the order of Side."""
     far = BOX_SIDE - margin
     return x.top >= far, x.bottom <= margin, x.left <= margin, x.right >= far
 

@@ -1,18 +1,18 @@
-"""Words that compare values and combine truths (SPEC section 8, "comparison" and "logic")."""
+"""Comparison and Boolean logic (SPEC section 8, "comparison" and "logic")."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from lilgym_mp.programs.words import (
-    AFunction,
-    Boolean,
-    Colors,
-    Elements,
-    Integer,
-    Shapes,
-    Sizes,
-    Value,
+    AnyArg,
+    BoolArg,
+    CollectionArg,
+    ColorsArg,
+    FunctionArg,
+    IntArg,
+    ShapesArg,
+    SizesArg,
     elements,
     is_collection,
     value_key,
@@ -21,88 +21,88 @@ from lilgym_mp.programs.words import (
 
 
 @word("comparison")
-def le(a: Integer, b: Integer) -> bool:
+def le(a: IntArg, b: IntArg) -> bool:
     """Whether a <= b."""
     return a <= b
 
 
 @word("comparison")
-def ge(a: Integer, b: Integer) -> bool:
+def ge(a: IntArg, b: IntArg) -> bool:
     """Whether a >= b."""
     return a >= b
 
 
 @word("comparison")
-def lt(a: Integer, b: Integer) -> bool:
+def lt(a: IntArg, b: IntArg) -> bool:
     """Whether a < b."""
     return a < b
 
 
 @word("comparison")
-def gt(a: Integer, b: Integer) -> bool:
+def gt(a: IntArg, b: IntArg) -> bool:
     """Whether a > b."""
     return a > b
 
 
 @word("comparison")
-def equal_int(a: Integer, b: Integer) -> bool:
+def equal_int(a: IntArg, b: IntArg) -> bool:
     """Whether the numbers `a` and `b` are equal."""
     return a == b
 
 
-@word("comparison", steps_each=8)
-def equal(a: Value, b: Value) -> bool:
-    """Whether `a` equals `b`. Values of different types are compared as sets, a lone value as {value}."""
+@word("comparison", steps_per_element=8)
+def equal(a: AnyArg, b: AnyArg) -> bool:
+    """Whether `a` equals `b`. Values of different types are compared as sets, a single value as {value}."""
     if type(a) is type(b):
         return a == b
     return {value_key(x) for x in _as_list(a)} == {value_key(x) for x in _as_list(b)}
 
 
 @word("comparison")
-def equal_color(a: Colors, b: Colors) -> bool:
-    """`equal` for colours and collections of colours only."""
+def equal_color(a: ColorsArg, b: ColorsArg) -> bool:
+    """`equal`, restricted to colours and collections of colours."""
     return equal(a, b)
 
 
 @word("comparison")
-def equal_size(a: Sizes, b: Sizes) -> bool:
-    """`equal` for sizes and collections of sizes only."""
+def equal_size(a: SizesArg, b: SizesArg) -> bool:
+    """`equal`, restricted to sizes and collections of sizes."""
     return equal(a, b)
 
 
 @word("comparison")
-def equal_shape(a: Shapes, b: Shapes) -> bool:
-    """`equal` for shapes and collections of shapes only."""
+def equal_shape(a: ShapesArg, b: ShapesArg) -> bool:
+    """`equal`, restricted to shapes and collections of shapes."""
     return equal(a, b)
 
 
 @word("logic")
-def AND(a: Boolean, b: Boolean) -> bool:
-    """Whether both are true. Both are evaluated, and must be bools."""
+def AND(a: BoolArg, b: BoolArg) -> bool:
+    """Whether both are true. Both must be bools, and both are evaluated."""
     return a and b
 
 
 @word("logic")
-def OR(a: Boolean, b: Boolean) -> bool:
-    """Whether at least one is true. Both are evaluated, and must be bools."""
+def OR(a: BoolArg, b: BoolArg) -> bool:
+    """Whether at least one is true. Both must be bools, and both are evaluated."""
     return a or b
 
 
 @word("logic")
-def NOT(a: Boolean) -> bool:
-    """Whether `a`, which must be a bool, is false."""
+def NOT(a: BoolArg) -> bool:
+    """Whether `a` is false. It must be a bool."""
     return not a
 
 
 @word("logic", name="All")
-def every(s: Elements, f: AFunction) -> bool:
-    """Whether f(x) is True (not merely not empty) for every x of `s`, up to the first failure; false for no x."""
+def every(s: CollectionArg, f: FunctionArg) -> bool:
+    """Whether f(x) is True, not merely truthy, for all x in `s`; false for an empty `s`. Stops at the first failure."""
     return bool(s) and all(f(x) is True for x in s)
 
 
 @word("logic", name="Any")
-def some(s: Elements, f: AFunction) -> bool:
-    """Whether f(x) is True (not merely not empty) for some x of `s`, up to the first success."""
+def some(s: CollectionArg, f: FunctionArg) -> bool:
+    """Whether f(x) is True, not merely truthy, for some x in `s`. Stops at the first success."""
     return any(f(x) is True for x in s)
 
 

@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NoReturn
 
-from lilgym_mp.programs import costs, lifting
-from lilgym_mp.programs.views import Color, Shape, Size
+from lilgym_mp.programs import box_functions, costs
+from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.scene import BOX_COUNT, Item
 
-MOST_ITEMS = BOX_COUNT * lifting.MAX_BOX_ITEMS  # in a scene that the fast form takes
+MOST_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # in a scene that the fast form takes
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
 LOCAL_BOX = "b"  # the one box of a kernel
 ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
 ITEM_FIELDS = dict(zip(ATTRIBUTE_TYPES, map(Item._fields.index, ("colour", "shape", "size")), strict=True))
 
 
-class Uncovered(Exception):
+class Unsupported(Exception):
     """A construct the fast form does not have."""
 
 
@@ -155,7 +155,7 @@ Scope = dict[str, Code]
 
 
 def uncovered(what: object = "") -> NoReturn:
-    raise Uncovered(what)
+    raise Unsupported(what)
 
 
 @dataclass(frozen=True)
@@ -175,15 +175,15 @@ def most_elements(value: Code) -> int:
     """The most elements that a value can have, at all levels and itself included."""
     match value:
         case Items(parts=parts):
-            return 1 + len(parts) * lifting.MAX_BOX_ITEMS
+            return 1 + len(parts) * box_functions.MAX_BOX_ITEMS
         case OneBox():
-            return 1 + lifting.MAX_BOX_ITEMS
+            return 1 + box_functions.MAX_BOX_ITEMS
         case AttributeList():
             return 1 + MOST_ITEMS
         case Attributes(kind=kind):
             return 1 + len(kind)
         case Choices(parts=parts, size=size):
-            return 1 + math.comb(len(parts) * lifting.MAX_BOX_ITEMS, size) * (1 + size)
+            return 1 + math.comb(len(parts) * box_functions.MAX_BOX_ITEMS, size) * (1 + size)
         case Static(elements=elements):
             return 1 + len(elements) + sum(most_elements(e) for e in elements if isinstance(e, Static | AttributeList))
         case _:
@@ -194,7 +194,7 @@ def steps_to_weigh(value: Code) -> int:
     """The most steps that counting a value's elements, and bringing a set of them into order, can take."""
     weight = most_elements(value)
     if isinstance(value, Attributes) or (isinstance(value, Items) and not value.ordered):
-        return 2 * weight + costs.sorting(weight, weight)
+        return 2 * weight + costs.sort_steps(weight, weight)
     return 2 * weight
 
 

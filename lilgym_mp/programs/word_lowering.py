@@ -1,4 +1,4 @@
-"""How the words that take only values are written in the fast form: a word's arguments to its source.
+"""How the words that coerce only values are written in the fast form: a word's arguments to its source.
 
 A word that is missing here still works, by the reference form.
 """
@@ -10,8 +10,9 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Protocol
 
-from lilgym_mp.programs import costs, lifting
-from lilgym_mp.programs.expressions import (
+from lilgym_mp.programs import box_functions, costs
+from lilgym_mp.programs.functions.collections import binomial
+from lilgym_mp.programs.ir import (
     ATTRIBUTE_TYPES,
     ITEM_FIELDS,
     MOST_ITEMS,
@@ -38,7 +39,6 @@ from lilgym_mp.programs.expressions import (
     parallel,
     uncovered,
 )
-from lilgym_mp.programs.functions.collections import number_of_choices
 
 MOST_TUPLES = 100  # that are written out
 
@@ -141,17 +141,17 @@ def _write_combinations(generator: Generator, s: Code, k: Code) -> Static | Choi
     if isinstance(s, Items) and isinstance(k, Number) and k.text in ("2", "3"):
         size = int(k.text)
         choices = Choices(s.parts, size, f"ways({' + '.join(part.number for part in s.parts)}, {size})", s.total)
-        ways = number_of_choices(MOST_ITEMS, size)
+        ways = binomial(MOST_ITEMS, size)
         if len({part.box for part in s.parts}) == len(s.parts) and ways <= costs.SIZE_LIMIT:
-            generator.charge(costs.MADE * (1 + size) * ways)
+            generator.charge(costs.SUBSET_ELEMENT * (1 + size) * ways)
             return choices
         uncovered("combinations")
     if not isinstance(s, Static) or not s.certain or not isinstance(k, Number) or not k.text.isdecimal():
         uncovered("combinations")
-    ways = number_of_choices(len(s.elements), int(k.text))
+    ways = binomial(len(s.elements), int(k.text))
     if ways > MOST_TUPLES:
         uncovered("combinations of many")
-    generator.charge(costs.MADE * (1 + int(k.text)) * (1 + ways) * most_elements(s))
+    generator.charge(costs.SUBSET_ELEMENT * (1 + int(k.text)) * (1 + ways) * most_elements(s))
     chosen = itertools.combinations(s.elements, int(k.text))
     tuples = tuple(Static(elements, (Truth("True"),) * len(elements)) for elements in chosen)
     return Static(tuples, (Truth("True"),) * len(tuples))
@@ -205,7 +205,7 @@ def _write_filter(attribute: str) -> Callable[..., Items]:
 
 
 def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> str:
-    lifted = lifting.lifted_attribute(attribute, value)
+    lifted = box_functions.vectorised_attribute(attribute, value)
     return generator.lifted(f"{type(value).__name__}_{value.name}", lifted, box)
 
 

@@ -1,6 +1,6 @@
 """Words of one item lifted to whole boxes: a test becomes a bit mask, a relation a mask for each item.
 
-Bit i stands for the i-th item of the box. Lifted values come from the words' own definitions, and are kept
+Bit i stands for the i-th item of the box. BoxFunction values come from the words' own definitions, and are kept
 in `box.memo`: a box never changes, and play shares boxes between scenes.
 """
 
@@ -12,7 +12,7 @@ from enum import Enum
 from functools import cache
 from typing import Any, NamedTuple
 
-from lilgym_mp.programs.views import BoxView, ItemView
+from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
@@ -22,10 +22,10 @@ ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 
 Mask = int
 Test = Callable[[ItemView], bool]
-Lifted = Callable[[Box], Any]
+BoxFunction = Callable[[Box], Any]
 
 
-class UnsureError(Exception):
+class FallbackError(Exception):
     """The fast form cannot tell: the reference form must."""
 
 
@@ -46,13 +46,13 @@ _NOWHERE = BoxView(Box())
 
 
 def check_size(box: Box) -> None:
-    """Raises UnsureError for a box that holds more items than the fast form takes."""
+    """Raises FallbackError for a box that holds more items than the fast form takes."""
     if len(box.items) > MAX_BOX_ITEMS:
-        raise UnsureError
+        raise FallbackError
 
 
 @cache
-def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask]:
+def vectorised_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask]:
     """The mask of a box's items for which the word, with these further arguments, is true."""
 
     def test(view: ItemView) -> bool:
@@ -61,11 +61,11 @@ def lifted_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask
     key = " ".join(("program test", word.name, *map(str, constants)))
     if word.depends_on == "attributes":
         return _by_item_type(key, test)
-    return _by_item(key, test, word.depends_on) if word.is_of_item_alone else _by_box(key, test)
+    return _by_item(key, test, word.depends_on) if word.depends_on_item_only else _by_box(key, test)
 
 
 @cache
-def lifted_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
+def vectorised_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
     """The mask of a box's items that have the value: attribute is color, shape or size."""
     return _by_item_type(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
 
@@ -77,12 +77,12 @@ class ItemTest(NamedTuple):
     depends_on: Dependency  # "attributes", "position" or "item"
 
 
-def item_test(lifted: Lifted) -> ItemTest | None:
+def item_test(lifted: BoxFunction) -> ItemTest | None:
     """What a lifted function asks of each item, None where it asks about the box."""
     return _ITEM_TESTS.get(lifted)
 
 
-_ITEM_TESTS: dict[Lifted, ItemTest] = {}
+_ITEM_TESTS: dict[BoxFunction, ItemTest] = {}
 
 
 def _alone(test: Test, depends_on: Dependency) -> ItemTest:
@@ -109,7 +109,7 @@ class _Rows(dict[int, Mask]):
 
 
 @cache
-def lifted_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
+def vectorised_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
     """For each item of a box, by index, the mask of the items related to it."""
     key = f"program relation {word.name}"
 
@@ -149,7 +149,7 @@ def _by_field(key: str, field: int, value: int) -> Callable[[Box], Mask]:
         if mask is None:
             items = box.items
             if len(items) > MAX_BOX_ITEMS:
-                raise UnsureError
+                raise FallbackError
             mask, bit = 0, 1
             for item in items:
                 if item[field] == value:
@@ -169,7 +169,7 @@ def _by_item(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Ma
         if mask is None:
             items = box.items
             if len(items) > MAX_BOX_ITEMS:
-                raise UnsureError
+                raise FallbackError
             mask, bit = 0, 1
             for item in items:
                 if table[item]:
