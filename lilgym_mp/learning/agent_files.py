@@ -1,4 +1,4 @@
-"""Where trained agents lie: their file in a run directory, and those that come with the package. No torch here."""
+"""File names of trained agents, in run directories and in the package. Imports no torch."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
 
 
 def shipped_agents() -> tuple[str, ...]:
-    """The names of the agents that come with the package, all trained on the builtin corpus alone."""
+    """The names of the agents shipped with the package, all trained on the builtin corpus alone."""
     names = (SHIPPED.fullmatch(file.name) for file in files("lilgym_mp.data").iterdir())
     return tuple(sorted(found[1] for found in names if found is not None))

@@ -1,7 +1,6 @@
-"""What every trained agent is, whatever learner made it: a description, and a policy for each configuration it plays.
+"""Trained agents, whichever learner wrote them: a description, and a policy for each configuration they play.
 
-A learner writes its agent as one model file (`model_file`), AGENT_FILE in its run directory. `open_agent` finds out
-from the file which learner it is of.
+A learner saves its agent as one model file (`model_file`), AGENT_FILE in its run directory; the file names the learner.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ __all__ = [
     "shipped_agents",
 ]
 
-# By kind, where its loader is: a function of a path and a device's name that gives an Agent.
+# Model kind -> "module:function", a function of the path and the device name that returns the Agent.
 LOADERS: Mapping[str, str] = {
     "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
     "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
@@ -44,7 +43,7 @@ class Agent(Protocol):
     def description(self) -> ModelDescription: ...
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
-        """A policy for the configuration; `sampled`: actions are drawn, else the likeliest are taken.
+        """A policy for the configuration that samples actions if `sampled`, else takes the most probable ones.
 
         Raises ValueError for a configuration, grid or rule set that the agent cannot play.
         """
@@ -52,33 +51,33 @@ class Agent(Protocol):
 
 
 class AgentError(ValueError):
-    """A place that holds no trained agent, or an agent that cannot do what is asked of it."""
+    """No trained agent at a path, or an agent that does not support a request."""
 
 
-def agent_file(place: Path) -> Path:
-    """The model file that `place` means: itself, or the one in a run directory. Raises AgentError."""
-    if not place.exists():
-        raise AgentError(f"no trained agent at {place}: there is no such file or directory")
-    if not place.is_dir():
-        return place
-    if not (place / AGENT_FILE).exists():
-        raise AgentError(f"no trained agent in {place}: it has no {AGENT_FILE}")
-    return place / AGENT_FILE
+def agent_file(path: Path) -> Path:
+    """The model file at `path`, which may be a run directory. Raises AgentError."""
+    if not path.exists():
+        raise AgentError(f"no trained agent at {path}: there is no such file or directory")
+    if not path.is_dir():
+        return path
+    if not (path / AGENT_FILE).exists():
+        raise AgentError(f"no trained agent in {path}: it has no {AGENT_FILE}")
+    return path / AGENT_FILE
 
 
-def open_agent(place: Path, device: str = "auto") -> Agent:
+def open_agent(path: Path, device: str = "auto") -> Agent:
     """The agent of a run directory or model file. Raises ValueError naming the file and what is wrong."""
-    path = agent_file(place)
-    description = read_description(path)
-    if description.kind not in LOADERS:
-        raise ModelFileError(f"{path}: of the unknown kind {description.kind!r}; known: {', '.join(sorted(LOADERS))}")
-    module, name = choose("kind", description.kind, LOADERS).split(":")
+    path = agent_file(path)
+    kind = read_description(path).kind
+    if kind not in LOADERS:
+        raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LOADERS))}")
+    module, name = LOADERS[kind].split(":")
     load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
     return load(path, device)
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:
-    """An agent that comes with the package. Raises ValueError naming the choices."""
+    """An agent shipped with the package. Raises ValueError naming the choices."""
     choose("agent", name, {agent: agent for agent in shipped_agents()})
     with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
         return open_agent(path, device)

@@ -1,4 +1,4 @@
-"""Evaluations while a run trains: the points of its learning curve on dev."""
+"""Evaluations on dev during training: the points of a run's learning curve."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.scene import Scene
 
 SPLIT = "dev"
-Goals = Mapping[str, frozenset[Content]]  # by task, `content` of the corpus's scenes with the target as label
+Goals = Mapping[str, frozenset[Content]]  # task id -> contents of the corpus's scenes labelled with the target
 
 
 class DevEvaluation(NamedTuple):
-    """One visit to each start scene of dev; shares from 0 to 1."""
+    """One episode from each start scene of dev; fractions from 0 to 1."""
 
     steps: int  # of training
     seconds: float  # of training
     start_scenes: int
     accuracy: float
     mean_reward: float
-    # Of Scratch, the tasks for which the corpus has a scene with the target as label (Figure 4); else None:
+    # Scratch only: tasks for which the corpus has a scene labelled with the target (Figure 4); else None
     start_scenes_with_image: int | None
     accuracy_with_image: float | None
-    image_accuracy: float | None  # share of them that end with STOP in such a scene, as the NLVR reward wants it
+    image_accuracy: float | None  # fraction of them that end with STOP in such a scene: the NLVR reward's success
 
 
 class DevEvaluator:
-    """Plays dev with the same random numbers each time."""
+    """Evaluates on dev with the same random numbers each time."""
 
     def __init__(self, settings: Settings, seed: int) -> None:
-        """Raises CorpusError where dev has no tasks."""
+        """Raises CorpusError when dev has no tasks."""
         env = settings.make(SPLIT)
         self._settings, self._seed = settings, seed
         self._tasks, self._dynamics = env.tasks, env.dynamics
@@ -48,26 +48,26 @@ class DevEvaluator:
 
     def __call__(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._seed)
-        found = {} if self._goals is None else self._with_images(episodes, self._goals)
+        with_images = {} if self._goals is None else self._image_metrics(episodes, self._goals)
         return DevEvaluation(
             steps,
             round(seconds, 3),
             len(episodes),
-            _share([episode.is_success for episode in episodes]),
+            _fraction([episode.is_success for episode in episodes]),
             sum(episode.reward for episode in episodes) / len(episodes),
-            found.get("start_scenes"),
-            found.get("accuracy"),
-            found.get("image_accuracy"),
+            with_images.get("start_scenes"),
+            with_images.get("accuracy"),
+            with_images.get("image_accuracy"),
         )
 
-    def _with_images(self, episodes: Sequence[Episode], goals: Goals) -> dict[str, Any]:
+    def _image_metrics(self, episodes: Sequence[Episode], goals: Goals) -> dict[str, Any]:
         kept = [episode for episode in episodes if goals[episode.task_id]]
         if not kept:
             return {}
         return {
             "start_scenes": len(kept),
-            "accuracy": _share([episode.is_success for episode in kept]),
-            "image_accuracy": _share([self._stopped_in(episode, goals[episode.task_id]) for episode in kept]),
+            "accuracy": _fraction([episode.is_success for episode in kept]),
+            "image_accuracy": _fraction([self._stopped_in(episode, goals[episode.task_id]) for episode in kept]),
         }
 
     def _stopped_in(self, episode: Episode, goals: frozenset[Content]) -> bool:
@@ -79,7 +79,7 @@ class DevEvaluator:
 
 
 def _goals(settings: Settings) -> Goals | None:
-    """None of FlipIt, and of a corpus without scenes to compare with."""
+    """None for FlipIt, and for a corpus without labelled scenes."""
     if settings.start != SCRATCH:
         return None
     try:
@@ -89,12 +89,12 @@ def _goals(settings: Settings) -> Goals | None:
     return {task.id: task.goals for task in tasks if isinstance(task, MatchingTask)}
 
 
-def _share(held: Sequence[bool]) -> float:
-    return sum(held) / len(held)
+def _fraction(flags: Sequence[bool]) -> float:
+    return sum(flags) / len(flags)
 
 
 def last_steps(file: Path) -> int | None:
-    """How far the run was at the file's last whole line, None where there is none."""
+    """The step count in the file's last complete line; None without one."""
     if not file.exists():
         return None
     for line in reversed(file.read_text(encoding="utf-8").splitlines()):
@@ -104,19 +104,19 @@ def last_steps(file: Path) -> int | None:
 
 
 class TrainingClock:
-    """The seconds that a run has trained, evaluations left out."""
+    """Seconds of training, excluding evaluations."""
 
-    def __init__(self, seconds_before: float) -> None:
-        self._before = seconds_before
+    def __init__(self, earlier_seconds: float) -> None:
+        self._earlier = earlier_seconds
         self._began = time.monotonic()
 
     @property
     def seconds(self) -> float:
-        return self._before + time.monotonic() - self._began
+        return self._earlier + time.monotonic() - self._began
 
     @contextmanager
     def paused(self) -> Generator[None, None, None]:
-        """The time within does not count."""
+        """Excludes the time spent in the block."""
         began = time.monotonic()
         yield
         self._began += time.monotonic() - began

@@ -1,4 +1,4 @@
-"""Which device networks run on."""
+"""The device networks run on."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ DEVICES = {name: name for name in ("auto", "cpu", "cuda")}
 
 
 class DeviceError(ValueError):
-    """A device that this machine does not have."""
+    """A device this machine does not have."""
 
 
 def select_device(name: str) -> torch.device:
-    """The device of that name; "auto" is CUDA where there is one. Raises ValueError naming the choices."""
+    """The device of that name; "auto" is CUDA if available, else the CPU. Raises ValueError naming the choices."""
     name = choose("device", name, DEVICES)
     available = torch.cuda.is_available()
     if name == "cuda" and not available:
-        raise DeviceError("device cuda was asked for, but PyTorch finds no CUDA device here; choose cpu or auto")
+        raise DeviceError("device cuda was requested, but PyTorch finds no CUDA device here; choose cpu or auto")
     return torch.device("cuda" if name != "cpu" and available else "cpu")
 
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Has torch calculate in one thread: networks as small as the parser's lose time by sharing their work."""
+    """Limits torch to one thread; networks as small as the parser's run slower on several."""
     before = torch.get_num_threads()
     if before == 1:
         yield

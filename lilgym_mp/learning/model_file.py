@@ -1,7 +1,7 @@
-"""A trained model as one file: its tensors and a description, in the safetensors format.
+"""A trained model as one safetensors file: tensors and a description.
 
-The description is JSON in the file's metadata: what kind of model it is, what it can play, how it was supervised,
-and whatever its kind needs to build the network again. Reading a file executes nothing that is in it.
+The description is JSON in the file's metadata: the model's kind, the configurations it plays, its supervision, and
+whatever its kind needs to rebuild the network. Reading a file never executes its contents.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ FORMAT = "lilgym_mp-model"
 VERSION = 1
 METADATA_KEY = "lilgym_mp"
 LARGEST_FILE = 8 << 30  # bytes
-PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # of what torch.save and pickle write
+PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # first bytes of files written by torch.save and pickle
 
 
 class ModelFileError(ValueError):
-    """A file that is no model of this package, or not the one that is needed."""
+    """A file that is not a model of this package, or not of the expected kind."""
 
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """What a model file holds beside tensors."""
+    """Metadata of a model file."""
 
-    kind: str  # the learner that wrote it, by its name on the command line
+    kind: str  # the learner that wrote it, as named on the command line
     version: int  # of the kind's own format
-    configurations: tuple[str, ...]  # what it can play
-    supervision: str  # what it learnt from, for tables of results
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # every setting of its training
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what its kind needs, such as a vocabulary
+    configurations: tuple[str, ...]  # that it plays
+    supervision: str  # what it learnt from, for result tables
+    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # hyperparameters
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # specific to the kind, such as a vocabulary
 
     def to_json(self) -> dict[str, Any]:
         return {"format": FORMAT, "format_version": VERSION, **asdict(self)}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ModelDescription:
-        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+        """Inverse of `to_json`. Raises ValueError, TypeError, KeyError."""
         fields = dict(data)
         found = fields.pop("format"), fields.pop("format_version")
         if found != (FORMAT, VERSION):
@@ -56,7 +56,7 @@ class ModelDescription:
 
 
 def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
-    """Writes the file whole: an interrupt leaves the old one, or none. Equal contents give equal bytes."""
+    """Writes the file atomically: an interrupt leaves the old one, or none. Equal contents give equal bytes."""
     contents = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     metadata = {METADATA_KEY: json.dumps(description.to_json(), sort_keys=True)}
     data = save(contents, metadata)
@@ -64,7 +64,7 @@ def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, 
 
 
 def read_description(path: Path) -> ModelDescription:
-    """What the file says of itself. Raises ModelFileError naming the file and what is wrong with it."""
+    """The file's description. Raises ModelFileError naming the file and what is wrong with it."""
     return load_model(path, with_tensors=False)[0]
 
 
@@ -79,7 +79,7 @@ def load_model(
             names = file.keys() if with_tensors else ()
             tensors = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError) as fault:
-        raise ModelFileError(f"{path}: cut short, damaged, or no model file: {fault}") from None
+        raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {fault}") from None
     if METADATA_KEY not in metadata:
         raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym_mp wrote")
     try:
@@ -91,7 +91,7 @@ def load_model(
 def load_model_of_kind(
     kind: str, version: int, path: Path, device: str | torch.device = "cpu"
 ) -> tuple[ModelDescription, dict[str, Tensor]]:
-    """`load_model` of one kind of model. Raises ModelFileError for others too."""
+    """`load_model` that also raises ModelFileError for another kind or version."""
     description, tensors = load_model(path, device)
     if (description.kind, description.version) != (kind, version):
         found = f"{description.kind!r}, version {description.version}"
@@ -109,20 +109,20 @@ def _check_file(path: Path) -> None:
             start = file.read(9)
     except OSError as fault:
         raise ModelFileError(f"{path}: cannot be read: {fault.strerror or fault}") from None
-    is_safetensors = start[8:] == b"{"  # after the length of its header, whose first byte may be any
+    is_safetensors = start[8:] == b"{"  # follows the header length, whose first byte is arbitrary
     if start.startswith(PICKLE_STARTS) and not is_safetensors:
         raise ModelFileError(
             f"{path}: holds pickled Python objects, which are not loaded; models are safetensors files"
         )
 
 
-def restore(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Gives the network the file's tensors. Raises ModelFileError for other names or shapes, or values not finite."""
-    broken = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
-    if broken:
-        raise ModelFileError(f"{path}: {broken[0]} holds values that are not finite")
+def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+    """Loads the tensors into the network. Raises ModelFileError for wrong names or shapes and non-finite values."""
+    non_finite = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    if non_finite:
+        raise ModelFileError(f"{path}: {non_finite[0]} holds non-finite values")
     try:
         network.load_state_dict(dict(tensors))
     except RuntimeError as fault:
         reason = str(fault).strip().splitlines()[-1].strip()
-        raise ModelFileError(f"{path}: not of the network that it describes: {reason}") from None
+        raise ModelFileError(f"{path}: tensors do not match the network it describes: {reason}") from None

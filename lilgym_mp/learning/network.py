@@ -1,7 +1,7 @@
-"""A small network for images, statements and targets, quick on a processor without an accelerator.
+"""A small actor-critic over images, statements and targets, fast on a CPU.
 
-Each box of the half-size image is cut into patches and read with the same weights; the statement and the target
-modulate what is seen (FiLM, Perez et al. 2018); one trunk joins both for the policy and the value.
+Each box of the half-size image is cut into patches and encoded with shared weights; the encoded statement and target
+modulate the visual features (FiLM, Perez et al. 2018); a shared trunk feeds the policy and value heads.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, SEPARATOR_WIDTH
 
-SHRINK = 2  # native pixels a side of one pixel of the half-size image
+SHRINK = 2  # native pixels per pixel of the half-size image, along each side
 BOX_PIXELS = BOX_SIDE // SHRINK
 BOX_STRIDE = BOX_PITCH // SHRINK
 PATCH_PIXELS = 10
 PATCHES = BOX_PIXELS // PATCH_PIXELS  # along each side of a box
-BRIGHTEST = 255.0
-MOST_ACTIONS = 50_000
+MAX_INTENSITY = 255.0
+MAX_ACTIONS = 50_000
 SMALL_GAIN = 0.01  # of the policy's last layer, so that learning starts from a nearly uniform policy
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Features in each part of the network."""
+    """Feature dimensions."""
 
     word: int = 32
     statement: int = 64
@@ -44,8 +44,8 @@ class Prediction(NamedTuple):
     values: Tensor  # (B,) in -1 .. 1
 
 
-class StatementReader(nn.Module):
-    """Word numbers and target to a vector: windows of three words, the strongest and the mean of each feature."""
+class StatementEncoder(nn.Module):
+    """Word indices and target to a vector: a width-3 convolution with max and mean pooling."""
 
     def __init__(self, vocabulary_size: int, widths: Widths) -> None:
         super().__init__()
@@ -63,8 +63,8 @@ class StatementReader(nn.Module):
         return functional.relu(self.joined(pooled) + self.target(target))
 
 
-class Modulation(nn.Module):
-    """Scales and shifts features as a condition says (FiLM)."""
+class FiLM(nn.Module):
+    """Feature-wise scale and shift predicted from a condition (FiLM)."""
 
     def __init__(self, features: int, condition: int) -> None:
         super().__init__()
@@ -77,16 +77,16 @@ class Modulation(nn.Module):
         return features * (1 + scale) + shift
 
 
-class BoxReader(nn.Module):
-    """The three boxes of half-size images, with the same weights for each."""
+class BoxEncoder(nn.Module):
+    """Encodes the three boxes of half-size images with shared weights."""
 
     def __init__(self, widths: Widths) -> None:
         super().__init__()
         self.patch = nn.Linear(PATCH_PIXELS**2 * 3, widths.patch)
         self.place = nn.Parameter(torch.zeros(PATCHES**2, widths.patch))
-        self.modulate_patches = Modulation(widths.patch, widths.statement)
+        self.modulate_patches = FiLM(widths.patch, widths.statement)
         self.box = nn.Linear(PATCHES**2 * widths.patch, widths.box)
-        self.modulate_boxes = Modulation(widths.box, widths.statement)
+        self.modulate_boxes = FiLM(widths.box, widths.statement)
 
     def forward(self, images: Tensor, statement: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 50, 190, 3) uint8 and (B, statement) to patches (B, 3, 25, patch) and boxes (B, 3, box)."""
@@ -97,33 +97,33 @@ class BoxReader(nn.Module):
 
 
 def patches_of(images: Tensor) -> Tensor:
-    """(B, 50, 190, 3) uint8 to (B, 3 boxes, 25 patches, 300) in 0 .. 1; patches row by row."""
+    """(B, 50, 190, 3) uint8 to (B, 3 boxes, 25 patches, 300) in 0 .. 1; patches in row-major order."""
     count = len(images)
     boxes = images.unfold(2, BOX_PIXELS, BOX_STRIDE)  # (B, 50, 3 boxes, 3 colours, 50)
     cut = boxes.reshape(count, PATCHES, PATCH_PIXELS, BOX_COUNT, 3, PATCHES, PATCH_PIXELS)
     cut = cut.permute(0, 3, 1, 5, 2, 6, 4)
     patches = torch.empty(cut.shape, device=images.device)
     patches.copy_(cut)
-    return patches.view(count, BOX_COUNT, PATCHES**2, -1).div_(BRIGHTEST)
+    return patches.view(count, BOX_COUNT, PATCHES**2, -1).div_(MAX_INTENSITY)
 
 
 class Trunk(nn.Module):
-    """Boxes and statement to the features that the policy and the value look at."""
+    """Boxes and statement to the features shared by the policy and value heads."""
 
     def __init__(self, widths: Widths) -> None:
         super().__init__()
         self.boxes = nn.Linear(BOX_COUNT * widths.box, widths.trunk)
-        self.modulate = Modulation(widths.trunk, widths.statement)
+        self.modulate = FiLM(widths.trunk, widths.statement)
         self.joined = nn.Linear(widths.trunk + widths.statement, widths.trunk)
 
     def forward(self, boxes: Tensor, statement: Tensor) -> Tensor:
         """(B, 3, box) and (B, statement) to (B, trunk)."""
-        seen = functional.relu(self.modulate(self.boxes(boxes.flatten(1)), statement))
-        return functional.relu(self.joined(torch.cat([seen, statement], dim=1)))
+        visual = functional.relu(self.modulate(self.boxes(boxes.flatten(1)), statement))
+        return functional.relu(self.joined(torch.cat([visual, statement], dim=1)))
 
 
 class ListHead(nn.Module):
-    """A logit for each of a short list of actions."""
+    """One linear layer to the logits of a short list of actions (Tower)."""
 
     def __init__(self, action_count: int, widths: Widths) -> None:
         super().__init__()
@@ -135,7 +135,7 @@ class ListHead(nn.Module):
 
 
 class GridHead(nn.Module):
-    """A logit for STOP, and for what can be done in each cell, from what is seen there and from the whole."""
+    """Logits of STOP and of each cell's edits, from the cell's patch features and the trunk (Scatter)."""
 
     def __init__(self, grid: Grid, item_types: int, widths: Widths) -> None:
         super().__init__()
@@ -153,39 +153,39 @@ class GridHead(nn.Module):
 
     def forward(self, trunk: Tensor, patches: Tensor) -> Tensor:
         count = len(trunk)
-        seen = patches.view(count * BOX_COUNT, PATCHES, PATCHES, -1).permute(0, 3, 1, 2)
-        seen = functional.interpolate(seen, size=(self.rows, self.box_columns), mode="nearest")
-        seen = seen.permute(0, 2, 3, 1).view(count, BOX_COUNT, self.rows, self.box_columns, -1)
-        whole = (self.whole(trunk)[:, None, None, None] + self.place).expand_as(seen)
-        cells = functional.relu(self.cell(torch.cat([seen, whole], dim=-1)))
+        local = patches.view(count * BOX_COUNT, PATCHES, PATCHES, -1).permute(0, 3, 1, 2)
+        local = functional.interpolate(local, size=(self.rows, self.box_columns), mode="nearest")
+        local = local.permute(0, 2, 3, 1).view(count, BOX_COUNT, self.rows, self.box_columns, -1)
+        whole = (self.whole(trunk)[:, None, None, None] + self.place).expand_as(local)
+        cells = functional.relu(self.cell(torch.cat([local, whole], dim=-1)))
         edits = self.edits(cells) + self.any_cell(trunk)[:, None, None, None]  # (B, 3, rows, columns, item types + 1)
-        # Actions are ordered by column of the whole image, then row, then item type; all REMOVEs follow the ADDs.
+        # Action order: ADDs by image column, then row, then item type; then REMOVEs by column and row.
         edits = functional.pad(edits, (0, 0, 0, self.separator_columns)).transpose(2, 3).flatten(1, 2)
         edits = edits[:, : -self.separator_columns]
         return torch.cat([self.stop(trunk), edits[..., :-1].flatten(1), edits[..., -1].flatten(1)], dim=1)
 
 
 class ActorCritic(nn.Module):
-    """Logits of all actions, and the value, of half-size images, word numbers and targets."""
+    """Action logits and value from half-size images, word indices and targets."""
 
     def __init__(self, appearance: Appearance, vocabulary_size: int, widths: Widths | None = None) -> None:
         """Raises ValueError as `check` does."""
         super().__init__()
         self.check(appearance)
         widths = widths or Widths()
-        self.statement = StatementReader(vocabulary_size, widths)
-        self.boxes = BoxReader(widths)
+        self.statement = StatementEncoder(vocabulary_size, widths)
+        self.boxes = BoxEncoder(widths)
         self.trunk = Trunk(widths)
         self.policy = _head(appearance, widths)
         self.value = nn.Linear(widths.trunk, 1)
 
     @staticmethod
     def check(appearance: Appearance) -> None:
-        """Raises ValueError for an appearance with more actions than a policy can list."""
+        """Raises ValueError for an appearance with too many actions for a flat categorical policy."""
         count = appearance.action_count
-        if count > MOST_ACTIONS:
+        if count > MAX_ACTIONS:
             raise ValueError(
-                f"{count:,} actions are too many for a policy that lists them, at most {MOST_ACTIONS:,};"
+                f"{count:,} actions are too many for a flat policy, which takes at most {MAX_ACTIONS:,};"
                 " choose a coarser grid"
             )
 

@@ -1,9 +1,9 @@
-"""A training run on disk, whatever the learner: what it is, how far it is, and the trained agent.
+"""A training run on disk, common to all learners.
 
-run.json            what makes it that run: written first, never changed
-checkpoint.pt       what training goes on from, replaced whole
-progress.jsonl      a line for each report of progress
-agent.safetensors   the agent, replaced whole
+run.json            the run's identity: written first, never changed
+checkpoint.pt       training state, replaced atomically
+progress.jsonl      one line per progress report
+agent.safetensors   the trained agent, replaced atomically
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ LARGEST_DESCRIPTION = 1 << 20  # bytes
 
 
 class TrainingRunError(ValueError):
-    """A directory that cannot serve as a training run, or not as the one asked for."""
+    """A directory that cannot be used as a training run, or holds a different one."""
 
 
 class TrainingError(ValueError):
-    """Training that cannot go on."""
+    """Training that cannot continue."""
 
 
 class TrainingRun:
@@ -54,56 +54,56 @@ class TrainingRun:
         return (self.path / CHECKPOINT_FILE).exists()
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
-        """Puts the state (tensors, numbers, texts and collections of them) in the place of the last one."""
+        """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
         write_whole(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
 
     def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
-        """The latest checkpoint; nothing in the file is executed. Raises TrainingRunError."""
+        """The latest checkpoint; never executes the file's contents. Raises TrainingRunError."""
         path = self.path / CHECKPOINT_FILE
         try:
             state = torch.load(path, map_location=device, weights_only=True)
         except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as fault:
             reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
-            raise TrainingRunError(f"{path}: damaged, or no checkpoint of ours: {reason}") from None
+            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: {reason}") from None
         if not isinstance(state, dict):
-            raise TrainingRunError(f"{path}: damaged, or no checkpoint of ours: it holds no table")
+            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: it holds no dict")
         return state
 
     def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
         save_model(self.agent_file, description, tensors)
 
     def record(self, progress: Mapping[str, Any]) -> None:
-        """Adds a line to the progress."""
+        """Appends a line to progress.jsonl."""
         with (self.path / PROGRESS_FILE).open("a", encoding="utf-8") as file:
             file.write(json.dumps(progress) + "\n")
 
 
 def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:
-    """A new run in an empty or new directory, or with `resume` the one that is there.
+    """A new run in an empty or new directory, or with `resume` the one already there.
 
-    `identity`: JSON of everything that makes it that run. Raises TrainingRunError when the directory is used, or
-    holds another run; OutputError when it cannot be written to.
+    `identity`: everything a resumed run must share, as JSON. Raises TrainingRunError when the directory is in use or
+    holds a different run, OutputError when it is not writable.
     """
     identity = json.loads(json.dumps(identity))
     file = path / RUN_FILE
     if resume:
         saved = _saved_identity(file)
-        for name, kept, asked in _differences(saved, identity):
+        for name, kept, requested in _differences(saved, identity):
             raise TrainingRunError(
-                f"the run in {path} has {name} {shown(kept)}, but {shown(asked)} was asked for;"
+                f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
                 " leave the option out, or choose another directory"
             )
         return TrainingRun(path, saved)
     writable_directory(path)
     if file.exists():
-        raise TrainingRunError(f"{path} holds a run already; go on with it by --resume, or choose another directory")
+        raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     write_json(file, {"format": FORMAT, "version": VERSION, "identity": identity})
     return TrainingRun(path, identity)
 
 
-def _differences(saved: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    """Name, saved and asked value of each setting that differs, tables within the tables included."""
-    for name, value in asked.items():
+def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """Name, saved and requested value of each setting that differs, nested ones included."""
+    for name, value in requested.items():
         kept = saved.get(name)
         if isinstance(kept, dict) and isinstance(value, dict):
             yield from _differences(kept, value)
@@ -117,7 +117,7 @@ def _saved_identity(file: Path) -> dict[str, Any]:
             raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
-            raise TrainingRunError(f"{file}: must be of format {FORMAT!r}, version {VERSION}")
+            raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:
@@ -128,7 +128,7 @@ def _saved_identity(file: Path) -> dict[str, Any]:
 
 
 def shown(value: Any) -> str:
-    """A setting's value as people write it."""
+    """A setting's value in messages."""
     if isinstance(value, bool):
         return "on" if value else "off"
     return "nothing" if value is None else str(value)

@@ -113,7 +113,7 @@ def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, run: Pat
 def test_train__resuming_another_configuration_is_refused_naming_both(run: Path, capsys: pytest.CaptureFixture[str]):
     before = (run / "checkpoint.pt").read_bytes()
     assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR
-    assert "has configuration TowerScratch, but TowerFlipIt was asked for" in capsys.readouterr().err
+    assert "has configuration TowerScratch, but TowerFlipIt was requested" in capsys.readouterr().err
     assert (run / "checkpoint.pt").read_bytes() == before
 
 

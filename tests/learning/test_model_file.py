@@ -18,8 +18,8 @@ from lilgym_mp.learning.model_file import (
     ModelDescription,
     ModelFileError,
     load_model,
+    load_weights,
     read_description,
-    restore,
     save_model,
 )
 
@@ -63,7 +63,7 @@ def test_save__equal_contents_give_equal_bytes_and_no_other_file(model: Path):
 @pytest.mark.parametrize("kept", [0, 1, 7, 8, 100, -1])
 def test_load__a_file_cut_short_is_refused(model: Path, kept: int):
     model.write_bytes(model.read_bytes()[:kept])
-    with pytest.raises(ModelFileError, match="cut short, damaged, or no model file"):
+    with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
         load_model(model)
 
 
@@ -107,13 +107,13 @@ def test_load__what_is_no_regular_file_is_refused(tmp_path: Path):
         load_model(Path("/dev/zero"))
 
 
-def test_restore__other_shapes_and_nan_are_refused(model: Path):
-    with pytest.raises(ModelFileError, match=r"not of the network that it describes: .*size mismatch"):
-        restore(nn.Linear(4, 2), TENSORS, model)
-    with pytest.raises(ModelFileError, match="bias holds values that are not finite"):
-        restore(nn.Linear(3, 2), {**TENSORS, "bias": torch.tensor([0.0, float("nan")])}, model)
+def test_load_weights__other_shapes_and_nan_are_refused(model: Path):
+    with pytest.raises(ModelFileError, match=r"tensors do not match the network it describes: .*size mismatch"):
+        load_weights(nn.Linear(4, 2), TENSORS, model)
+    with pytest.raises(ModelFileError, match="bias holds non-finite values"):
+        load_weights(nn.Linear(3, 2), {**TENSORS, "bias": torch.tensor([0.0, float("nan")])}, model)
     layer = nn.Linear(3, 2)
-    restore(layer, TENSORS, model)
+    load_weights(layer, TENSORS, model)
     assert torch.equal(layer.weight, TENSORS["weight"])
 
 

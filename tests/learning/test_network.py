@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
-from lilgym_mp.learning.network import ActorCritic, Modulation, patches_of
+from lilgym_mp.learning.network import ActorCritic, FiLM, patches_of
 from lilgym_mp.render import draw
 from tests.scenes import B, K, circle, scene, square, tower
 
@@ -87,9 +87,9 @@ def test_network__too_many_actions_to_list_are_refused_by_number():
         ActorCritic(make_appearance("scatter", "native"), VOCABULARY)
 
 
-def test_modulation__of_nothing_leaves_features_as_they_are():
-    modulation = Modulation(4, 3)
-    torch.nn.init.zeros_(modulation.scale_and_shift.weight)
-    torch.nn.init.zeros_(modulation.scale_and_shift.bias)
+def test_film__of_nothing_leaves_features_as_they_are():
+    film = FiLM(4, 3)
+    torch.nn.init.zeros_(film.scale_and_shift.weight)
+    torch.nn.init.zeros_(film.scale_and_shift.bias)
     features = torch.rand(2, 5, 4)
-    assert torch.equal(modulation(features, torch.rand(2, 3)), features)
+    assert torch.equal(film(features, torch.rand(2, 3)), features)

@@ -22,7 +22,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, decide
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore, save_model
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights, save_model
 from lilgym_mp.perception import read_scenes
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import BOX_COUNT
@@ -195,5 +195,5 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
         network = shape.network()
     except (ValueError, TypeError, KeyError, VocabularyError) as fault:
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
-    restore(network, tensors, path)
+    load_weights(network, tensors, path)
     return ImitationAgent(network.to(place).eval(), shape, rules, description)

@@ -15,7 +15,7 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput, certain
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser, move
 from lilgym_mp.learning.parsing.planning import Plan, Planner
@@ -122,5 +122,5 @@ def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
         Calibration(**description.details["calibration"])
     except (KeyError, TypeError, ValueError) as fault:
         raise ModelFileError(f"{path}: its description cannot be used: {fault!r}") from None
-    restore(parser.network, tensors, path)
+    load_weights(parser.network, tensors, path)
     return ParseAndPlanAgent(description, parser)

@@ -17,7 +17,7 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, restore
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
@@ -116,5 +116,5 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
         raise
     except (KeyError, TypeError, ValueError, VocabularyError) as fault:
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
-    restore(model, tensors, path)
+    load_weights(model, tensors, path)
     return PPOAgent(description, settings, model.to(target).eval(), recipe.mask)

@@ -124,7 +124,7 @@ def test_resume__goes_on_where_a_killed_run_stopped(statements: str, tmp_path: P
 def test_resume__refuses_another_recipe_and_a_broken_checkpoint(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path, steps=2)
-    with pytest.raises(TrainingRunError, match="has width 32, but 64 was asked for"):
+    with pytest.raises(TrainingRunError, match="has width 32, but 64 was requested"):
         train_imitation(settings, small_recipe(settings, width=64), tmp_path, steps=4, resume=True)
     with pytest.raises(TrainingRunError, match="already"):
         train_imitation(settings, small_recipe(settings), tmp_path, steps=4)
@@ -184,7 +184,7 @@ def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str
         open_agent(path, "cpu")
     details = agent.description.details
     saved(details={**details, "network": {**details["network"], "vocabulary": ["a", "blue"]}})
-    with pytest.raises(ModelFileError, match="not of the network"):
+    with pytest.raises(ModelFileError, match="do not match the network"):
         open_agent(path, "cpu")
     saved(configurations=("ScatterFlipIt",), details={**details, "stop_rules": {"ScatterFlipIt": {}}})
     with pytest.raises(ModelFileError, match="a network for tower cannot play ScatterFlipIt"):
@@ -193,7 +193,7 @@ def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str
     with pytest.raises(AgentError, match="does not play ScatterScratch"):
         open_agent(path, "cpu").policy(Settings("ScatterScratch", corpus=settings.corpus))
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ModelFileError, match="cut short"):
+    with pytest.raises(ModelFileError, match="truncated"):
         open_agent(path, "cpu")
 
 

@@ -255,9 +255,9 @@ def test_training__goes_on_from_the_last_checkpoint(tmp_path: Path):
 
 
 def test_training__a_used_directory_or_another_run_is_refused(trained: Path, thin: str):
-    with pytest.raises(TrainingRunError, match="holds a run already"):
+    with pytest.raises(TrainingRunError, match="already holds a run"):
         train_parser(thin, SMALL, trained, device="cpu")
-    with pytest.raises(TrainingRunError, match="was asked for"):
+    with pytest.raises(TrainingRunError, match="was requested"):
         train_parser(thin, dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
 
 
@@ -267,7 +267,7 @@ def test_training__a_damaged_checkpoint_is_refused(tmp_path: Path):
     checkpoint = tmp_path / "run" / "checkpoint.pt"
     for damaged in (b"", checkpoint.read_bytes()[:500]):
         checkpoint.write_bytes(damaged)
-        with pytest.raises(TrainingRunError, match="damaged, or no checkpoint of ours"):
+        with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
             train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", resume=True, device="cpu")
 
 
@@ -494,7 +494,7 @@ def test_agent__a_corpus_of_towers_makes_an_agent_for_towers_only(tmp_path: Path
         (lambda d: dataclasses.replace(d, details={}), "cannot be used: KeyError"),
         (
             lambda d: dataclasses.replace(d, details={**d.details, "words": [*d.details["words"], "more"]}),
-            "not of the network",
+            "do not match the network",
         ),
     ],
 )

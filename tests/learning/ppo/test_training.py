@@ -402,10 +402,10 @@ def test_train__a_gradient_in_parts_is_that_of_the_whole(tmp_path: Path):
     ("asked", "fault"),
     [
         ({"environment": {"configuration": "ScatterFlipIt"}}, "has configuration TowerScratch, but ScatterFlipIt was"),
-        ({"environment": {"rules": "release"}}, "has rules paper, but release was asked for"),
-        ({"recipe": {"learning_rate": 0.5}}, "has learning_rate 0.001, but 0.5 was asked for"),
-        ({"recipe": {"stop_forcing": True}}, "has stop_forcing off, but on was asked for"),
-        ({"recipe_name": "paper"}, "has recipe_name ours, but paper was asked for"),
+        ({"environment": {"rules": "release"}}, "has rules paper, but release was requested"),
+        ({"recipe": {"learning_rate": 0.5}}, "has learning_rate 0.001, but 0.5 was requested"),
+        ({"recipe": {"stop_forcing": True}}, "has stop_forcing off, but on was requested"),
+        ({"recipe_name": "paper"}, "has recipe_name ours, but paper was requested"),
     ],
 )
 def test_resume__a_run_of_another_kind_is_refused_naming_both(begun_run: Path, asked: dict[str, Any], fault: str):
@@ -462,7 +462,7 @@ def test_begin__what_cannot_be_trained_on_leaves_no_trace(tmp_path: Path, settin
 
 
 def test_begin__a_place_that_is_used_or_cannot_be_written_is_refused(tmp_path: Path, begun_run: Path):
-    with pytest.raises(TrainingRunError, match="holds a run already"):
+    with pytest.raises(TrainingRunError, match="already holds a run"):
         trained(begun_run, 32)
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write results to"):
