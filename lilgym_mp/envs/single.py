@@ -97,9 +97,11 @@ class LilGymEnv(gym.Env[Observation, int]):
         Raises ValueError for an unknown id or option and for what is no seed, ClosedEnvironmentError after `close`.
         """
         check_open(closed=self._closed)
-        options = checked_options(options, RESET_OPTIONS)
-        chosen = self.tasks.by_id(options["task"]) if "task" in options else None
-        super().reset(seed=checked_seed(seed))
+        chosen = None
+        if options is not None and "task" in checked_options(options, RESET_OPTIONS):
+            chosen = self.tasks.by_id(options["task"])
+        if seed is not None:
+            super().reset(seed=checked_seed(seed))
         task = self._drawn_task() if chosen is None else chosen
         self._state = self.dynamics.start(task)
         self._last = None
