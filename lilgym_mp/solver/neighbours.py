@@ -116,7 +116,7 @@ class Profile:
 
 def _related(word: Word, box: Box, numbers: list[int]) -> list[Any]:
     """By item, what the word says of it, in terms of classes; its place where the word is of another kind."""
-    if word.depends_on == "box" and word.parameters[0].kind.each:
+    if word.depends_on == "box" and word.parameters[0].type.mapped:
         masks = box_functions.vectorised_relation(word)(box)
         return [tuple(sorted(_chosen(numbers, masks[position]))) for position in range(len(numbers))]
     kinds = [parameter.type.name for parameter in word.parameters]
