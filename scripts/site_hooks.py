@@ -1,4 +1,4 @@
-"""Hooks of MkDocs (mkdocs.yml): pages of the site that lie outside of docs/, and links that lead out of it."""
+"""MkDocs hooks (mkdocs.yml): adds pages from outside docs/ and rewrites links that leave it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTSIDE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}  # page: file at the root
-SHIM_URL, SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"  # for the search in opened files
+SHIM_URL, SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"  # lets search work in local files
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
 def on_config(config: Any) -> Any:
-    """The settings with every page of docs/ in the navigation: those that it does not name come last."""
+    """Appends the pages that the navigation does not list."""
     named = set(_pages(config.nav))
     found = sorted(path.relative_to(config.docs_dir).as_posix() for path in Path(config.docs_dir).rglob("*.md"))
     *_, last = config.nav[-1].values()
@@ -34,14 +34,14 @@ def _pages(nav: Any) -> Iterator[str]:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """The site's files with the pages from the root."""
+    """Adds the pages from the repository root."""
     for page, source in OUTSIDE.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """A page's text, in which links to files of the repository outside of docs/ have become the files' names."""
+    """Replaces links to repository files that are not on the site with the file names."""
     place = "" if page.file.src_uri in OUTSIDE else "docs/" + posixpath.dirname(page.file.src_uri)
 
     def relinked(match: re.Match[str]) -> str:
@@ -52,19 +52,19 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         if path.startswith("docs/"):
             inside = posixpath.relpath(path, "docs/" + posixpath.dirname(page.file.src_uri))
             return f"{label}({inside}{anchor})"
-        inside = {source: site for site, source in OUTSIDE.items()}.get(path)
-        if inside:
-            return f"{label}({posixpath.relpath(inside, posixpath.dirname(page.file.src_uri) or '.')}{anchor})"
+        site_page = {source: site for site, source in OUTSIDE.items()}.get(path)
+        if site_page:
+            return f"{label}({posixpath.relpath(site_page, posixpath.dirname(page.file.src_uri) or '.')}{anchor})"
         return f"{label[1:-1]} (`{path}`)"
 
     return _LINK.sub(relinked, markdown)
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """A page that takes the search's worker from the site instead of from the network."""
+    """Loads the search worker from the site instead of the network."""
     return output.replace(SHIM_URL, posixpath.relpath(SHIM, posixpath.dirname(page.file.dest_uri) or "."))
 
 
 def on_post_template(output: str, template_name: str, config: Any) -> str:
-    """The page of what is not found, likewise."""
+    """Does the same for the 404 page."""
     return output.replace(SHIM_URL, f"/{SHIM}")
