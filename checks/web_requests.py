@@ -23,7 +23,7 @@ from random import Random
 from typing import Any
 
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER, give_token
+from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER, issue_token
 
 METHODS = ("get", "post", "put", "delete", "patch")
 HURTFUL: tuple[Any, ...] = (
@@ -151,8 +151,8 @@ def _browser(app: Any, name: str | None, role: str) -> Any:
 
     client = TestClient(app, raise_server_exceptions=False)
     if name is not None:
-        with app.state.services.database.writing() as session:
-            token = give_token(session, name, role)
+        with app.state.services.database.write_session() as session:
+            token = issue_token(session, name, role)
         client.get("/login", params={"token": token}, follow_redirects=False)
     client.headers["X-CSRF-Token"] = client.get("/api/session").json()["csrf_token"]
     return client

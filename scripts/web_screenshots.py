@@ -29,7 +29,7 @@ from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import give_token
+from lilgym_mp.web.authentication import issue_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
@@ -207,9 +207,9 @@ class Work(NamedTuple):
 
 def fill(page: Page, url: str, app: Any, directory: Path) -> Work:
     """Statements, two annotators and some of their work."""
-    with app.state.services.database.writing() as session:
+    with app.state.services.database.write_session() as session:
         tokens = {
-            name: give_token(session, name, role)
+            name: issue_token(session, name, role)
             for name, role in (("Olga", "organiser"), ("Ada", "annotator"), ("Bob", "annotator"))
         }
     entries = list(flipit_entries(load_tasks("builtin", "tower", "flipit", "dev")))[:8]

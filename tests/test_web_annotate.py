@@ -17,9 +17,9 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.program_evaluator import EvaluationError, Evaluator
+from lilgym_mp.web.program_evaluator import ProgramEvaluationError, ProgramEvaluator
 from lilgym_mp.web.store import open_database
-from lilgym_mp.web.store.models import Table
+from lilgym_mp.web.store.models import Base
 from lilgym_mp.web.tutorial import TASKS
 from tests.web_app import Browser, server
 
@@ -190,10 +190,10 @@ def test_program__without_a_value_of_the_empty_scene_is_refused(organiser: Brows
 
 
 def test_evaluator__ends_a_program_that_takes_too_long_and_goes_on():
-    evaluator = Evaluator(1, 0.000001)
+    evaluator = ProgramEvaluator(1, 0.000001)
     try:
         scenes = [Scene.empty()] * 50_000
-        with pytest.raises(EvaluationError, match="took longer than"):
+        with pytest.raises(ProgramEvaluationError, match="took longer than"):
             evaluator.evaluate(BLUE, scenes)
         evaluator._seconds = 30.0
         assert evaluator.evaluate(BLUE, [Scene.empty()]).truths == [False]
@@ -388,7 +388,7 @@ def test_database__of_an_older_version_is_migrated_and_keeps_what_it_has(tmp_pat
     older.close()
     database = open_database(url)
     tables = set(inspect(database.engine).get_table_names())
-    assert tables - {"alembic_version"} == set(Table.metadata.tables)
+    assert tables - {"alembic_version"} == set(Base.metadata.tables)
     with sqlite3.connect(tmp_path / "web.sqlite3") as newer:
         assert newer.execute("SELECT name FROM people").fetchall() == [("Ada",)]
     newer.close()
@@ -401,6 +401,6 @@ def test_database__its_migrations_make_the_tables_that_the_code_has(tmp_path: Pa
 
     database = open_database(f"sqlite:///{tmp_path / 'web.sqlite3'}")
     with database.engine.connect() as connection:
-        differences = compare_metadata(MigrationContext.configure(connection), Table.metadata)
+        differences = compare_metadata(MigrationContext.configure(connection), Base.metadata)
     database.close()
     assert differences == []

@@ -62,7 +62,7 @@ def legal(browser: Browser, key: str) -> list[str]:
     return browser.get(f"{SEATS}/{key}/legal").json()["actions"]
 
 
-def room(app: Any, key: str) -> live_games.GameRoom:
+def live_game(app: Any, key: str) -> live_games.LiveGame:
     return app.state.services.games.find(key)[0]
 
 
@@ -103,7 +103,7 @@ def test_game__every_protocol_is_played_to_its_end(browser: Browser, protocol: s
         body = seen(browser, key)
         assert body["over"]
         assert not body["your_turn"]
-        assert body["reward"] == pytest.approx(room(browser.app, key).rewards[Role[body["role"].upper()]])
+        assert body["reward"] == pytest.approx(live_game(browser.app, key).rewards[Role[body["role"].upper()]])
         assert act(browser, key, "STOP").status_code == 409
 
 
@@ -124,7 +124,7 @@ def test_traffic__has_no_truth_no_program_and_nothing_of_infos(browser: Browser,
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
     traffic = play_out(browser, people(made))
-    task = room(browser.app, made["proposer"]).engine.state.mdp.task
+    task = live_game(browser.app, made["proposer"]).engine.state.mdp.task
     for text in traffic:
         assert task.program not in text
         assert task.id not in text
@@ -152,7 +152,7 @@ def test_traffic__rewards_are_told_at_the_end_and_each_seat_its_own(browser: Bro
     bodies = [json.loads(text) for text in traffic]
     assert all(body["reward"] is None for body in bodies if "over" in body and not body["over"])
     ends = [seen(browser, key) for key in people(made).values()]
-    game = room(browser.app, made["proposer"])
+    game = live_game(browser.app, made["proposer"])
     assert [end["reward"] for end in ends] == [pytest.approx(reward) for reward in game.rewards]
 
 
@@ -161,7 +161,7 @@ def test_traffic__rewards_are_told_at_the_end_and_each_seat_its_own(browser: Bro
 )
 def test_view__what_it_lacks_never_reaches_the_seat(browser: Browser, view: str, part: str):
     made = begin(browser, proposer="random", verifier="person", verifier_view=view, configuration="ScatterFlipIt")
-    game = room(browser.app, made["verifier"])
+    game = live_game(browser.app, made["verifier"])
     for text in play_out(browser, people(made)):
         body = json.loads(text)
         if part not in body:
@@ -223,7 +223,7 @@ def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
     chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="sneaky", verifier="person", **chosen)
     assert seen(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
-    game = room(browser.app, made["verifier"]).engine
+    game = live_game(browser.app, made["verifier"]).engine
     holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the partner may find nothing false to claim
     body = act(browser, made["verifier"], "holds with probability 0.25").json()
     assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.25 if holds else 0.75), abs=1e-5))
@@ -231,7 +231,7 @@ def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
 
 def test_legal__is_the_agents_mask(browser: Browser):
     made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
-    game = room(browser.app, made["proposer"])
+    game = live_game(browser.app, made["proposer"])
     mask = game.engine.observe(Role.PROPOSER)["action_mask"]
     names = set(legal(browser, made["proposer"]))
     assert names == {game.engine.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
@@ -271,7 +271,7 @@ def test_action__out_of_turn_is_refused(browser: Browser):
 @pytest.mark.parametrize(
     ("chosen", "status", "said"),
     [
-        ({"proposer": "helpful", "verifier": "oracle"}, 422, "at least one of the seats"),
+        ({"proposer": "helpful", "verifier": "oracle"}, 422, "at least one of the seats must"),
         ({"verifier": "helpful"}, 422, "cannot be verifier; choose from person, oracle"),
         ({"verifier": "run:0123456789abcdef"}, 404, "no such partner"),
         ({"verifier": "agent:../../etc/passwd"}, 422, "verifier"),
@@ -309,10 +309,10 @@ def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, 
 
 
 def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pytest.MonkeyPatch):
-    keys = [begin(browser)["proposer"] for _ in range(live_games.MOST_OF_ONE + 2)]
+    keys = [begin(browser)["proposer"] for _ in range(live_games.MAX_GAMES_PER_VISITOR + 2)]
     found = [browser.get(f"{SEATS}/{key}").status_code for key in keys]
-    assert found == [404, 404] + [200] * live_games.MOST_OF_ONE
-    monkeypatch.setattr(live_games, "MOST_GAMES", 5)
+    assert found == [404, 404] + [200] * live_games.MAX_GAMES_PER_VISITOR
+    monkeypatch.setattr(live_games, "MAX_GAMES", 5)
     begin(Browser(browser.app))
     assert len(browser.app.state.services.games) == 5
     monkeypatch.setattr(live_games, "IDLE_SECONDS", -1.0)

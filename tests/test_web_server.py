@@ -158,7 +158,7 @@ def test_database__of_a_newer_version_is_refused(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("url", "reason"),
-    [("sqlite://", "in memory"), ("mysql://host/name", "SQLite's or PostgreSQL's"), ("://", "not an URL")],
+    [("sqlite://", "in-memory"), ("mysql://host/name", "must be SQLite or PostgreSQL"), ("://", "not a database URL")],
 )
 def test_database__urls_that_will_not_do_are_refused(url: str, reason: str):
     with pytest.raises(DatabaseError, match=reason):

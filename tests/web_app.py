@@ -19,7 +19,7 @@ with warnings.catch_warnings():
     from starlette.testclient import TestClient
 
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import give_token
+from lilgym_mp.web.authentication import issue_token
 
 UNLIMITED: dict[str, Any] = {"requests_per_second": None}
 
@@ -47,8 +47,8 @@ class Browser:
 
     def log_in(self, name: str, role: str = "annotator") -> Browser:
         """Opens the link of a person, who is made where there is none."""
-        with self.app.state.services.database.writing() as session:
-            token = give_token(session, name, role)
+        with self.app.state.services.database.write_session() as session:
+            token = issue_token(session, name, role)
         assert self.client.get("/login", params={"token": token}, follow_redirects=False).status_code == 303
         self._token = None
         return self

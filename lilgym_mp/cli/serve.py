@@ -116,10 +116,10 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
     """Serves until Ctrl-C or SIGTERM."""
     import uvicorn
 
-    from lilgym_mp.web.authentication import ORGANISER, give_token
+    from lilgym_mp.web.authentication import ORGANISER, issue_token
 
-    with app.state.services.database.writing() as session:
-        token = give_token(session, ORGANISER, ORGANISER)
+    with app.state.services.database.write_session() as session:
+        token = issue_token(session, ORGANISER, ORGANISER)
     organiser_url = f"{url}/login?token={token}"
     lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C ends it")
 

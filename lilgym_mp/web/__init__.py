@@ -1,7 +1,7 @@
-"""The browser suite that `lilgym-mp serve` runs: play, watch, sit in a seat, annotate, explore.
+"""Web application behind `lilgym-mp serve`: play, watch, take a seat in a game, annotate, explore.
 
-An adapter: rules, truth, legality and pictures come from the package; here are pages, JSON and a database. Needs the
-extra `web`. `create_app(ServeOptions(...))` gives the ASGI application.
+An adapter: rules, truth values, legality and rendering come from the package; this layer adds pages, a JSON API and a
+database. Needs the extra `web`. `create_app(ServeOptions(...))` returns the ASGI application.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ __all__ = ["ServeOptions", "create_app"]  # pyright: ignore[reportUnsupportedDun
 
 
 def __getattr__(name: str) -> Any:
-    """What is imported when it is asked for: the processes that evaluate programs need none of it."""
+    """Imports lazily: the worker processes that evaluate programs need neither FastAPI nor the database."""
     if name == "create_app":
         from lilgym_mp.web.app import create_app
 

@@ -11,18 +11,18 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.played_episodes import ProgramPart
-from lilgym_mp.web.program_evaluator import Evaluation, EvaluationError, Evaluator, EvaluatorBusy
+from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluation, ProgramEvaluationError, ProgramEvaluator
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 
-NOT_YOURS = "there is no such assignment of yours"
-OPEN, DONE, SKIPPED_STATE = "open", "done", "skipped"
+ASSIGNMENT_NOT_FOUND = "there is no such assignment of yours"
+STATE_OPEN, STATE_DONE, STATE_SKIPPED = "open", "done", "skipped"
 ACCEPTED, FAILED, SKIPPED = "accepted", "failed", "skipped"
 
 
-class AssignmentLine(BaseModel):
+class AssignmentSummary(BaseModel):
     """An assignment in the annotator's list."""
 
     id: int
@@ -31,7 +31,7 @@ class AssignmentLine(BaseModel):
     state: str
 
 
-class SubmissionLine(BaseModel):
+class SubmissionBody(BaseModel):
     """A submission as its sender sees it."""
 
     id: int
@@ -60,7 +60,7 @@ class AssignmentBody(BaseModel):
     hidden_scenes: int
     draft: str
     draft_version: int
-    submissions: list[SubmissionLine]
+    submissions: list[SubmissionBody]
 
 
 class RunBody(BaseModel):
@@ -94,14 +94,14 @@ class Found(NamedTuple):
         return self.scenes[self.assignment.shown]
 
 
-MESSAGES = {
+VERDICT_MESSAGES = {
     ACCEPTED: "Accepted: it agrees with every scene of the statement.",
     FAILED: "It agrees with the shown scene but fails on a hidden one. It is kept; read the statement once more.",
     SKIPPED: "Skipped. Somebody else may get the statement.",
 }
 
 
-def assignments(session: Session, person: Person) -> list[AssignmentLine]:
+def assignments(session: Session, person: Person) -> list[AssignmentSummary]:
     rows = session.execute(
         select(Assignment.id, Batch.name, Statement.text, Assignment.state)
         .join(Batch, Batch.id == Assignment.batch_id)
@@ -109,7 +109,7 @@ def assignments(session: Session, person: Person) -> list[AssignmentLine]:
         .where(Assignment.person_id == person.id)
         .order_by(Assignment.id)
     )
-    return [AssignmentLine(id=found, batch=batch, statement=text, state=state) for found, batch, text, state in rows]
+    return [AssignmentSummary(id=found, batch=batch, statement=text, state=state) for found, batch, text, state in rows]
 
 
 def find(session: Session, person: Person, assignment_id: int) -> Found:
@@ -121,7 +121,7 @@ def find(session: Session, person: Person, assignment_id: int) -> Found:
         .where(Assignment.id == assignment_id, Assignment.person_id == person.id)
     ).one_or_none()
     if row is None:
-        raise refusal(404, NOT_YOURS)
+        raise http_error(404, ASSIGNMENT_NOT_FOUND)
     assignment, statement, batch = row
     scenes = session.scalars(
         select(StatementScene).where(StatementScene.statement_id == statement.id).order_by(StatementScene.position)
@@ -134,11 +134,11 @@ def locked(session: Session, person: Person, assignment_id: int) -> Assignment:
     asked = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
     assignment = session.scalar(asked.with_for_update())
     if assignment is None:
-        raise refusal(404, NOT_YOURS)
+        raise http_error(404, ASSIGNMENT_NOT_FOUND)
     return assignment
 
 
-def note_opening(session: Session, assignment_id: int) -> None:
+def record_first_opening(session: Session, assignment_id: int) -> None:
     """Notes that the assignment was looked at for the first time."""
     session.execute(
         update(Assignment).where(Assignment.id == assignment_id, Assignment.opened.is_(None)).values(opened=now())
@@ -161,7 +161,7 @@ def body(session: Session, person: Person, found: Found) -> AssignmentBody:
     )
 
 
-def history(session: Session, person: Person, assignment_id: int | None = None) -> list[SubmissionLine]:
+def history(session: Session, person: Person, assignment_id: int | None = None) -> list[SubmissionBody]:
     """What the person submitted, the latest first, with the latest review of each."""
     asked = (
         select(Submission, Statement.text)
@@ -175,7 +175,7 @@ def history(session: Session, person: Person, assignment_id: int | None = None) 
     rows = session.execute(asked).all()
     reviews = latest_reviews(session, [submission.id for submission, _ in rows])
     return [
-        SubmissionLine(
+        SubmissionBody(
             assignment=submission.assignment_id,
             statement=text,
             review=reviews[submission.id].verdict if submission.id in reviews else None,
@@ -203,23 +203,27 @@ def save_draft(session: Session, person: Person, assignment_id: int, program: st
     if assignment.draft == program:
         return assignment.draft_version
     if assignment.draft_version != version:
-        raise refusal(409, "the program was changed in another tab or window; reload to see it, your text stays here")
+        raise http_error(
+            409, "the program was changed in another tab or window; reload to see it, your text stays here"
+        )
     assignment.draft = program
     assignment.draft_version += 1
     return assignment.draft_version
 
 
-def evaluated(evaluator: Evaluator, program: str, scenes: Sequence[Scene], *, traced: bool = False) -> Evaluation:
+def evaluated(
+    evaluator: ProgramEvaluator, program: str, scenes: Sequence[Scene], *, traced: bool = False
+) -> ProgramEvaluation:
     """What a program says of scenes. Answers 422 for no program and one that takes too long, 503 when all is busy."""
     try:
         return evaluator.evaluate(program, scenes, traced=traced)
-    except EvaluationError as fault:
-        raise refusal(422, str(fault)) from None
+    except ProgramEvaluationError as fault:
+        raise http_error(422, str(fault)) from None
     except EvaluatorBusy:
-        raise refusal(503, "too many programs are being run; your text is kept: try again in a moment") from None
+        raise http_error(503, "too many programs are being run; your text is kept: try again in a moment") from None
 
 
-def run(evaluator: Evaluator, program: str, scene: Scene, *, label: bool) -> RunBody:
+def run(evaluator: ProgramEvaluator, program: str, scene: Scene, *, label: bool) -> RunBody:
     """What the program says of the shown scene, part by part."""
     found = evaluated(evaluator, program, [scene], traced=True)
     return RunBody(
@@ -231,16 +235,16 @@ def run(evaluator: Evaluator, program: str, scene: Scene, *, label: bool) -> Run
     )
 
 
-def judged(evaluator: Evaluator, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int) -> str:
+def judged(evaluator: ProgramEvaluator, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int) -> str:
     """ACCEPTED or FAILED. Answers 409 where the program disagrees with the shown scene, or has no value of the empty
     one, which no corpus may have."""
     truths = evaluated(evaluator, program, [Scene.empty(), *(scene for scene, _ in scenes)]).truths
     empty, of_scenes = truths[0], truths[1:]
     if of_scenes[shown] is not scenes[shown][1]:
-        raise refusal(409, "the program does not agree with the shown scene; run it, and submit it once it does")
+        raise http_error(409, "the program does not agree with the shown scene; run it, and submit it once it does")
     if empty is None:
         fault = evaluated(evaluator, program, [Scene.empty()]).fault
-        raise refusal(
+        raise http_error(
             409, f"the program has no value of a scene without items ({fault}); it must have one of any scene"
         )
     agrees = all(truth is label for truth, (_, label) in zip(of_scenes, scenes, strict=True))
@@ -274,12 +278,12 @@ def submit(session: Session, person: Person, assignment_id: int, key: str, verdi
     )
     session.add(kept)
     if verdict == ACCEPTED:
-        assignment.state = DONE
-    elif verdict == SKIPPED and assignment.state == OPEN:
-        assignment.state = SKIPPED_STATE
+        assignment.state = STATE_DONE
+    elif verdict == SKIPPED and assignment.state == STATE_OPEN:
+        assignment.state = STATE_SKIPPED
     session.flush()
     return kept
 
 
 def verdict_body(kept: Submission) -> VerdictBody:
-    return VerdictBody(id=kept.id, verdict=kept.verdict, message=MESSAGES[kept.verdict])
+    return VerdictBody(id=kept.id, verdict=kept.verdict, message=VERDICT_MESSAGES[kept.verdict])

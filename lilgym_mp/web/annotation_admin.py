@@ -18,9 +18,9 @@ from sqlalchemy.orm import Session
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.exporting import LabelledScene, entry_json
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.annotation import ACCEPTED, DONE, FAILED, OPEN, SKIPPED, SKIPPED_STATE, latest_reviews
-from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.program_evaluator import EvaluationError, Evaluator, EvaluatorBusy
+from lilgym_mp.web.annotation import ACCEPTED, FAILED, SKIPPED, STATE_DONE, STATE_OPEN, STATE_SKIPPED, latest_reviews
+from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluationError, ProgramEvaluator
 from lilgym_mp.web.store.models import (
     Assignment,
     Batch,
@@ -33,10 +33,10 @@ from lilgym_mp.web.store.models import (
 )
 
 KEPT, DISPUTED, REJECTED = "kept", "disputed", "rejected"
-MOST_COMPARED = 300  # scenes on which two programs are compared
+MAX_COMPARED_SCENES = 300  # scenes on which two programs are compared
 
 
-class PersonLine(BaseModel):
+class PersonSummary(BaseModel):
     """A person in the organisers' list."""
 
     id: int
@@ -49,7 +49,7 @@ class PersonLine(BaseModel):
     tutorial: int
 
 
-class BatchLine(BaseModel):
+class BatchSummary(BaseModel):
     id: int
     name: str
     open: int
@@ -110,7 +110,7 @@ class StatisticsBody(BaseModel):
     annotators: list[AnnotatorStatistics]
 
 
-def people(session: Session) -> list[PersonLine]:
+def people(session: Session) -> list[PersonSummary]:
     counts = {
         (person, state): count
         for person, state, count in session.execute(
@@ -123,33 +123,33 @@ def people(session: Session) -> list[PersonLine]:
         session.execute(select(TutorialAnswer.person_id, func.count()).group_by(TutorialAnswer.person_id))
     )
     return [
-        PersonLine(
+        PersonSummary(
             id=person.id,
             name=person.name,
             role=person.role,
             has_token=person.token_hash is not None,
-            open=counts.get((person.id, OPEN), 0),
-            done=counts.get((person.id, DONE), 0),
-            skipped=counts.get((person.id, SKIPPED_STATE), 0),
+            open=counts.get((person.id, STATE_OPEN), 0),
+            done=counts.get((person.id, STATE_DONE), 0),
+            skipped=counts.get((person.id, STATE_SKIPPED), 0),
             tutorial=answered.get(person.id, 0),
         )
         for person in session.scalars(select(Person).order_by(Person.name))
     ]
 
 
-def batches(session: Session) -> list[BatchLine]:
+def batches(session: Session) -> list[BatchSummary]:
     rows = session.execute(
         select(
             Batch.id,
             Batch.name,
-            *(func.count().filter(Assignment.state == state) for state in (OPEN, DONE, SKIPPED_STATE)),
+            *(func.count().filter(Assignment.state == state) for state in (STATE_OPEN, STATE_DONE, STATE_SKIPPED)),
         )
         .join(Assignment, Assignment.batch_id == Batch.id)
         .group_by(Batch.id, Batch.name)
         .order_by(Batch.id)
     )
     return [
-        BatchLine(id=found, name=name, open=opened, done=done, skipped=skipped)
+        BatchSummary(id=found, name=name, open=opened, done=done, skipped=skipped)
         for found, name, opened, done, skipped in map(tuple[Any, ...], rows)
     ]
 
@@ -164,7 +164,7 @@ def make_batch(
         select(Statement.id).where(Statement.id.not_in(chosen)).order_by(Statement.id).limit(statements)
     ).all()
     if not free:
-        raise refusal(409, "no statement is left that nobody was given; import more")
+        raise http_error(409, "no statement is left that nobody was given; import more")
     return _assign(session, name, person_ids, [(statement, annotators_each) for statement in free])
 
 
@@ -175,7 +175,7 @@ def redistribute(session: Session, name: str, person_ids: Sequence[int]) -> tupl
     """
     work = [(statement, 1) for statement in sorted({*_skipped(session), *_disputed(session)})]
     if not work:
-        raise refusal(409, "no statement is skipped or disputed")
+        raise http_error(409, "no statement is skipped or disputed")
     return _assign(session, name, person_ids, work)
 
 
@@ -185,9 +185,9 @@ def _assign(
     known = set(session.scalars(select(Person.id).where(Person.id.in_(person_ids), Person.token_hash.is_not(None))))
     unknown = [person for person in person_ids if person not in known]
     if unknown or not person_ids:
-        raise refusal(422, f"no such people with a token: {', '.join(map(str, unknown)) or 'none was named'}")
+        raise http_error(422, f"no such people with a token: {', '.join(map(str, unknown)) or 'none was named'}")
     if session.scalar(select(Batch.id).where(Batch.name == name)) is not None:
-        raise refusal(409, f"there is a batch {name!r} already")
+        raise http_error(409, f"there is a batch {name!r} already")
     taken = {tuple(row) for row in session.execute(select(Assignment.statement_id, Assignment.person_id))}
     scenes = _pairs(
         session.execute(select(StatementScene.statement_id, func.count()).group_by(StatementScene.statement_id))
@@ -210,7 +210,7 @@ def _assign(
             made += 1
             wanted -= 1
     if not made:
-        raise refusal(409, "these people had all of these statements already; name others")
+        raise http_error(409, "these people had all of these statements already; name others")
     session.flush()
     return batch, made
 
@@ -220,7 +220,7 @@ def _skipped(session: Session) -> set[int]:
     rows = session.execute(
         select(Assignment.statement_id)
         .group_by(Assignment.statement_id)
-        .having(func.count() == func.count().filter(Assignment.state == SKIPPED_STATE))
+        .having(func.count() == func.count().filter(Assignment.state == STATE_SKIPPED))
     )
     return {statement for (statement,) in rows}
 
@@ -269,7 +269,7 @@ def _standing(sent: Iterable[_Sent]) -> dict[int, dict[str, Submission]]:
     return found
 
 
-def review_page(session: Session, evaluator: Evaluator, first: int, most: int) -> list[StatementReview]:
+def review_page(session: Session, evaluator: ProgramEvaluator, first: int, most: int) -> list[StatementReview]:
     """Statements with submissions, from the given one on, with the agreement between annotators."""
     has_any = select(Assignment.statement_id).join(Submission, Submission.assignment_id == Assignment.id)
     statements = session.scalars(
@@ -325,15 +325,17 @@ def _panel(session: Session, appearance: str) -> list[Scene]:
         .join(Statement, Statement.id == StatementScene.statement_id)
         .where(Statement.appearance == appearance)
         .order_by(StatementScene.position, StatementScene.id)
-        .limit(MOST_COMPARED - 1)
+        .limit(MAX_COMPARED_SCENES - 1)
     )
     return [Scene.empty(), *map(Scene.from_json, rows)]
 
 
-def _agreement(evaluator: Evaluator, programs: Sequence[str], panel: Sequence[Scene]) -> tuple[float | None, int]:
+def _agreement(
+    evaluator: ProgramEvaluator, programs: Sequence[str], panel: Sequence[Scene]
+) -> tuple[float | None, int]:
     try:
         truths = [evaluator.evaluate(program, panel).truths for program in programs]
-    except (EvaluationError, EvaluatorBusy):
+    except (ProgramEvaluationError, EvaluatorBusy):
         return None, 0
     shares = [mean(x is y for x, y in zip(a, b, strict=True)) for a, b in combinations(truths, 2)]
     return round(mean(shares), 4), len(panel)
@@ -342,7 +344,7 @@ def _agreement(evaluator: Evaluator, programs: Sequence[str], panel: Sequence[Sc
 def add_review(session: Session, reviewer: Person, submission_id: int, verdict: str, note: str) -> None:
     """Answers 404 for no submission."""
     if session.get(Submission, submission_id) is None:
-        raise refusal(404, f"there is no submission {submission_id}")
+        raise http_error(404, f"there is no submission {submission_id}")
     session.add(Review(submission_id=submission_id, reviewer_id=reviewer.id, verdict=verdict, note=note))
 
 
@@ -368,7 +370,7 @@ def export(session: Session) -> bytes:
     """The kept statements as a corpus file. Answers 409 where there are none."""
     programs = kept_programs(session)
     if not programs:
-        raise refusal(409, "no statement has a program that is kept")
+        raise http_error(409, "no statement has a program that is kept")
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
         path = Path(directory) / "corpus.jsonl"
         write_corpus(path, "annotated statements", "as their sources", _entries(session, programs))

@@ -1,4 +1,4 @@
-"""The application: database, middleware, pages and JSON put together."""
+"""Application factory: wires up database, middleware, routes and static assets."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from fastapi import FastAPI
 from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
-from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.authentication import Signer
+from lilgym_mp.web.app_services import AppServices
+from lilgym_mp.web.authentication import CookieSigner
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
-from lilgym_mp.web.security import BodyLimit, Callers, KnownHosts, SecurityHeaders
+from lilgym_mp.web.security import (
+    AllowedHostsMiddleware,
+    BodySizeLimitMiddleware,
+    CallerMiddleware,
+    SecurityHeadersMiddleware,
+)
 from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.database import COOKIE_KEY
@@ -23,12 +28,9 @@ ASSETS = Path(__file__).parent / "assets"
 
 
 def create_app(options: ServeOptions) -> FastAPI:
-    """The ASGI application.
-
-    Raises DatabaseError for an unusable database, CorpusError for an unusable corpus.
-    """
+    """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus."""
     database = open_database(options.database)
-    services = Services(options, database)
+    services = AppServices(options, database)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
@@ -38,8 +40,8 @@ def create_app(options: ServeOptions) -> FastAPI:
     app = FastAPI(
         title="lilgym-mp",
         version=__version__,
-        description="What the pages of `lilgym-mp serve` ask for. State-changing requests need the header "
-        "X-CSRF-Token, whose value GET /api/session gives.",
+        description="JSON API behind the pages of `lilgym-mp serve`. State-changing requests need the header "
+        "X-CSRF-Token; GET /api/session returns its value.",
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
@@ -50,10 +52,10 @@ def create_app(options: ServeOptions) -> FastAPI:
         app.include_router(router)
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
-    signer = Signer(database.secret(COOKIE_KEY))
+    signer = CookieSigner(database.secret(COOKIE_KEY))
     rate, requires_tokens = options.requests_per_second, options.requires_tokens
-    app.add_middleware(Callers, services.logins, signer, rate, requires_tokens=requires_tokens)
-    app.add_middleware(BodyLimit)
-    app.add_middleware(KnownHosts, options.hosts)
-    app.add_middleware(SecurityHeaders)
+    app.add_middleware(CallerMiddleware, services.login_cache, signer, rate, requires_tokens=requires_tokens)
+    app.add_middleware(BodySizeLimitMiddleware)
+    app.add_middleware(AllowedHostsMiddleware, options.hosts)
+    app.add_middleware(SecurityHeadersMiddleware)
     return app

@@ -1,4 +1,4 @@
-"""What routes share: the options, the database, and what is expensive to make."""
+"""Objects shared by all routes, and the FastAPI dependency that provides them."""
 
 from __future__ import annotations
 
@@ -6,39 +6,39 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from lilgym_mp.web.authentication import Logins
+from lilgym_mp.web.authentication import LoginCache
 from lilgym_mp.web.catalogue import Catalogue
-from lilgym_mp.web.corpus_statements import Outcomes
-from lilgym_mp.web.live_games import Games
-from lilgym_mp.web.program_evaluator import Evaluator
-from lilgym_mp.web.run_directory import Recordings
+from lilgym_mp.web.corpus_statements import RecordedOutcomes
+from lilgym_mp.web.live_games import LiveGames
+from lilgym_mp.web.program_evaluator import ProgramEvaluator
+from lilgym_mp.web.run_directory import RunDirectory
 from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import Database
 from lilgym_mp.web.trained_partners import TrainedPartners
 
 
-class Services:
-    """Everything that lives as long as the server."""
+class AppServices:
+    """Options, database, caches and worker processes of one server."""
 
     def __init__(self, options: ServeOptions, database: Database) -> None:
-        """Raises CorpusError where the corpus cannot be used."""
+        """Raises CorpusError if the corpus cannot be loaded."""
         self.options = options
         self.database = database
-        self.logins = Logins(database)
+        self.login_cache = LoginCache(database)
         self.catalogue = Catalogue(options.corpus)
-        self.recordings = Recordings(options.runs)
-        self.outcomes = Outcomes(self.recordings)
-        self.evaluator = Evaluator(options.program_processes, options.program_seconds)
-        self.trained_partners = TrainedPartners(self.recordings)
-        self.games = Games()
+        self.run_directory = RunDirectory(options.runs)
+        self.recorded_outcomes = RecordedOutcomes(self.run_directory)
+        self.evaluator = ProgramEvaluator(options.program_processes, options.program_seconds)
+        self.trained_partners = TrainedPartners(self.run_directory)
+        self.games = LiveGames()
 
     def close(self) -> None:
         self.evaluator.close()
         self.database.close()
 
 
-async def services(request: Request) -> Services:  # were it not async, it would wait for a thread
+async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool
     return request.app.state.services
 
 
-ServicesOf = Annotated[Services, Depends(services)]
+Services = Annotated[AppServices, Depends(get_services)]

@@ -1,4 +1,4 @@
-"""Who sends a request: the browser by its signed cookie, the person by the token it logged in with."""
+"""Authentication: signed visitor cookies identify browsers, login tokens identify people."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from fastapi import Depends, Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.store import Database
 from lilgym_mp.web.store.models import Person, Visitor
 
 COOKIE = "lilgym_visitor"
 COOKIE_SECONDS = 400 * 24 * 3600
-LOGIN_SECONDS = 10.0  # after which a change made by another server on the same database is seen
-MOST_LOGINS = 20_000
+LOGIN_CACHE_SECONDS = 10.0  # upper bound on how long a change by another server on the same database goes unnoticed
+MAX_CACHED_LOGINS = 20_000
 ORGANISER, ANNOTATOR = "organiser", "annotator"
 
 
 @dataclass(slots=True)
 class Caller:
-    """Who sent this request; `person` is known where the visitor logged in."""
+    """Sender of a request: a browser, and the person logged in there, if any."""
 
-    id: str
+    id: str  # of the visitor
     csrf_token: str
-    is_new: bool
+    is_new: bool  # sent no valid cookie
     person: Person | None = None
 
     @property
@@ -39,8 +39,8 @@ class Caller:
         return self.person is not None and self.person.role == ORGANISER
 
 
-class Signer:
-    """Makes and checks visitors' cookies and the CSRF tokens that belong to them."""
+class CookieSigner:
+    """Signs and verifies visitor cookies, and derives their CSRF tokens."""
 
     def __init__(self, key: str) -> None:
         self._key = key.encode()
@@ -55,7 +55,7 @@ class Signer:
         return self._signature("csrf", visitor_id)
 
     def caller(self, cookie: str | None) -> Caller:
-        """The visitor of a cookie; a new one where the cookie is missing or was not signed here."""
+        """The visitor identified by a cookie; a new one if the cookie is missing or its signature is wrong."""
         visitor_id, _, signature = (cookie or "").partition(".")
         is_known = hmac.compare_digest(signature.encode(), self._signature("cookie", visitor_id).encode())
         if not is_known:
@@ -67,46 +67,45 @@ def new_visitor_id() -> str:
     return secrets.token_urlsafe(32)
 
 
-def token_hash(token: str) -> str:
-    """What is kept of a token."""
+def hash_token(token: str) -> str:
     return hashlib.sha256(token.encode(errors="replace")).hexdigest()
 
 
-class Logins:
-    """Who is logged in from which browser, remembered for a moment so that few requests ask the database."""
+class LoginCache:
+    """Cache of the person logged in from each browser, so that most requests need no database query."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._kept: dict[str, tuple[float, Person | None]] = {}  # until when, and who
-        self._changes = 0
+        self._entries: dict[str, tuple[float, Person | None]] = {}  # expiry time, person
+        self._generation = 0
 
     async def person(self, visitor_id: str) -> Person | None:
-        """Whoever logged in from this browser and still has a token."""
-        until, found = self._kept.get(visitor_id, (0.0, None))
-        if time.monotonic() < until:
-            return found
-        changes = self._changes
-        found = await run_sync(self._find, visitor_id)
-        if changes == self._changes:
-            if len(self._kept) >= MOST_LOGINS:
-                self._kept.clear()
-            self._kept[visitor_id] = (time.monotonic() + LOGIN_SECONDS, found)
-        return found
+        """The person logged in from this browser whose token has not been revoked."""
+        expires, person = self._entries.get(visitor_id, (0.0, None))
+        if time.monotonic() < expires:
+            return person
+        generation = self._generation
+        person = await run_sync(self._query, visitor_id)
+        if generation == self._generation:  # not invalidated during the query
+            if len(self._entries) >= MAX_CACHED_LOGINS:
+                self._entries.clear()
+            self._entries[visitor_id] = (time.monotonic() + LOGIN_CACHE_SECONDS, person)
+        return person
 
-    def forget(self) -> None:
-        """Must be called after every change of who is logged in or has a token."""
-        self._changes += 1
-        self._kept.clear()
+    def invalidate(self) -> None:
+        """Must be called after every login, logout, and issued or revoked token."""
+        self._generation += 1
+        self._entries.clear()
 
-    def _find(self, visitor_id: str) -> Person | None:
-        with self._database.reading() as session:
+    def _query(self, visitor_id: str) -> Person | None:
+        with self._database.read_session() as session:
             return session.scalar(
                 select(Person).join(Visitor).where(Visitor.id == visitor_id, Person.token_hash.is_not(None))
             )
 
 
-def keep_visitor(session: Session, visitor_id: str) -> Visitor:
-    """The visitor's row, made where there is none."""
+def get_or_create_visitor(session: Session, visitor_id: str) -> Visitor:
+    """The visitor's row, inserted if missing."""
     visitor = session.get(Visitor, visitor_id)
     if visitor is None:
         visitor = Visitor(id=visitor_id)
@@ -115,40 +114,39 @@ def keep_visitor(session: Session, visitor_id: str) -> Visitor:
     return visitor
 
 
-def give_token(session: Session, name: str, role: str) -> str:
-    """A new token for the person of that name, who is made where there is none; an older token ends."""
+def issue_token(session: Session, name: str, role: str) -> str:
+    """A new token for the person of that name, created with that role if missing; it replaces any older token."""
     token = secrets.token_urlsafe(24)
     person = session.scalar(select(Person).where(Person.name == name))
     if person is None:
         person = Person(name=name, role=role)
         session.add(person)
-    person.token_hash = token_hash(token)
+    person.token_hash = hash_token(token)
     return token
 
 
-async def caller(request: Request) -> Caller:
-    """Who sent the request."""
-    return request.scope["visitor"]
+async def get_caller(request: Request) -> Caller:
+    return request.scope["caller"]
 
 
-CallerOf = Annotated[Caller, Depends(caller)]
+CurrentCaller = Annotated[Caller, Depends(get_caller)]
 
 
-async def logged_in(caller: CallerOf) -> Person:
-    """Whoever is logged in. Answers 401 where nobody is."""
+async def get_person(caller: CurrentCaller) -> Person:
+    """The person logged in. Responds with 401 if nobody is."""
     if caller.person is None:
-        raise refusal(401, "open the link that the organiser gave you: it logs you in")
+        raise http_error(401, "open the link that the organiser gave you to log in")
     return caller.person
 
 
-LoggedIn = Annotated[Person, Depends(logged_in)]
+CurrentPerson = Annotated[Person, Depends(get_person)]
 
 
-async def organiser(person: LoggedIn) -> Person:
-    """The organiser who is logged in. Answers 401 or 403 where none is."""
+async def get_organiser(person: CurrentPerson) -> Person:
+    """The organiser logged in. Responds with 401 if nobody is logged in, 403 to annotators."""
     if person.role != ORGANISER:
-        raise refusal(403, "only an organiser may do this")
+        raise http_error(403, "only an organiser may do this")
     return person
 
 
-OrganiserOf = Annotated[Person, Depends(organiser)]
+CurrentOrganiser = Annotated[Person, Depends(get_organiser)]

@@ -1,4 +1,4 @@
-"""The corpus that the server was started with: which configurations and splits it has, and their tasks."""
+"""Tasks of the served corpus by configuration and split."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from lilgym_mp.solver import Solver
 
 
 class Catalogue:
-    """Task sets by configuration and split, each read when it is first asked for."""
+    """Loads task sets and solvers of the served corpus on first use."""
 
     def __init__(self, corpus: str) -> None:
-        """Raises CorpusError where there is no such corpus or it has no tasks."""
+        """Raises CorpusError if there is no such corpus or it has no tasks."""
         self.corpus = corpus
         next(load_all_tasks(corpus))
         self._solver = cache(self._make_solver)
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
-        """Raises ValueError for unknown names, NoTasksError where the corpus has none, CorpusError for bad data."""
+        """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""
         settings = Settings(configuration, self.corpus)
         return load_tasks(self.corpus, settings.appearance, settings.start, split)
 
     def sizes(self) -> dict[str, dict[str, int]]:
-        """The number of tasks by configuration and split, without those that have none."""
-        found: dict[str, dict[str, int]] = {}
+        """The number of tasks by configuration and split; empty ones are left out."""
+        sizes: dict[str, dict[str, int]] = {}
         for configuration, split in product(CONFIGURATIONS, SPLITS):
             try:
-                found.setdefault(configuration, {})[split] = len(self.tasks(configuration, split))
+                sizes.setdefault(configuration, {})[split] = len(self.tasks(configuration, split))
             except NoTasksError:
                 continue
-        return {configuration: splits for configuration, splits in found.items() if splits}
+        return {configuration: splits for configuration, splits in sizes.items() if splits}
 
     def dynamics(self, configuration: str, rules: str = "paper") -> Dynamics:
         """The MDP of a configuration. Raises ValueError for unknown names."""

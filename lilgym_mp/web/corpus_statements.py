@@ -1,4 +1,4 @@
-"""The statements of the corpus with their scenes, programs and parts, searched and filtered."""
+"""Corpus statements for /explore: search, filters, and everything known about a statement."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse
 from lilgym_mp.programs.tracing import trace
 from lilgym_mp.task import Task
 from lilgym_mp.web.catalogue import Catalogue
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.played_episodes import ProgramPart
-from lilgym_mp.web.run_directory import Recordings, Unreadable
+from lilgym_mp.web.run_directory import RunDirectory, UnreadableRecording
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 
-PAGE = 30  # statements in one answer
-KEPT_LISTS = 12
-MOST_RECORDINGS = 200  # that are looked through
-MOST_SCENES = 12  # of a statement that are shown
-NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
-"""Configurations by appearance and start."""
+PAGE_SIZE = 30  # statements per response
+STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
+MAX_RECORDINGS = 200  # searched for outcomes
+MAX_SCENES = 12  # per statement
+CONFIGURATION_NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
+"""Configurations by (appearance, start)."""
 
 
-class StatementLine(BaseModel):
-    """A statement in the list. `id` is that of its first task."""
+class StatementSummary(BaseModel):
+    """An entry of the statement list. `id` is that of the statement's first task."""
 
     id: str
     statement: str
@@ -42,16 +42,16 @@ class StatementLine(BaseModel):
 
 
 class StatementsBody(BaseModel):
-    """A page of the statements that pass the filters."""
+    """A page of the matching statements."""
 
     total: int
     first: int
     page: int
-    statements: list[StatementLine]
+    statements: list[StatementSummary]
 
 
 class ChoicesBody(BaseModel):
-    """What statements of an appearance and split can be filtered by; the numbers are of statements."""
+    """Filter values for the statements of an appearance and split, with the number of statements for each."""
 
     phenomena: dict[str, int]
     words: dict[str, int]
@@ -59,8 +59,8 @@ class ChoicesBody(BaseModel):
 
 
 class ExploredScene(BaseModel):
-    """A start, and how it is solved. `optimal_first`: actions that begin a shortest solution, all of them where
-    `complete`; `play` is the configuration and task to play it."""
+    """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
+    a lower bound unless `complete`."""
 
     configuration: str
     task_id: str
@@ -74,7 +74,7 @@ class ExploredScene(BaseModel):
 
 
 class RunOutcome(BaseModel):
-    """What a recorded run did with one task of the statement."""
+    """The outcome of a recorded episode on a task of the statement."""
 
     recording: str
     agent: str
@@ -86,7 +86,7 @@ class RunOutcome(BaseModel):
 
 
 class StatementBody(BaseModel):
-    """A statement with everything that is known of it."""
+    """Everything known about a statement."""
 
     id: str
     statement: str
@@ -101,40 +101,40 @@ class StatementBody(BaseModel):
     unreadable: list[str]
 
 
-class Explored:
-    """A statement with its tasks."""
+class CorpusStatement:
+    """A statement and program of the corpus, with its tasks."""
 
     def __init__(self, task: Task) -> None:
         self.id = task.id
         self.statement = task.statement
         self.program = task.program
-        self.tasks: list[tuple[str, Task]] = []  # start, task
+        self.tasks: list[tuple[str, Task]] = []  # (start, task)
         self.length = len(words(task.statement))
         self.phenomena = sorted(map(str, phenomena(task.program)))
-        self.words = frozenset(_words(parse(task.program)))
+        self.words = frozenset(_program_words(parse(task.program)))
 
 
-def _words(node: Node) -> Iterator[str]:
+def _program_words(node: Node) -> Iterator[str]:
     if isinstance(node, Call | WordName):
         yield node.word.name
     for child in children(node):
-        yield from _words(child)
+        yield from _program_words(child)
 
 
-@lru_cache(KEPT_LISTS)
-def statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[Explored, ...]:
-    """The statements of an appearance and split, in file order. Answers 404 where the corpus has none."""
-    found: dict[tuple[str, str], Explored] = {}
+@lru_cache(STATEMENT_CACHE_SIZE)
+def statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
+    """The statements of an appearance and split, in file order. Responds with 404 if there are none."""
+    found: dict[tuple[str, str], CorpusStatement] = {}
     for start in (SCRATCH, FLIPIT):
         try:
-            tasks = catalogue.tasks(NAMES[appearance, start], split)
+            tasks = catalogue.tasks(CONFIGURATION_NAMES[appearance, start], split)
         except NoTasksError:
             continue
         for task in tasks:
-            explored = found.setdefault((task.statement, task.program), Explored(task))
-            explored.tasks.append((start, task))
+            statement = found.setdefault((task.statement, task.program), CorpusStatement(task))
+            statement.tasks.append((start, task))
     if not found:
-        raise refusal(404, f"the corpus has no {appearance} statements in {split}")
+        raise http_error(404, f"the corpus has no {appearance} statements in {split}")
     return tuple(found.values())
 
 
@@ -160,7 +160,10 @@ def search(
     most: int = 1_000,
     first: int = 0,
 ) -> StatementsBody:
-    """The statements that hold the text and pass the filters, from place `first` on."""
+    """The statements that contain the text and match the filters: a page starting at index `first`.
+
+    `least` and `most` bound the statement's length in words.
+    """
     wanted = text.lower()
     found = [
         each
@@ -171,52 +174,52 @@ def search(
         if least <= each.length <= most
     ]
     lines = [
-        StatementLine(
+        StatementSummary(
             id=each.id,
             statement=each.statement,
             length=each.length,
             phenomena=each.phenomena,
             scenes=sum(start == FLIPIT for start, _ in each.tasks),
         )
-        for each in found[first : first + PAGE]
+        for each in found[first : first + PAGE_SIZE]
     ]
-    return StatementsBody(total=len(found), first=first, page=PAGE, statements=lines)
+    return StatementsBody(total=len(found), first=first, page=PAGE_SIZE, statements=lines)
 
 
-def find(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> Explored:
-    """The statement that a task of that id has. Answers 404 where there is none."""
+def find(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> CorpusStatement:
+    """The statement of the task with that id. Responds with 404 if there is none."""
     for each in statements(catalogue, appearance, split):
         if each.id == statement_id or any(task.id == statement_id for _, task in each.tasks):
             return each
-    raise refusal(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
+    raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
 
 
-class Outcomes:
-    """What recorded runs did with statements; a file is read once, until it changes."""
+class RecordedOutcomes:
+    """Outcomes of recorded episodes, indexed by statement; a recording is indexed again when its file changes."""
 
-    def __init__(self, recordings: Recordings) -> None:
-        self._recordings = recordings
-        self._indexed: dict[str, tuple[Header, dict[str, list[RunOutcome]]]] = {}
+    def __init__(self, run_directory: RunDirectory) -> None:
+        self._run_directory = run_directory
+        self._index: dict[str, tuple[Header, dict[str, list[RunOutcome]]]] = {}  # by recording id
 
-    def of(self, explored: Explored) -> tuple[list[RunOutcome], list[str]]:
-        """The outcomes for the statement's tasks, and the recordings that cannot be read."""
+    def for_statement(self, statement: str) -> tuple[list[RunOutcome], list[str]]:
+        """The statement's outcomes, and error messages for unreadable recordings."""
         outcomes: list[RunOutcome] = []
         unreadable: list[str] = []
-        for found in self._recordings.list()[:MOST_RECORDINGS]:
-            if found.header is None:
-                unreadable.append(f"{found.name}: {found.fault}")
+        for file in self._run_directory.recordings()[:MAX_RECORDINGS]:
+            if file.header is None:
+                unreadable.append(f"{file.name}: {file.fault}")
                 continue
-            kept = self._indexed.get(found.id)
-            if kept is None or kept[0] is not found.header:
+            indexed = self._index.get(file.id)
+            if indexed is None or indexed[0] is not file.header:
                 try:
-                    recording = self._recordings.read(found.id)
-                except Unreadable as fault:
+                    recording = self._run_directory.read(file.id)
+                except UnreadableRecording as fault:
                     unreadable.append(str(fault))
                     continue
                 if recording is None:
                     continue
-                kept = self._indexed[found.id] = found.header, _by_statement(found.name, recording)
-            outcomes.extend(kept[1].get(explored.statement, ()))
+                indexed = self._index[file.id] = file.header, _by_statement(file.name, recording)
+            outcomes.extend(indexed[1].get(statement, ()))
         return outcomes, unreadable
 
 
@@ -236,18 +239,23 @@ def _by_statement(name: str, recording: Recording) -> dict[str, list[RunOutcome]
     return index
 
 
-def statement_body(catalogue: Catalogue, explored: Explored, appearance: str, recordings: Outcomes) -> StatementBody:
-    outcomes, unreadable = recordings.of(explored)
+def statement_body(
+    catalogue: Catalogue, statement: CorpusStatement, appearance: str, recorded_outcomes: RecordedOutcomes
+) -> StatementBody:
+    outcomes, unreadable = recorded_outcomes.for_statement(statement.statement)
     return StatementBody(
-        id=explored.id,
-        statement=explored.statement,
-        form=statement_form(explored.statement),
-        program=explored.program,
-        canonical=source_of(canonical_form(parse(explored.program))),
-        words=sorted(explored.words),
-        phenomena=explored.phenomena,
-        syntax=sorted(map(str, syntactic_phenomena(explored.statement))),
-        scenes=[_scene(catalogue, NAMES[appearance, start], task) for start, task in explored.tasks[:MOST_SCENES]],
+        id=statement.id,
+        statement=statement.statement,
+        form=statement_form(statement.statement),
+        program=statement.program,
+        canonical=source_of(canonical_form(parse(statement.program))),
+        words=sorted(statement.words),
+        phenomena=statement.phenomena,
+        syntax=sorted(map(str, syntactic_phenomena(statement.statement))),
+        scenes=[
+            _scene(catalogue, CONFIGURATION_NAMES[appearance, start], task)
+            for start, task in statement.tasks[:MAX_SCENES]
+        ],
         runs=outcomes,
         unreadable=unreadable,
     )

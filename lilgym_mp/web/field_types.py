@@ -1,4 +1,4 @@
-"""Kinds of fields in requests, bounded so that whatever passes can be stored."""
+"""Types of request fields, bounded so that every valid value can be stored."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pydantic import AfterValidator, StringConstraints
 
 
 def storable(text: str) -> str:
-    """The text, when every database can keep it. Raises ValueError for null characters and halves of characters."""
+    """The text unchanged. Raises ValueError for NUL characters and lone surrogates, which databases reject."""
     if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
-        raise ValueError("has a character that cannot be stored")
+        raise ValueError("contains a character that cannot be stored")
     return text
 
 

@@ -1,4 +1,4 @@
-"""The program language for an editor: its words with signatures and documentation, and what is wrong with a text."""
+"""Program-language reference and syntax check for the editor."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
 
 KEYWORDS = ("lambda", "and", "or", "not", "in", "True", "False")
-SCENE_MEANINGS = {
+SCENE_VARIABLES = {
     "all_boxes": ("list of boxes", "The three boxes, left to right."),
     "all_items": ("list of items", "Every item of the scene, box by box."),
 }
-MEMBER_MEANINGS = {
-    "box": ("item.box -> box", "The box that the item is in."),
+ATTRIBUTE_SIGNATURES = {
+    "box": ("item.box -> box", "The box that holds the item."),
     "color": ("item.color -> Color", "The item's colour."),
     "shape": ("item.shape -> Shape", "The item's shape."),
     "size": ("item.size -> Size", "The item's size."),
@@ -26,7 +26,7 @@ MEMBER_MEANINGS = {
 
 
 class WordBody(BaseModel):
-    """Something that can stand in a program."""
+    """A function, variable, constant, member or keyword of the program language."""
 
     name: str
     group: str
@@ -36,14 +36,14 @@ class WordBody(BaseModel):
 
 
 class LanguageBody(BaseModel):
-    """Everything that the editor completes."""
+    """All words of the language, for completion and the word list."""
 
     groups: list[str]
     words: list[WordBody]
 
 
 class CheckBody(BaseModel):
-    """Whether a text is a program; where not, what is wrong and where, counted in characters from 0."""
+    """Whether a text parses as a program; if not, the error and its position in characters, from 0."""
 
     ok: bool
     offset: int
@@ -53,38 +53,42 @@ class CheckBody(BaseModel):
 
 @cache
 def language() -> LanguageBody:
-    """The language's own tables."""
+    """Built from the language's own tables."""
     words = [
         WordBody(
-            name=word.name, group=word.group, signature=word.signature, meaning=_line(word.meaning), is_function=True
+            name=word.name,
+            group=word.group,
+            signature=word.signature,
+            meaning=_single_line(word.meaning),
+            is_function=True,
         )
         for word in WORDS.values()
     ]
     for name in SCENE_NAMES:
-        kind, meaning = SCENE_MEANINGS[name]
-        words.append(_value(name, "scene", f"{name}: {kind}", meaning))
-    for name, kind in ENUMS.items():
-        for member in kind:
-            words.append(_value(f"{name}.{member.name}", "values", f"{name}.{member.name}", f"A member of {name}."))
+        type_name, meaning = SCENE_VARIABLES[name]
+        words.append(_non_function(name, "scene", f"{name}: {type_name}", meaning))
+    for name, enum in ENUMS.items():
+        for member in enum:
+            qualified = f"{name}.{member.name}"
+            words.append(_non_function(qualified, "values", qualified, f"A member of {name}."))
     for name in ATTRIBUTES:
-        words.append(_value(f".{name}", "members", *MEMBER_MEANINGS[name]))
+        words.append(_non_function(f".{name}", "members", *ATTRIBUTE_SIGNATURES[name]))
     for name in METHODS:
         meaning = inspect.getdoc(getattr(BoxView, name)) or ""
-        words.append(_value(f".{name}()", "members", f"box.{name}()", _line(meaning)))
-    words.extend(_value(name, "Python", name, "As in Python.") for name in KEYWORDS)
+        words.append(_non_function(f".{name}()", "members", f"box.{name}()", _single_line(meaning)))
+    words.extend(_non_function(name, "Python", name, "As in Python.") for name in KEYWORDS)
     return LanguageBody(groups=[*GROUPS, "scene", "values", "members", "Python"], words=words)
 
 
-def _line(meaning: str) -> str:
+def _single_line(meaning: str) -> str:
     return " ".join(meaning.split())
 
 
-def _value(name: str, group: str, signature: str, meaning: str) -> WordBody:
+def _non_function(name: str, group: str, signature: str, meaning: str) -> WordBody:
     return WordBody(name=name, group=group, signature=signature, meaning=meaning, is_function=False)
 
 
 def check(source: str) -> CheckBody:
-    """What the language says of a text."""
     try:
         parse(source)
     except ProgramError as fault:

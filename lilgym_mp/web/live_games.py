@@ -1,8 +1,8 @@
-"""Games of proposer and verifier with people in one seat or both, kept in memory while they are played.
+"""Proposer-verifier games with people in one or both seats, kept in memory.
 
-What a seat is told comes from its agent's observation and action mask, from what it did itself and from the settings
-that were chosen for the game; nothing of the environment's infos, of the other seat's view or of the task beyond the
-view leaves this module. Rewards are told when the game is over, each seat its own.
+A seat's response contains only its agent's observation and action mask, its own past actions, and the settings chosen
+for the game. Infos, the other seat's observation, and anything about the task outside of the view never leave this
+module. Each seat learns its own reward once the game is over.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import secrets
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from lilgym_mp.actions import ActionError, AddItem, describe, named
+from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
@@ -37,28 +38,29 @@ from lilgym_mp.envs.proposer_verifier.partners import partner_action
 from lilgym_mp.envs.proposer_verifier.types import AGENTS, NO_CHOICE, STOP_ACTION, Intent
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings as Configuration
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.played_episodes import ItemTypeFilter, matches_item_type
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 
 PERSON = "person"
-PROPOSERS = ("helpful", "sneaky", "by_intent", "random")  # scripts that can propose
+PROPOSERS = ("helpful", "sneaky", "by_intent", "random")  # scripted partners for the proposer's seat
 VERIFIERS = ("oracle", "always_accept", "always_reject", "random")
-REMEMBERED = 6  # turns that each seat sees of the past
-WHOLE_VIEW = "everything"
+HISTORY_TURNS = 6  # past turns in each seat's observation
+FULL_VIEW = "everything"
 VIEWS: Mapping[str, View] = {
-    WHOLE_VIEW: View(scene="image", statement="text", target=True, proposal=True, history=REMEMBERED),
-    "no picture": View(scene="none", statement="text", target=True, proposal=True, history=REMEMBERED),
-    "no statement": View(scene="image", statement="none", target=True, proposal=True, history=REMEMBERED),
-    "no target": View(scene="image", statement="text", target=False, proposal=True, history=REMEMBERED),
+    FULL_VIEW: View(scene="image", statement="text", target=True, proposal=True, history=HISTORY_TURNS),
+    "no picture": View(scene="none", statement="text", target=True, proposal=True, history=HISTORY_TURNS),
+    "no statement": View(scene="image", statement="none", target=True, proposal=True, history=HISTORY_TURNS),
+    "no target": View(scene="image", statement="text", target=False, proposal=True, history=HISTORY_TURNS),
 }
-MOST_GAMES = 300  # in memory; the longest unused one makes room
-MOST_OF_ONE = 10  # of one visitor
-IDLE_SECONDS = 2 * 3600.0
-MOST_TURNS = 500  # of partners after one action of a person
+MAX_GAMES = 300  # beyond that the least recently used game is evicted
+MAX_GAMES_PER_VISITOR = 10
+IDLE_SECONDS = 2 * 3600.0  # until an unused game is evicted
+MAX_PARTNER_TURNS = 500  # in a row, without a person's action
 
 
 class PastTurnBody(BaseModel):
-    """A turn as this seat remembers it; empty where nothing was done or said."""
+    """A past turn as this seat observes it. Null: no action taken; word 0: silence."""
 
     proposal: str | None
     answer: str | None
@@ -67,20 +69,20 @@ class PastTurnBody(BaseModel):
 
 
 class SeatBody(BaseModel):
-    """What the agent in this seat sees. Parts that its view lacks are null."""
+    """What the agent in this seat observes. Parts excluded from its view are null."""
 
     role: str
     protocol: str
     configuration: str
     horizon: int
-    opposite: str  # who sits there: a person or a partner's name
+    opposite: str  # "person" or the partner's name
     view: str
     over: bool
     your_turn: bool
-    waiting_for_other: bool  # both move at once, and this seat has chosen
+    waiting_for_other: bool  # simultaneous moves: this seat has chosen, the other has not
     own_actions: list[str]
-    reward: float | None  # this seat's own, once the game is over
-    grid: tuple[int, int] | None  # Scatter's columns and rows
+    reward: float | None  # this seat's return; null until the game is over
+    grid: tuple[int, int] | None  # columns, rows; null in Tower
     scene: SceneBody | None
     statement: str | None
     target: bool | None
@@ -88,8 +90,8 @@ class SeatBody(BaseModel):
     proposal: str | None
     message: int | None
     history: list[PastTurnBody]
-    answers: list[str]  # what a verifier may answer now, by name
-    may_stop: bool  # whether a proposer may propose STOP now
+    answers: list[str]  # legal answers of the verifier, by name
+    may_stop: bool  # whether the proposer may propose STOP now
 
 
 class LegalBody(BaseModel):
@@ -99,27 +101,30 @@ class LegalBody(BaseModel):
 
 
 class NewGameBody(BaseModel):
-    """The keys of the seats that people take; whoever has a key sits there."""
+    """Keys of the seats taken by people; null for a partner's seat. Whoever holds a key controls that seat."""
 
     proposer: str | None
     verifier: str | None
 
 
 @dataclass
-class GameRoom:
-    """One game: its engine, who sits where, and what happened that is not in the state."""
+class LiveGame:
+    """A game in progress: its engine, the two seats, and bookkeeping outside of the game state.
 
-    visitor: str
+    Pairs are indexed by Role.
+    """
+
+    visitor: str  # who started it
     configuration: str
     engine: GameEngine
-    views: tuple[str, str]  # names, by Role
-    partners: tuple[Partner | None, Partner | None]  # by Role; None for a person
-    opposite: tuple[str, str]  # what each is told of the other
+    views: tuple[str, str]  # names in VIEWS
+    partners: tuple[Partner | None, Partner | None]  # None: a person
+    opposite: tuple[str, str]  # name of the other seat's player
     rng: np.random.Generator
-    used: float = field(default_factory=time.monotonic)
-    chosen: list[int | None] = field(default_factory=lambda: [None, None])  # where both move at once
+    last_used: float = field(default_factory=time.monotonic)
+    chosen: list[int | None] = field(default_factory=lambda: [None, None])  # actions of the turn under way
     own_actions: tuple[list[str], list[str]] = field(default_factory=lambda: ([], []))
-    rewards: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    rewards: list[float] = field(default_factory=lambda: [0.0, 0.0])  # summed over the game
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
@@ -127,80 +132,80 @@ class GameRoom:
         return not self.engine.state.movers
 
     def legal(self, role: Role) -> list[int]:
-        """Numbers of the agent's legal actions, "wait" left out."""
+        """Indices of the agent's legal actions except "wait"."""
         wait = self.engine.game.wait_actions[role]
         return [index for index in np.flatnonzero(self.engine.observe(role)["action_mask"]).tolist() if index != wait]
 
-    def take(self, role: Role, action: int) -> None:
-        """A person's action, and all that partners do until a person must act. Raises PartnerError."""
+    def act(self, role: Role, action: int) -> None:
+        """Takes a person's action, then plays partners' turns until a person must act. Raises PartnerError."""
         self.own_actions[role].append(self.engine.game.describe(role, action))
         self.chosen[role] = action
-        self.proceed()
+        self.advance()
 
-    def proceed(self) -> None:
-        """Plays on until a person must act or the game is over. Raises PartnerError."""
-        for _ in range(MOST_TURNS):
+    def advance(self) -> None:
+        """Plays turns until a person must act or the game is over. Raises PartnerError."""
+        for _ in range(MAX_PARTNER_TURNS):
             movers = self.engine.state.movers
-            if not movers or any(self._choice(role) is None for role in movers):
+            if not movers or any(self._choose(role) is None for role in movers):
                 return
             proposer, verifier = (self.chosen[role] if role in movers else None for role in Role)
             step = self.engine.step(proposer, verifier)
             self.chosen = [None, None]
             self.rewards = [total + reward for total, reward in zip(self.rewards, step.rewards, strict=True)]
 
-    def _choice(self, role: Role) -> int | None:
-        """What the role does in this turn; None where a person has not chosen yet."""
+    def _choose(self, role: Role) -> int | None:
+        """The role's action in this turn, asking its partner if necessary; None if a person has yet to choose."""
         partner = self.partners[role]
         if self.chosen[role] is None and partner is not None:
             self.chosen[role] = partner_action(partner, PartnerTurn(self.engine, role, self.rng))
         return self.chosen[role]
 
 
-class Games:
-    """Games by the keys of their seats, limited in number and age."""
+class LiveGames:
+    """All games in progress, by seat key; limited in number and idle time."""
 
     def __init__(self) -> None:
-        self._rooms: OrderedDict[str, tuple[GameRoom, Role]] = OrderedDict()
+        self._seats: OrderedDict[str, tuple[LiveGame, Role]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def add(self, room: GameRoom, roles: Iterable[Role]) -> dict[Role, str]:
-        """A new key for each seat that a person takes. Old games make room."""
+    def add(self, game: LiveGame, roles: Iterable[Role]) -> dict[Role, str]:
+        """Adds a game, evicting old ones; returns a new key for each of the roles."""
         keys = {role: secrets.token_urlsafe(18) for role in roles}
         with self._lock:
-            self._forget(room.visitor)
+            self._evict(game.visitor)
             for role, key in keys.items():
-                self._rooms[key] = room, role
+                self._seats[key] = game, role
         return keys
 
-    def find(self, key: str) -> tuple[GameRoom, Role]:
-        """Answers 404 for a key of no seat."""
+    def find(self, key: str) -> tuple[LiveGame, Role]:
+        """The game and role of a seat. Responds with 404 for an unknown or expired key."""
         with self._lock:
-            found = self._rooms.get(key)
-            if found is None or time.monotonic() - found[0].used > IDLE_SECONDS:
-                raise refusal(404, "there is no such seat: the game ended long ago, or the server began anew")
-            found[0].used = time.monotonic()
+            found = self._seats.get(key)
+            if found is None or time.monotonic() - found[0].last_used > IDLE_SECONDS:
+                raise http_error(404, "there is no such seat: its game has expired, or the server was restarted")
+            found[0].last_used = time.monotonic()
         return found
 
     def __len__(self) -> int:
-        """Games, not seats."""
-        return len({id(room) for room, _ in self._rooms.values()})
+        """The number of games, not of seats."""
+        return len({id(game) for game, _ in self._seats.values()})
 
-    def _forget(self, visitor: str) -> None:
-        """Drops games that are idle, then the longest unused of the visitor and of all that are too many."""
+    def _evict(self, visitor: str) -> None:
+        """Drops idle games, then the least recently used beyond the limits, counting one to be added by the visitor."""
         now = time.monotonic()
-        rooms = sorted({id(room): room for room, _ in self._rooms.values()}.values(), key=lambda room: room.used)
-        alive = [room for room in rooms if now - room.used <= IDLE_SECONDS]
-        own = [room for room in alive if room.visitor == visitor]
-        dropped = {id(room) for room in rooms} - {id(room) for room in alive}
-        dropped |= {id(room) for room in own[: max(0, len(own) - MOST_OF_ONE + 1)]}
-        left = [room for room in alive if id(room) not in dropped]
-        dropped |= {id(room) for room in left[: max(0, len(left) - MOST_GAMES + 1)]}
-        for key in [key for key, (room, _) in self._rooms.items() if id(room) in dropped]:
-            del self._rooms[key]
+        games = sorted({id(game): game for game, _ in self._seats.values()}.values(), key=lambda game: game.last_used)
+        alive = [game for game in games if now - game.last_used <= IDLE_SECONDS]
+        own = [game for game in alive if game.visitor == visitor]
+        dropped = {id(game) for game in games} - {id(game) for game in alive}
+        dropped |= {id(game) for game in own[: max(0, len(own) - MAX_GAMES_PER_VISITOR + 1)]}
+        left = [game for game in alive if id(game) not in dropped]
+        dropped |= {id(game) for game in left[: max(0, len(left) - MAX_GAMES + 1)]}
+        for key in [key for key, (game, _) in self._seats.items() if id(game) in dropped]:
+            del self._seats[key]
 
 
 @lru_cache(maxsize=64)
-def setup(
+def game_setup(
     corpus: str,
     configuration: str,
     split: str,
@@ -209,11 +214,11 @@ def setup(
     verdict_bins: int | None,
     views: tuple[str, str],
 ) -> GameSetup:
-    """Raises ValueError, CorpusError for what does not exist."""
-    chosen = Configuration(configuration, corpus)
+    """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
+    settings = Configuration(configuration, corpus)
     return Settings(
-        appearance=chosen.appearance,
-        start=chosen.start,
+        appearance=settings.appearance,
+        start=settings.start,
         protocol=protocol,
         rewards=rewards,
         verdict_bins=verdict_bins,
@@ -224,25 +229,25 @@ def setup(
     ).setup()
 
 
-def new_room(
+def new_game(
     visitor: str, corpus: str, chosen: Mapping[str, Any], names: tuple[str, str], partners: Mapping[str, Partner]
-) -> GameRoom:
-    """A game that has begun; `names`: a person or a partner, by Role.
+) -> LiveGame:
+    """Starts a game and plays until a person must act; `names`: PERSON or a partner, by Role.
 
-    `chosen` has configuration, split, protocol, rewards, verdict_bins, proposer_view and verifier_view. Answers 404
-    where there are no such tasks, 422 where the settings do not go together.
+    `chosen` has configuration, split, protocol, rewards, verdict_bins, proposer_view and verifier_view. Responds with
+    404 if there are no such tasks, 422 if the settings do not go together.
     """
     views = chosen["proposer_view"], chosen["verifier_view"]
     try:
-        told = ("configuration", "split", "protocol", "rewards", "verdict_bins")
-        made = setup(corpus, *(chosen[name] for name in told), views)
+        keys = ("configuration", "split", "protocol", "rewards", "verdict_bins")
+        setup = game_setup(corpus, *(chosen[key] for key in keys), views)
     except CorpusError as fault:
-        raise refusal(404, str(fault)) from None
+        raise http_error(404, str(fault)) from None
     except ValueError as fault:
-        raise refusal(422, str(fault)) from None
-    engine = GameEngine(made)
+        raise http_error(422, str(fault)) from None
+    engine = GameEngine(setup)
     engine.reset(secrets.randbelow(2**31), None)
-    room = GameRoom(
+    game = LiveGame(
         visitor,
         chosen["configuration"],
         engine,
@@ -251,117 +256,118 @@ def new_room(
         (names[1], names[0]),
         np.random.default_rng(secrets.randbits(64)),
     )
-    _proceed(room.proceed)
-    return room
+    with _partner_errors():
+        game.advance()
+    return game
 
 
-def _proceed(step: Any, *arguments: Any) -> None:
+@contextmanager
+def _partner_errors() -> Iterator[None]:
+    """Responds with 422 if a partner cannot play."""
     try:
-        step(*arguments)
+        yield
     except (PartnerError, ValueError) as fault:
-        raise refusal(422, f"the partner cannot play this game: {fault}") from None
+        raise http_error(422, f"the partner cannot play this game: {fault}") from None
 
 
-def scripted(role: Role) -> dict[str, Partner]:
-    """Scripts that can take the seat."""
+def scripted_partners(role: Role) -> dict[str, Partner]:
     return {name: SCRIPTED[name] for name in (PROPOSERS if role is Role.PROPOSER else VERIFIERS)}
 
 
-def seat_body(room: GameRoom, role: Role) -> SeatBody:
-    """What the seat may know now."""
-    game = room.engine.game
-    observation = room.engine.observe(role)["observation"]
-    has_chosen = room.chosen[role] is not None
-    legal = [] if room.over or has_chosen else room.legal(role)
+def seat_body(live: LiveGame, role: Role) -> SeatBody:
+    game = live.engine.game
+    observation = live.engine.observe(role)["observation"]
+    has_chosen = live.chosen[role] is not None
+    legal = [] if live.over or has_chosen else live.legal(role)
     appearance = game.config.dynamics.appearance
     target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
     return SeatBody(
         role=role.name.lower(),
         protocol=game.protocol.name,
-        configuration=room.configuration,
+        configuration=live.configuration,
         horizon=game.config.dynamics.horizon,
-        opposite=room.opposite[role],
-        view=room.views[role],
-        over=room.over,
+        opposite=live.opposite[role],
+        view=live.views[role],
+        over=live.over,
         your_turn=bool(legal),
         waiting_for_other=has_chosen,
-        own_actions=room.own_actions[role],
-        reward=round(room.rewards[role], 6) if room.over else None,
+        own_actions=live.own_actions[role],
+        reward=round(live.rewards[role], 6) if live.over else None,
         grid=appearance.grid if isinstance(appearance, Scatter) else None,
-        scene=scene_body(room.engine.state.mdp.scene) if "image" in observation else None,
+        scene=scene_body(live.engine.state.mdp.scene) if "image" in observation else None,
         statement=read_text(observation["statement"]) if "statement" in observation else None,
         target=None if target is None else bool(target),
         intent=None if intent is None else Intent(int(intent)).name.lower(),
-        proposal=_proposal(room, observation.get("proposal")),
+        proposal=_proposal(live, observation.get("proposal")),
         message=None if message is None else int(message),
-        history=[_past_turn(room, row) for row in observation.get("history", ())],
+        history=[_past_turn(live, row) for row in observation.get("history", ())],
         answers=[game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
         may_stop=role is Role.PROPOSER and stop in legal,
     )
 
 
-def _proposal(room: GameRoom, array: Any) -> str | None:
-    """The name of an action in the released array form."""
+def _proposal(live: LiveGame, array: Any) -> str | None:
+    """The name of an action in the released array form; None for no action."""
     if array is None or array[0] == NO_CHOICE:
         return None
-    return describe(room.engine.game.config.dynamics.appearance.from_array(array))
+    return describe(live.engine.game.config.dynamics.appearance.from_array(array))
 
 
-def _past_turn(room: GameRoom, row: Any) -> PastTurnBody:
-    game = room.engine.game
+def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
+    game = live.engine.game
     *array, answer, proposer_word, verifier_word = row.tolist()
     answers = game.protocol.answers(game.config)
     return PastTurnBody(
-        proposal=_proposal(room, np.array(array)),
+        proposal=_proposal(live, np.array(array)),
         answer=answers[answer] if 0 <= answer < len(answers) else None,
         proposer_word=max(0, proposer_word),
         verifier_word=max(0, verifier_word),
     )
 
 
-def legal_names(room: GameRoom, role: Role, look: tuple[str | None, str | None, str | None]) -> list[str]:
-    """What the seat may do now, by the action mask; of ADDs of items only those of the look."""
-    if room.over or room.chosen[role] is not None:
+def legal_names(live: LiveGame, role: Role, item_type: ItemTypeFilter) -> list[str]:
+    """Names of the seat's legal actions by its action mask; of Scatter's ADDs only those of matching items."""
+    if live.over or live.chosen[role] is not None:
         return []
-    game = room.engine.game
+    game = live.engine.game
     if role is Role.VERIFIER:
-        return [game.describe(role, index) for index in room.legal(role)]
+        return [game.describe(role, index) for index in live.legal(role)]
     appearance = game.config.dynamics.appearance
-    spoken = game.message_sizes[role] + 1
-    actions = dict.fromkeys(appearance.decode(index // spoken) for index in room.legal(role))
-    return [describe(action) for action in actions if not isinstance(action, AddItem) or _looks(action, look)]
+    messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
+    actions = dict.fromkeys(appearance.decode(index // messages) for index in live.legal(role))
+    return [describe(action) for action in actions if matches_item_type(action, item_type)]
 
 
-def _looks(action: AddItem, look: tuple[str | None, str | None, str | None]) -> bool:
-    names = (action.shape.name, action.colour.name, action.size.name)
-    return all(wanted is None or wanted == name for wanted, name in zip(look, names, strict=True))
+def act(live: LiveGame, role: Role, name: str, own_actions: int) -> None:
+    """Takes a person's action by name; `own_actions` is the number of actions the seat had taken when it chose.
 
-
-def act(room: GameRoom, role: Role, name: str, seen: int) -> None:
-    """A person's action, by name, after `seen` of its own. Answers 409 where it is not its turn, is not legal now, or
-    was taken already, 422 for a name of no action."""
-    if room.over:
-        raise refusal(409, "the game is over; begin a new one")
-    if len(room.own_actions[role]) != seen:
-        raise refusal(409, "you have acted since, perhaps in another window; look again")
-    legal = [] if room.chosen[role] is not None else room.legal(role)
+    Responds with 409 if the game is over, it is not the seat's turn, the count is stale or the action illegal; with 422
+    for an unknown name.
+    """
+    if live.over:
+        raise http_error(409, "the game is over; start a new one")
+    if len(live.own_actions[role]) != own_actions:
+        raise http_error(409, "you have acted since, perhaps in another window; reload the page")
+    legal = [] if live.chosen[role] is not None else live.legal(role)
     if not legal:
-        raise refusal(409, "it is not your turn")
-    index = _numbered(room, role, name, legal)
+        raise http_error(409, "it is not your turn")
+    index = _action_index(live, role, name, legal)
     if index not in legal:
-        raise refusal(409, f"{name} is not legal now; nothing was done")
-    _proceed(room.take, role, index)
+        raise http_error(409, f"{name} is not legal now; nothing was done")
+    with _partner_errors():
+        live.act(role, index)
 
 
-def _numbered(room: GameRoom, role: Role, name: str, legal: Iterable[int]) -> int:
-    game = room.engine.game
+def _action_index(live: LiveGame, role: Role, name: str, legal: Iterable[int]) -> int:
+    """The agent's action index for a name. Responds with 422 for an unknown name."""
+    game = live.engine.game
     if role is Role.VERIFIER:
         answers = {game.describe(role, index): index for index in legal}
         if name not in answers:
-            raise refusal(422, f"{name!r} is no answer; choose from {', '.join(answers)}")
+            raise http_error(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
         return answers[name]
     try:
         return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
     except ActionError as fault:
-        raise refusal(422, str(fault)) from None
+        raise http_error(422, str(fault)) from None

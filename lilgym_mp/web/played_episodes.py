@@ -1,4 +1,4 @@
-"""Episodes that people play: rebuilt from the task and the actions taken, moved on by the package's rules."""
+"""Episodes played by visitors: the database stores task and actions; the MDP state is rebuilt by replaying them."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.tracing import trace
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.task import Task
-from lilgym_mp.web.authentication import keep_visitor
+from lilgym_mp.web.authentication import get_or_create_visitor
 from lilgym_mp.web.catalogue import Catalogue
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import PlayedEpisode, Visitor
 
-MOST_BEST = 20  # rows of the table of best play
+ItemTypeFilter = tuple[str | None, str | None, str | None]  # names of shape, colour, size; None: any
 
-RULES_IN_WORDS = {
-    Outcome.SUCCESS: "You stopped, and the statement has the wanted truth value.",
-    Outcome.WRONG_STOP: "You stopped, but the statement does not have the wanted truth value.",
-    Outcome.INVALID_ACTION: "The action was not legal, which ends an episode.",
-    Outcome.HORIZON: "That was the last action allowed, and it was not a STOP.",
+LEADERBOARD_SIZE = 20  # rows
+RECENT_EPISODES = 10
+
+OUTCOME_EXPLANATIONS = {
+    Outcome.SUCCESS: "You stopped when the statement had the target truth value.",
+    Outcome.WRONG_STOP: "You stopped, but the statement does not have the target truth value.",
+    Outcome.INVALID_ACTION: "You took an illegal action, which ends the episode.",
+    Outcome.HORIZON: "You used the last action allowed, and it was not STOP.",
 }
 
 
 class EpisodeBody(BaseModel):
-    """An episode as its player sees it. The program is not told before the end."""
+    """An episode as its player sees it. The program stays hidden until the end."""
 
     id: str
     configuration: str
@@ -51,12 +54,12 @@ class EpisodeBody(BaseModel):
     over: bool
     outcome: str | None
     shown_solution: bool
-    grid: tuple[int, int] | None  # Scatter's columns and rows
+    grid: tuple[int, int] | None  # columns, rows; null in Tower
     scene: SceneBody
 
 
 class ProgramPart(BaseModel):
-    """A part of the program, its value, and the items (box, index) that the value is or holds."""
+    """A subexpression of the program, its value, and the items (box, index) in that value."""
 
     depth: int
     source: str
@@ -65,7 +68,7 @@ class ProgramPart(BaseModel):
 
 
 class ExplanationBody(BaseModel):
-    """Why an episode ended as it did."""
+    """Why an episode ended, and the program traced on the last scene."""
 
     rule: str
     invalid_reason: str | None
@@ -76,14 +79,14 @@ class ExplanationBody(BaseModel):
 
 
 class SolutionStep(BaseModel):
-    """An action of the expert, and the scene after it."""
+    """An action of the expert and the resulting scene."""
 
     action: str
     scene: SceneBody
 
 
 class SolutionBody(BaseModel):
-    """The expert's shortest solution from the start."""
+    """The expert's solution from the start scene."""
 
     found: bool
     proven_shortest: bool
@@ -93,26 +96,33 @@ class SolutionBody(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """An episode's task and where it stands."""
+class LoadedEpisode:
+    """An episode's database row, task and current MDP state."""
 
-    episode: PlayedEpisode
+    row: PlayedEpisode
     task: Task
     dynamics: Dynamics
     state: State
-    last: Transition | None
+    last: Transition | None  # None before the first action
 
     @property
     def over(self) -> bool:
-        return self.episode.outcome is not None
+        return self.row.outcome is not None
 
 
 def begin(
-    session: Session, catalogue: Catalogue, visitor_id: str, task: Task, *, configuration: str, split: str, **how: Any
-) -> Played:
-    """A new episode of the task."""
-    keep_visitor(session, visitor_id)
-    episode = PlayedEpisode(
+    session: Session,
+    catalogue: Catalogue,
+    visitor_id: str,
+    task: Task,
+    *,
+    configuration: str,
+    split: str,
+    **settings: Any,
+) -> LoadedEpisode:
+    """Creates an episode of the task. `settings`: further columns, that is `rules` and `strict`."""
+    get_or_create_visitor(session, visitor_id)
+    row = PlayedEpisode(
         id=secrets.token_urlsafe(16),
         visitor_id=visitor_id,
         corpus=catalogue.corpus,
@@ -122,117 +132,126 @@ def begin(
         actions=[],
         reward=0.0,
         shown_solution=False,
-        **how,
+        **settings,
     )
-    session.add(episode)
-    dynamics = catalogue.dynamics(configuration, episode.rules)
-    return Played(episode, task, dynamics, dynamics.start(task), None)
+    session.add(row)
+    dynamics = catalogue.dynamics(configuration, row.rules)
+    return LoadedEpisode(row, task, dynamics, dynamics.start(task), None)
 
 
 def find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:
-    """The task of that id, or any. Answers 404 where there is none."""
+    """The task with that id, or a random one for None. Responds with 404 if there is none."""
     try:
         tasks = catalogue.tasks(configuration, split)
         if task_id is None:
             return tasks[secrets.randbelow(len(tasks))]
         return tasks.by_id(task_id)
     except (ValueError, CorpusError) as fault:
-        raise refusal(404, str(fault)) from None
+        raise http_error(404, str(fault)) from None
 
 
 def find_episode(
     session: Session, catalogue: Catalogue, visitor_id: str, episode_id: str, *, locked: bool = False
-) -> Played:
-    """An episode of this visitor, brought to where it stands. Answers 404 where there is none."""
-    asked = select(PlayedEpisode).where(PlayedEpisode.id == episode_id, PlayedEpisode.visitor_id == visitor_id)
-    episode = session.scalar(asked.with_for_update() if locked else asked)
-    if episode is None:
-        raise refusal(404, "there is no such episode of yours; begin a new one")
-    if episode.corpus != catalogue.corpus:
-        raise refusal(409, f"this episode is of the corpus {episode.corpus!r}, which is not served now")
-    task = find_task(catalogue, episode.configuration, episode.split, episode.task_id)
-    dynamics = catalogue.dynamics(episode.configuration, episode.rules)
+) -> LoadedEpisode:
+    """An episode of this visitor, replayed to its current state; `locked` selects the row for update.
+
+    Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
+    """
+    query = select(PlayedEpisode).where(PlayedEpisode.id == episode_id, PlayedEpisode.visitor_id == visitor_id)
+    row = session.scalar(query.with_for_update() if locked else query)
+    if row is None:
+        raise http_error(404, "you have no such episode; start a new one")
+    if row.corpus != catalogue.corpus:
+        raise http_error(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
+    task = find_task(catalogue, row.configuration, row.split, row.task_id)
+    dynamics = catalogue.dynamics(row.configuration, row.rules)
     state, last = dynamics.start(task), None
-    for index in episode.actions:
+    for index in row.actions:
         last = dynamics.step(state, dynamics.appearance.decode(index))
         state = last.state
-    return Played(episode, task, dynamics, state, last)
+    return LoadedEpisode(row, task, dynamics, state, last)
 
 
-def read_action(appearance: Appearance, name: str) -> Action:
-    """The action of that name. Answers 422 for a name of none, or of none of this appearance."""
+def parse_action(appearance: Appearance, name: str) -> Action:
+    """The action with that name. Responds with 422 if this appearance has none."""
     try:
         action = named(name)
         appearance.encode(action)
         return action
     except ActionError as fault:
-        raise refusal(422, str(fault)) from None
+        raise http_error(422, str(fault)) from None
 
 
-def act(played: Played, name: str, steps: int) -> Played:
-    """The episode after an action. Answers 409 where it is over, has moved on, or, unless it is strict, where the
-    action is not legal; then nothing changes."""
-    episode = played.episode
-    if played.over:
-        raise refusal(409, "this episode is over; begin a new one")
-    if steps != played.state.steps:
-        raise refusal(409, f"this episode is at step {played.state.steps} already; reload it")
-    action = read_action(played.dynamics.appearance, name)
-    moved = played.dynamics.step(played.state, action)
-    if moved.invalid is not None and not episode.strict:
-        reason = str(moved.invalid).replace("_", " ")
-        raise refusal(409, f"{describe(action)} is not legal here: {reason}; nothing was done")
-    episode.actions = [*episode.actions, played.dynamics.appearance.encode(action)]
-    episode.reward += moved.reward
-    if moved.result.ends:
-        episode.outcome = str(moved.outcome)
-    return Played(episode, played.task, played.dynamics, moved.state, moved)
+def act(loaded: LoadedEpisode, name: str, steps: int) -> LoadedEpisode:
+    """Takes the action with that name; `steps` is the step count the player saw.
+
+    Responds with 409, changing nothing, if the episode is over, the step count is stale, or the action is illegal and
+    the episode not strict.
+    """
+    row = loaded.row
+    if loaded.over:
+        raise http_error(409, "this episode is over; start a new one")
+    if steps != loaded.state.steps:
+        raise http_error(409, f"this episode is already at step {loaded.state.steps}; reload it")
+    action = parse_action(loaded.dynamics.appearance, name)
+    transition = loaded.dynamics.step(loaded.state, action)
+    if transition.invalid is not None and not row.strict:
+        reason = str(transition.invalid).replace("_", " ")
+        raise http_error(409, f"{describe(action)} is not legal here: {reason}; nothing was done")
+    row.actions = [*row.actions, loaded.dynamics.appearance.encode(action)]
+    row.reward += transition.reward
+    if transition.result.ends:
+        row.outcome = str(transition.outcome)
+    return LoadedEpisode(row, loaded.task, loaded.dynamics, transition.state, transition)
 
 
-def episode_body(played: Played) -> EpisodeBody:
-    episode, appearance = played.episode, played.dynamics.appearance
+def episode_body(loaded: LoadedEpisode) -> EpisodeBody:
+    row, appearance = loaded.row, loaded.dynamics.appearance
     return EpisodeBody(
-        id=episode.id,
-        configuration=episode.configuration,
-        split=episode.split,
-        rules=episode.rules,
-        strict=episode.strict,
-        task_id=episode.task_id,
-        statement=played.task.statement,
-        target=played.task.target,
-        steps=played.state.steps,
-        actions_left=played.dynamics.horizon - played.state.steps,
-        reward=round(episode.reward, 6),
-        actions=[describe(appearance.decode(index)) for index in episode.actions],
-        over=played.over,
-        outcome=episode.outcome,
-        shown_solution=episode.shown_solution,
+        id=row.id,
+        configuration=row.configuration,
+        split=row.split,
+        rules=row.rules,
+        strict=row.strict,
+        task_id=row.task_id,
+        statement=loaded.task.statement,
+        target=loaded.task.target,
+        steps=loaded.state.steps,
+        actions_left=loaded.dynamics.horizon - loaded.state.steps,
+        reward=round(row.reward, 6),
+        actions=[describe(appearance.decode(index)) for index in row.actions],
+        over=loaded.over,
+        outcome=row.outcome,
+        shown_solution=row.shown_solution,
         grid=appearance.grid if isinstance(appearance, Scatter) else None,
-        scene=scene_body(played.state.scene),
+        scene=scene_body(loaded.state.scene),
     )
 
 
-def legal_actions(played: Played, look: tuple[str | None, str | None, str | None]) -> list[str]:
-    """The names of the actions that are legal now; of ADDs of items only those of the look (shape, colour, size)."""
-    appearance = played.dynamics.appearance
-    mask = played.dynamics.legal_mask(played.state)
+def legal_actions(loaded: LoadedEpisode, item_type: ItemTypeFilter) -> list[str]:
+    """Names of the legal actions; of Scatter's ADDs only those of matching items."""
+    appearance = loaded.dynamics.appearance
+    mask = loaded.dynamics.legal_mask(loaded.state)
     actions = map(appearance.decode, np.flatnonzero(mask).tolist())
-    return [describe(action) for action in actions if not isinstance(action, AddItem) or _looks(action, look)]
+    return [describe(action) for action in actions if matches_item_type(action, item_type)]
 
 
-def _looks(action: AddItem, look: tuple[str | None, str | None, str | None]) -> bool:
+def matches_item_type(action: Action, item_type: ItemTypeFilter) -> bool:
+    """Whether the action adds an item of that type, or is no ADD of an item."""
+    if not isinstance(action, AddItem):
+        return True
     names = (action.shape.name, action.colour.name, action.size.name)
-    return all(wanted is None or wanted == name for wanted, name in zip(look, names, strict=True))
+    return all(wanted is None or wanted == name for wanted, name in zip(item_type, names, strict=True))
 
 
-def explanation(played: Played) -> ExplanationBody:
-    """Which rule ended the episode, and what the program makes of the last scene. Answers 409 before the end."""
-    if played.episode.outcome is None or played.last is None:
-        raise refusal(409, "the episode is not over yet")
-    task, scene = played.task, played.state.scene
+def explanation(loaded: LoadedEpisode) -> ExplanationBody:
+    """Responds with 409 before the end of the episode."""
+    if loaded.row.outcome is None or loaded.last is None:
+        raise http_error(409, "the episode is not over yet")
+    task, scene = loaded.task, loaded.state.scene
     return ExplanationBody(
-        rule=RULES_IN_WORDS[Outcome(played.episode.outcome)],
-        invalid_reason=None if played.last.invalid is None else str(played.last.invalid).replace("_", " "),
+        rule=OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
+        invalid_reason=None if loaded.last.invalid is None else str(loaded.last.invalid).replace("_", " "),
         program=task.program,
         truth=task.truth(scene),
         target=task.target,
@@ -240,19 +259,18 @@ def explanation(played: Played) -> ExplanationBody:
     )
 
 
-def solution(catalogue: Catalogue, played: Played) -> SolutionBody:
-    """The expert's way from the start."""
-    solver = catalogue.solver(played.episode.configuration, played.episode.rules)
-    found = solver.solve(played.task)
-    state, steps = played.dynamics.start(played.task), []
-    for action in found.actions:
-        state = played.dynamics.step(state, action).state
+def solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
+    solver = catalogue.solver(loaded.row.configuration, loaded.row.rules)
+    solved = solver.solve(loaded.task)
+    state, steps = loaded.dynamics.start(loaded.task), []
+    for action in solved.actions:
+        state = loaded.dynamics.step(state, action).state
         steps.append(SolutionStep(action=describe(action), scene=scene_body(state.scene)))
     return SolutionBody(
-        found=found.solved,
-        proven_shortest=found.proven_optimal,
-        reason=found.reason,
-        start=scene_body(played.task.start),
+        found=solved.solved,
+        proven_shortest=solved.proven_optimal,
+        reason=solved.reason,
+        start=scene_body(loaded.task.start),
         steps=steps,
     )
 
@@ -264,8 +282,8 @@ class ConfigurationProgress(BaseModel):
     mean_reward: float
 
 
-class EpisodeLine(BaseModel):
-    """An episode in a list."""
+class EpisodeSummary(BaseModel):
+    """An entry of the list of recent episodes."""
 
     id: str
     configuration: str
@@ -277,15 +295,15 @@ class EpisodeLine(BaseModel):
 
 
 class ProgressBody(BaseModel):
-    """What this browser has played. Episodes whose solution was shown before the end are not counted."""
+    """This visitor's results. Episodes whose solution was shown before the end are not counted."""
 
     nickname: str | None
     configurations: list[ConfigurationProgress]
-    recent: list[EpisodeLine]
+    recent: list[EpisodeSummary]
 
 
-class BestLine(BaseModel):
-    """A player's successes in one configuration."""
+class LeaderboardRow(BaseModel):
+    """A player's results in one configuration."""
 
     player: str
     configuration: str
@@ -295,16 +313,18 @@ class BestLine(BaseModel):
     you: bool
 
 
-COUNTED = (PlayedEpisode.outcome.is_not(None), PlayedEpisode.shown_solution.is_(False))
-_SUCCESSES = func.count().filter(PlayedEpisode.outcome == str(Outcome.SUCCESS))
-_TASKS = func.count(func.distinct(PlayedEpisode.task_id)).filter(PlayedEpisode.outcome == str(Outcome.SUCCESS))
+_IS_COUNTED = (PlayedEpisode.outcome.is_not(None), PlayedEpisode.shown_solution.is_(False))
+_SUCCESS_COUNT = func.count().filter(PlayedEpisode.outcome == str(Outcome.SUCCESS))
+_SOLVED_TASK_COUNT = func.count(func.distinct(PlayedEpisode.task_id)).filter(
+    PlayedEpisode.outcome == str(Outcome.SUCCESS)
+)
 
 
 def progress(session: Session, visitor_id: str) -> ProgressBody:
-    """What a visitor has played, the latest episodes first."""
+    """A visitor's results by configuration, and the most recent episodes."""
     counts = session.execute(
-        select(PlayedEpisode.configuration, func.count(), _SUCCESSES, func.avg(PlayedEpisode.reward))
-        .where(PlayedEpisode.visitor_id == visitor_id, *COUNTED)
+        select(PlayedEpisode.configuration, func.count(), _SUCCESS_COUNT, func.avg(PlayedEpisode.reward))
+        .where(PlayedEpisode.visitor_id == visitor_id, *_IS_COUNTED)
         .group_by(PlayedEpisode.configuration)
         .order_by(PlayedEpisode.configuration)
     )
@@ -312,7 +332,7 @@ def progress(session: Session, visitor_id: str) -> ProgressBody:
         select(PlayedEpisode)
         .where(PlayedEpisode.visitor_id == visitor_id)
         .order_by(PlayedEpisode.changed.desc())
-        .limit(10)
+        .limit(RECENT_EPISODES)
     )
     visitor = session.get(Visitor, visitor_id)
     return ProgressBody(
@@ -324,7 +344,7 @@ def progress(session: Session, visitor_id: str) -> ProgressBody:
             for name, episodes, successes, mean in counts
         ],
         recent=[
-            EpisodeLine(
+            EpisodeSummary(
                 id=episode.id,
                 configuration=episode.configuration,
                 split=episode.split,
@@ -338,25 +358,25 @@ def progress(session: Session, visitor_id: str) -> ProgressBody:
     )
 
 
-def best(session: Session, visitor_id: str) -> list[BestLine]:
-    """Players by how many different tasks of a configuration they solved, then by mean reward."""
+def leaderboard(session: Session, visitor_id: str) -> list[LeaderboardRow]:
+    """Players and configurations by number of distinct tasks solved, then by mean reward; marks the visitor's rows."""
     mean = func.avg(PlayedEpisode.reward)
     rows = session.execute(
-        select(Visitor.id, Visitor.nickname, PlayedEpisode.configuration, func.count(), _TASKS, mean)
+        select(Visitor.id, Visitor.nickname, PlayedEpisode.configuration, func.count(), _SOLVED_TASK_COUNT, mean)
         .join(Visitor, Visitor.id == PlayedEpisode.visitor_id)
-        .where(*COUNTED)
+        .where(*_IS_COUNTED)
         .group_by(Visitor.id, Visitor.nickname, PlayedEpisode.configuration)
-        .order_by(_TASKS.desc(), mean.desc())
-        .limit(MOST_BEST)
+        .order_by(_SOLVED_TASK_COUNT.desc(), mean.desc())
+        .limit(LEADERBOARD_SIZE)
     )
     return [
-        BestLine(
-            player=nickname or "somebody",
+        LeaderboardRow(
+            player=nickname or "anonymous",
             configuration=configuration,
             episodes=episodes,
             successes=successes,
             mean_reward=round(float(reward), 3),
-            you=found_id == visitor_id,
+            you=player_id == visitor_id,
         )
-        for found_id, nickname, configuration, episodes, successes, reward in rows
+        for player_id, nickname, configuration, episodes, successes, reward in rows
     ]

@@ -1,4 +1,4 @@
-"""Programs evaluated in processes of their own, which are ended when a program takes too long or too much memory."""
+"""Evaluates untrusted programs in worker processes with a time and a memory limit."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.tracing import TraceEntry, trace
 from lilgym_mp.scene import Scene
 
-START_SECONDS = 60.0  # for a new process to import what it needs, on a busy machine
-WAIT_SECONDS = 20.0  # for a process to be free
-MOST_MEMORY = 2 << 30  # bytes of address space
+START_SECONDS = 60.0  # timeout for a new worker's imports on a busy machine
+WAIT_SECONDS = 20.0  # timeout for a free worker
+MAX_MEMORY = 2 << 30  # bytes of address space
 
 
-class Evaluation(NamedTuple):
-    """What a program says of scenes: a truth each, None where it has no value, and the first reason for that."""
+class ProgramEvaluation(NamedTuple):
+    """Truth values of a program on a list of scenes."""
 
-    truths: list[bool | None]
-    fault: str | None
-    parts: list[TraceEntry]  # of the program in the first scene, where they were asked for
+    truths: list[bool | None]  # None: evaluating the program on this scene failed
+    fault: str | None  # first error message
+    parts: list[TraceEntry]  # trace of the program on the first scene; empty unless requested
 
 
-class EvaluationError(Exception):
-    """A program that could not be evaluated at all; the text says why."""
+class ProgramEvaluationError(Exception):
+    """A program that cannot be evaluated: a syntax error, a timeout or a crash."""
 
 
 class EvaluatorBusy(Exception):
-    """No process was free in time."""
+    """No worker became free in time."""
 
 
-def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> Evaluation:
-    """Evaluates in this process. Raises ProgramError for what is no program."""
+def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> ProgramEvaluation:
+    """Evaluates in this process. Raises ProgramError if the source is not a valid program."""
     program = compile_program(source)
     truths: list[bool | None] = []
     first_fault: str | None = None
@@ -48,12 +48,12 @@ def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> Evaluatio
         except ProgramRuntimeError as fault:
             truths.append(None)
             first_fault = first_fault or str(fault)
-    return Evaluation(truths, first_fault, trace(source, scenes[0]) if traced and scenes else [])
+    return ProgramEvaluation(truths, first_fault, trace(source, scenes[0]) if traced and scenes else [])
 
 
-def _work(connection: Connection) -> None:
-    """Answers what comes through the connection until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server, which then closes the connection
+def _worker_main(connection: Connection) -> None:
+    """Serves evaluation requests until the connection is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Ctrl-C the server closes the connection
     _limit_memory()
     connection.send("ready")
     while True:
@@ -61,14 +61,14 @@ def _work(connection: Connection) -> None:
             source, scenes, traced = connection.recv()
         except (EOFError, OSError):
             return
-        answer: Any
+        reply: ProgramEvaluation | str
         try:
-            answer = evaluate(source, scenes, traced=traced)
+            reply = evaluate(source, scenes, traced=traced)
         except ProgramError as fault:
-            answer = str(fault)
+            reply = str(fault)
         except (MemoryError, RecursionError):
-            answer = "the program needs too much memory"
-        connection.send(answer)
+            reply = "the program needs too much memory"
+        connection.send(reply)
 
 
 def _limit_memory() -> None:
@@ -76,41 +76,44 @@ def _limit_memory() -> None:
         import resource
 
         with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+            resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
 
 
 class _Worker:
-    """One process, started when it is first needed."""
+    """A worker process, started on first use."""
 
     def __init__(self) -> None:
         self._process: Any = None
         self._connection: Connection | None = None
 
-    def ask(self, source: str, scenes: Sequence[Scene], seconds: float, *, traced: bool) -> Evaluation | str:
+    def evaluate(
+        self, source: str, scenes: Sequence[Scene], seconds: float, *, traced: bool
+    ) -> ProgramEvaluation | str:
+        """The evaluation, or an error message. Raises ProgramEvaluationError if the process is killed or crashes."""
         try:
             connection = self._connection or self._start()
             connection.send((source, list(scenes), traced))
             if connection.poll(seconds):
                 return connection.recv()
         except (EOFError, OSError):
-            self.end()
-            raise EvaluationError("the process that evaluated the program ended; try again") from None
-        self.end()
-        raise EvaluationError(f"the program took longer than {seconds:g} seconds")
+            self.kill()
+            raise ProgramEvaluationError("the process evaluating the program crashed; try again") from None
+        self.kill()
+        raise ProgramEvaluationError(f"the program took longer than {seconds:g} seconds")
 
     def _start(self) -> Connection:
         context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs,), daemon=True, name="lilgym-mp programs")
+        parent_end, child_end = context.Pipe()
+        process = context.Process(target=_worker_main, args=(child_end,), daemon=True, name="lilgym-mp programs")
         process.start()
-        theirs.close()
-        self._process, self._connection = process, ours
-        if not ours.poll(START_SECONDS):
+        child_end.close()
+        self._process, self._connection = process, parent_end
+        if not parent_end.poll(START_SECONDS):
             raise EOFError
-        ours.recv()
-        return ours
+        parent_end.recv()  # "ready"
+        return parent_end
 
-    def end(self) -> None:
+    def kill(self) -> None:
         if self._connection is not None:
             self._connection.close()
         if self._process is not None:
@@ -119,8 +122,8 @@ class _Worker:
         self._process = self._connection = None
 
 
-class Evaluator:
-    """Some processes that evaluate programs, for any number of threads."""
+class ProgramEvaluator:
+    """Thread-safe pool of worker processes that evaluate programs."""
 
     def __init__(self, processes: int, seconds: float) -> None:
         self._seconds = seconds
@@ -130,24 +133,24 @@ class Evaluator:
             self._free.put(worker)
         self._closing = threading.Lock()
 
-    def evaluate(self, source: str, scenes: Sequence[Scene], *, traced: bool = False) -> Evaluation:
-        """What the program says of the scenes.
+    def evaluate(self, source: str, scenes: Sequence[Scene], *, traced: bool = False) -> ProgramEvaluation:
+        """Evaluates the program on the scenes; `traced` adds the value of each part on the first scene.
 
-        Raises EvaluationError for what is no program and for one that takes too long, EvaluatorBusy.
+        Raises ProgramEvaluationError for an invalid program or one that exceeds a limit, EvaluatorBusy.
         """
         try:
             worker = self._free.get(timeout=WAIT_SECONDS)
         except queue.Empty:
             raise EvaluatorBusy from None
         try:
-            answer = worker.ask(source, scenes, self._seconds, traced=traced)
+            reply = worker.evaluate(source, scenes, self._seconds, traced=traced)
         finally:
             self._free.put(worker)
-        if isinstance(answer, str):
-            raise EvaluationError(answer)
-        return answer
+        if isinstance(reply, str):
+            raise ProgramEvaluationError(reply)
+        return reply
 
     def close(self) -> None:
         with self._closing:
             for worker in self._workers:
-                worker.end()
+                worker.kill()

@@ -1,9 +1,9 @@
-"""Recorded episodes as the page /watch shows them: found by filters, played again step by step."""
+"""Response models of recorded episodes for /watch, and their construction: filters, replay, decisions."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,16 +18,16 @@ from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.run_directory import FoundRecording, Recordings, Unreadable
+from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.run_directory import RecordingFile, RunDirectory, UnreadableRecording
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 
-MOST_LISTED = 100  # episodes of one answer
-MOST_CELLS = 2_000  # of a grid whose cells are told one by one
+EPISODES_PER_RESPONSE = 100
+MAX_GRID_CELLS = 2_000  # finer grids get no legal cells
 
 
-class RecordingLine(BaseModel):
-    """A recording in the list; `fault` says why it cannot be opened, and then little else is known."""
+class RecordingSummary(BaseModel):
+    """A recording in the list; if its header is unreadable, `fault` says why and the other fields are null."""
 
     id: str
     name: str
@@ -44,8 +44,8 @@ class RecordingLine(BaseModel):
     episodes: int | None = None
 
 
-class RunLine(BaseModel):
-    """A run whose agent can be recorded, and the command that does it."""
+class RunSummary(BaseModel):
+    """A run with an agent, and the command that records its episodes."""
 
     id: str
     name: str
@@ -53,11 +53,11 @@ class RunLine(BaseModel):
 
 
 class RecordingsBody(BaseModel):
-    """What is in the directory of runs; `directory` is None where the server was given none."""
+    """Recordings and runs in the runs directory; `directory` is null if the server has none."""
 
     directory: str | None
-    recordings: list[RecordingLine]
-    runs: list[RunLine]
+    recordings: list[RecordingSummary]
+    runs: list[RunSummary]
 
 
 class CountBody(BaseModel):
@@ -65,8 +65,8 @@ class CountBody(BaseModel):
     episodes: int
 
 
-class RecordingBody(RecordingLine):
-    """A recording that was opened."""
+class RecordingBody(RecordingSummary):
+    """A recording with summary statistics."""
 
     supervision: str
     successes: int
@@ -75,12 +75,12 @@ class RecordingBody(RecordingLine):
     phenomena: list[CountBody]
     has_decisions: bool
     has_judgements: bool
-    command: str  # that records decisions as well
-    comparable: list[RecordingLine]  # other recordings of the same tasks
+    command: str  # records the same episodes with decisions
+    comparable: list[RecordingSummary]  # other recordings of the same tasks
 
 
-class EpisodeLine(BaseModel):
-    """An episode in a list."""
+class EpisodeSummary(BaseModel):
+    """An entry of the episode list."""
 
     index: int
     task: str
@@ -94,14 +94,14 @@ class EpisodeLine(BaseModel):
 
 
 class EpisodesBody(BaseModel):
-    """Episodes that pass the filters, in the recording's order."""
+    """A page of the matching episodes, in the recording's order, and how many match."""
 
     total: int
-    episodes: list[EpisodeLine]
+    episodes: list[EpisodeSummary]
 
 
 class CellBody(BaseModel):
-    """A place of the picture and what was thought of it. Tower's boxes are columns with one row."""
+    """The probabilities of ADD and REMOVE at a grid cell. Tower has one row, a column per box."""
 
     column: int
     row: int
@@ -120,14 +120,14 @@ class LikelyProgram(BaseModel):
 
 
 class AnswerBody(BaseModel):
-    """What an agent that reads and writes answered, and whether that decided for one action."""
+    """A language model's answer, and whether it was understood as a single action."""
 
     text: str
     understood: bool
 
 
 class DecisionBody(BaseModel):
-    """What the agent went by before an action."""
+    """The agent's predictions before an action."""
 
     stop: float
     add: float
@@ -147,16 +147,16 @@ class DecisionBody(BaseModel):
 
 
 class LegalCell(BaseModel):
-    """A place where something is legal, by the exact mask."""
+    """A grid cell with at least one legal action, by the exact mask."""
 
     column: int
     row: int
-    add: int  # legal ADDs there
+    add: int  # number of legal ADDs
     remove: bool
 
 
 class StepBody(BaseModel):
-    """A scene, and what was done in it; the last scene has no action."""
+    """A scene and the action taken in it; the last scene has no action."""
 
     scene: SceneBody
     action: str | None
@@ -165,8 +165,8 @@ class StepBody(BaseModel):
     legal: list[LegalCell]
 
 
-class EpisodeBody(EpisodeLine):
-    """An episode, step by step."""
+class EpisodeBody(EpisodeSummary):
+    """An episode with all of its steps."""
 
     program: str
     total: float
@@ -179,8 +179,8 @@ class EpisodeBody(EpisodeLine):
 
 
 @dataclass(frozen=True)
-class Filters:
-    """Which episodes are wanted; None: any."""
+class EpisodeFilters:
+    """Criteria for episodes; None matches any."""
 
     success: bool | None = None
     outcome: str | None = None
@@ -191,8 +191,8 @@ class Filters:
     task: str | None = None
     text: str = ""
 
-    def passes(self, episode: RecordedEpisode) -> bool:
-        wanted: Sequence[tuple[Any, Any]] = (
+    def matches(self, episode: RecordedEpisode) -> bool:
+        criteria: Sequence[tuple[Any, Any]] = (
             (self.success, episode.is_success),
             (self.outcome, episode.outcome),
             (self.invalid_reason, episode.invalid_reason),
@@ -201,38 +201,36 @@ class Filters:
             (self.task, episode.task),
         )
         return (
-            all(value is None or value == found for value, found in wanted)
+            all(wanted is None or wanted == actual for wanted, actual in criteria)
             and (self.phenomenon is None or self.phenomenon in episode.phenomena)
             and (self.text.lower() in episode.statement.lower() or self.text.lower() in episode.task.lower())
         )
 
 
-def recordings_body(recordings: Recordings) -> RecordingsBody:
-    directory = recordings.directory
+def recordings_body(run_directory: RunDirectory) -> RecordingsBody:
+    directory = run_directory.directory
     return RecordingsBody(
         directory=None if directory is None else str(directory),
-        recordings=[_line(found) for found in recordings.list()],
+        recordings=[_summary(file) for file in run_directory.recordings()],
         runs=[
-            RunLine(id=run.id, name=run.name, command=record_command(directory, run.name))
-            for run in recordings.list_runs()
+            RunSummary(id=run.id, name=run.name, command=_record_command(directory / run.name))
+            for run in run_directory.agent_runs()
             if directory is not None
         ],
     )
 
 
-def record_command(directory: Path, run: str) -> str:
-    place = directory / run
-    return f"lilgym-mp evaluate {place} --record {place} --record-decisions"
+def _record_command(run: Path) -> str:
+    return f"lilgym-mp evaluate {run} --record {run} --record-decisions"
 
 
-def _line(found: FoundRecording) -> RecordingLine:
-    header = found.header
-    if header is None:
-        return RecordingLine(id=found.id, name=found.name, fault=found.fault)
-    return RecordingLine(**_about(found.id, found.name, header), fault=None)
+def _summary(file: RecordingFile) -> RecordingSummary:
+    if file.header is None:
+        return RecordingSummary(id=file.id, name=file.name, fault=file.fault)
+    return RecordingSummary(**_header_fields(file.id, file.name, file.header), fault=None)
 
 
-def _about(recording_id: str, name: str, header: Header) -> dict[str, Any]:
+def _header_fields(recording_id: str, name: str, header: Header) -> dict[str, Any]:
     settings = header.settings
     return {
         "id": recording_id,
@@ -250,26 +248,26 @@ def _about(recording_id: str, name: str, header: Header) -> dict[str, Any]:
     }
 
 
-def opened(recordings: Recordings, recording_id: str) -> Recording:
-    """The recording. Answers 404 where there is none, 422 where it is damaged."""
+def read_recording(run_directory: RunDirectory, recording_id: str) -> Recording:
+    """Responds with 404 if there is no such recording, 422 if it is unreadable."""
     try:
-        found = recordings.read(recording_id)
-    except Unreadable as fault:
-        raise refusal(422, str(fault)) from None
-    if found is None:
-        raise refusal(404, "there is no such recording; it may have been moved: reload the list")
-    return found
+        recording = run_directory.read(recording_id)
+    except UnreadableRecording as fault:
+        raise http_error(422, str(fault)) from None
+    if recording is None:
+        raise http_error(404, "there is no such recording; it may have been moved: reload the list")
+    return recording
 
 
-def recording_body(recordings: Recordings, recording_id: str) -> RecordingBody:
-    """Everything about a recording but its episodes. Answers as `opened`."""
-    recording = opened(recordings, recording_id)
-    listed = recordings.list()
-    name = next((found.name for found in listed if found.id == recording_id), "")
+def recording_body(run_directory: RunDirectory, recording_id: str) -> RecordingBody:
+    """Error responses as those of `read_recording`."""
+    recording = read_recording(run_directory, recording_id)
+    files = run_directory.recordings()
+    name = next((file.name for file in files if file.id == recording_id), "")
     header, episodes = recording.header, recording.episodes
     decisions = [decision for episode in episodes for decision in episode.decisions or ()]
     return RecordingBody(
-        **_about(recording_id, name, header),
+        **_header_fields(recording_id, name, header),
         fault=None,
         supervision=header.supervision,
         successes=sum(episode.is_success for episode in episodes),
@@ -278,20 +276,20 @@ def recording_body(recordings: Recordings, recording_id: str) -> RecordingBody:
         phenomena=_counts(name for episode in episodes for name in episode.phenomena),
         has_decisions=bool(decisions),
         has_judgements=any(decision.steps_to_go is not None for decision in decisions),
-        command=_command(header, recording.path.parent),
-        comparable=[_line(found) for found in listed if found.id != recording_id and _same_tasks(found.header, header)],
+        command=_rerecord_command(header, recording.path.parent),
+        comparable=[_summary(file) for file in files if file.id != recording_id and _same_tasks(file.header, header)],
     )
 
 
-def _command(header: Header, directory: Path) -> str:
-    """What records the same with decisions, as far as the header tells."""
+def _rerecord_command(header: Header, directory: Path) -> str:
+    """The command that records the same episodes with decisions, reconstructed from the header."""
     settings = header.settings
     words = [f"--policy {header.agent.replace(' ', '-')}" if header.run is None else header.run]
     if header.run is not None:
         words.append(f"--actions {header.actions}")
     words.append(f"--configuration {settings.configuration}")
-    usual = {"corpus": "builtin", "rules": "paper"}
-    words += [f"--{name} {getattr(settings, name)}" for name in usual if getattr(settings, name) != usual[name]]
+    defaults = {"corpus": "builtin", "rules": "paper"}
+    words += [f"--{name} {getattr(settings, name)}" for name in defaults if getattr(settings, name) != defaults[name]]
     words.append(f"--split {header.split}")
     words += [f"--seed {header.seed}"] if header.seed else []
     words += [f"--passes {header.passes}"] if header.passes > 1 else []
@@ -310,15 +308,15 @@ def _counts(names: Any) -> list[CountBody]:
     return [CountBody(name=name, episodes=count) for name, count in Counter(names).most_common()]
 
 
-def episodes_body(recording: Recording, filters: Filters, offset: int) -> EpisodesBody:
-    passing = [(index, episode) for index, episode in enumerate(recording.episodes) if filters.passes(episode)]
-    shown = passing[offset : offset + MOST_LISTED]
+def episodes_body(recording: Recording, filters: EpisodeFilters, offset: int) -> EpisodesBody:
+    matching = [(index, episode) for index, episode in enumerate(recording.episodes) if filters.matches(episode)]
+    page = matching[offset : offset + EPISODES_PER_RESPONSE]
     return EpisodesBody(
-        total=len(passing), episodes=[EpisodeLine(**_episode_line(index, episode)) for index, episode in shown]
+        total=len(matching), episodes=[EpisodeSummary(**_episode_fields(index, episode)) for index, episode in page]
     )
 
 
-def _episode_line(index: int, episode: RecordedEpisode) -> dict[str, Any]:
+def _episode_fields(index: int, episode: RecordedEpisode) -> dict[str, Any]:
     return {
         "index": index,
         "task": episode.task,
@@ -333,17 +331,17 @@ def _episode_line(index: int, episode: RecordedEpisode) -> dict[str, Any]:
 
 
 def episode_body(recording: Recording, index: int) -> EpisodeBody:
-    """Answers 404 where there is no such episode, 422 where its actions cannot be played again."""
+    """Responds with 404 if there is no such episode, 422 if its actions cannot be replayed."""
     if not 0 <= index < len(recording.episodes):
-        raise refusal(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
+        raise http_error(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
     episode = recording.episodes[index]
     try:
         dynamics = recording.header.settings.dynamics()
         steps = _steps(dynamics, episode)
     except (ValueError, TypeError, IndexError) as fault:
-        raise refusal(422, f"the episode cannot be played again: {fault}") from None
+        raise http_error(422, f"the episode cannot be replayed: {fault}") from None
     return EpisodeBody(
-        **_episode_line(index, episode),
+        **_episode_fields(index, episode),
         program=episode.program,
         total=round(episode.reward, 6),
         phenomena=list(episode.phenomena),
@@ -356,39 +354,34 @@ def episode_body(recording: Recording, index: int) -> EpisodeBody:
 
 
 def _grid(appearance: Appearance) -> tuple[int, int]:
+    """Columns and rows."""
     return appearance.grid if isinstance(appearance, Scatter) else (3, 1)
 
 
 def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[StepBody]:
     for action in episode.actions:
-        dynamics.appearance.encode(action)  # one of another appearance cannot be played
-    seen = scenes(dynamics, dynamics.appearance.check_scene(episode.start), episode.actions)
+        dynamics.appearance.encode(action)  # raises for an action of another appearance
+    visited = scenes(dynamics, dynamics.appearance.check_scene(episode.start), episode.actions)
     if episode.outcome == "horizon" and not dynamics.rules.applies_edit_at_horizon:
-        seen[-1] = seen[-2]
+        visited[-1] = visited[-2]
     decisions = episode.decisions or (None,) * len(episode.actions)
-    cell_of = _cell_of(dynamics.appearance)
+    rows = _grid(dynamics.appearance)[1]
     steps = [
         StepBody(
             scene=scene_body(scene),
             action=describe(action),
             reward=reward,
-            decision=None if decision is None else _decision_body(decision, cell_of),
-            legal=_legal(dynamics, scene),
+            decision=None if decision is None else _decision_body(decision, rows),
+            legal=_legal_cells(dynamics, scene),
         )
-        for scene, action, reward, decision in zip(seen, episode.actions, episode.rewards, decisions, strict=False)
+        for scene, action, reward, decision in zip(visited, episode.actions, episode.rewards, decisions, strict=False)
     ]
-    return [*steps, StepBody(scene=scene_body(seen[-1]), action=None, reward=None, decision=None, legal=[])]
+    return [*steps, StepBody(scene=scene_body(visited[-1]), action=None, reward=None, decision=None, legal=[])]
 
 
-def _cell_of(appearance: Appearance) -> Callable[[int], tuple[int, int]]:
-    """From a cell to its column and row."""
-    rows = _grid(appearance)[1]
-    return lambda cell: (cell // rows, cell % rows)
-
-
-def _legal(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
+def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
     columns, rows = _grid(dynamics.appearance)
-    if columns * rows > MOST_CELLS:
+    if columns * rows > MAX_GRID_CELLS:
         return []
     kinds, cells, count = places(dynamics.appearance)
     mask = dynamics.appearance.legal_mask(scene, dynamics.rules.placement)
@@ -401,13 +394,14 @@ def _legal(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
     ]
 
 
-def _decision_body(decision: Decision, cell_of: Callable[[int], tuple[int, int]]) -> DecisionBody:
+def _decision_body(decision: Decision, rows: int) -> DecisionBody:
+    """`rows` of the grid: cell indices are column-major."""
     stop, add, remove = decision.types
     cells: list[CellBody] = []
     for cell in sorted({*decision.add_cells, *decision.remove_cells}):
-        column, row = cell_of(cell)
-        adds, removes = decision.add_cells.get(cell, 0.0), decision.remove_cells.get(cell, 0.0)
-        cells.append(CellBody(column=column, row=row, add=adds, remove=removes))
+        column, row = divmod(cell, rows)
+        add_share, remove_share = decision.add_cells.get(cell, 0.0), decision.remove_cells.get(cell, 0.0)
+        cells.append(CellBody(column=column, row=row, add=add_share, remove=remove_share))
     return DecisionBody(
         stop=stop,
         add=add,

@@ -1,6 +1,6 @@
-"""The recorded episodes and training runs of one directory: found by listing it, addressed by ids.
+"""Recordings and trained agents in the directory given by `--runs`, addressed by id.
 
-No part of a request is ever joined to a path: an id is looked up among those that the listing gave.
+No part of a request is ever joined to a path: ids are looked up among the files found by listing the directory.
 """
 
 from __future__ import annotations
@@ -17,128 +17,129 @@ from typing import NamedTuple
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
 from lilgym_mp.learning.agent_files import AGENT_FILE
 
-MOST_FILES = 2_000  # recordings and runs that are listed
-MOST_DEPTH = 6  # directories below the one that is given
-MOST_BYTES = 64 << 20  # of a file, compressed
-KEPT = 6  # recordings that stay read
+MAX_FILES = 2_000  # listed per kind
+MAX_DEPTH = 6  # of nested directories
+MAX_BYTES = 64 << 20  # of a recording, compressed
+RECORDING_CACHE_SIZE = 6
 
-Stamp = tuple[int, int]  # time of change and size: a file that was written anew is read anew
-
-
-class Unreadable(ValueError):
-    """A file that is there but holds no whole recording; the message names it as the listing does."""
+FileStamp = tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
 
 
-class FoundRecording(NamedTuple):
-    """A file of recorded episodes; `fault` says why it cannot be read."""
+class UnreadableRecording(ValueError):
+    """A recording that is damaged or too large; the message gives its listed name, not its path."""
+
+
+class RecordingFile(NamedTuple):
+    """A file of recorded episodes; `fault` says why its header cannot be read."""
 
     id: str
-    name: str  # below the directory, without the suffix
+    name: str  # path relative to the directory, without the suffix
     header: Header | None
     fault: str | None
 
 
-class FoundRun(NamedTuple):
-    """A run with an agent."""
+class AgentRun(NamedTuple):
+    """A training run with a saved agent."""
 
     id: str
     name: str
 
 
 @dataclass(frozen=True)
-class _Place:
+class _FoundFile:
     path: Path
     name: str
-    stamp: Stamp
+    stamp: FileStamp
 
 
-class Recordings:
-    """What is in a directory of runs; files that come or change while the server runs are seen."""
+class RunDirectory:
+    """Lists the directory on every call, so new and changed files appear without a restart; caches their content."""
 
     def __init__(self, directory: Path | None) -> None:
         self.directory = directory
-        self._headers: dict[str, tuple[Stamp, FoundRecording]] = {}
-        self._read: OrderedDict[str, tuple[Stamp, Recording]] = OrderedDict()
+        self._headers: dict[str, tuple[FileStamp, RecordingFile]] = {}
+        self._recordings: OrderedDict[str, tuple[FileStamp, Recording]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def list(self) -> list[FoundRecording]:
-        """Every recording, by name. Damaged ones are among them, with their fault."""
-        return [self._described(key, place) for key, place in self._places(SUFFIX).items()]
+    def recordings(self) -> list[RecordingFile]:
+        """Every recording, sorted by name; damaged ones are included with their fault."""
+        return [self._describe(key, file) for key, file in self._find(SUFFIX).items()]
 
-    def runs(self) -> dict[str, Path]:
+    def agent_directories(self) -> dict[str, Path]:
         """The directory of each run with an agent, by id."""
-        return {key: place.path.parent for key, place in self._places(AGENT_FILE).items()}
+        return {key: file.path.parent for key, file in self._find(AGENT_FILE).items()}
 
-    def list_runs(self) -> list[FoundRun]:
-        return [FoundRun(key, place.name) for key, place in self._places(AGENT_FILE).items()]
+    def agent_runs(self) -> list[AgentRun]:
+        return [AgentRun(key, file.name) for key, file in self._find(AGENT_FILE).items()]
 
     def read(self, recording_id: str) -> Recording | None:
-        """The recording of that id, None where there is none. Raises Unreadable."""
-        place = self._places(SUFFIX).get(recording_id)
-        if place is None:
+        """The recording with that id, or None. Raises UnreadableRecording."""
+        file = self._find(SUFFIX).get(recording_id)
+        if file is None:
             return None
         with self._lock:
-            kept = self._read.get(recording_id)
-            if kept is not None and kept[0] == place.stamp:
-                self._read.move_to_end(recording_id)
-                return kept[1]
-            recording = _read(place)
-            self._read[recording_id] = place.stamp, recording
-            if len(self._read) > KEPT:
-                self._read.popitem(last=False)
+            cached = self._recordings.get(recording_id)
+            if cached is not None and cached[0] == file.stamp:
+                self._recordings.move_to_end(recording_id)
+                return cached[1]
+            recording = _read(file)
+            self._recordings[recording_id] = file.stamp, recording
+            if len(self._recordings) > RECORDING_CACHE_SIZE:
+                self._recordings.popitem(last=False)
         return recording
 
-    def _described(self, key: str, place: _Place) -> FoundRecording:
-        kept = self._headers.get(key)
-        if kept is None or kept[0] != place.stamp:
+    def _describe(self, key: str, file: _FoundFile) -> RecordingFile:
+        cached = self._headers.get(key)
+        if cached is None or cached[0] != file.stamp:
             header, fault = None, None
             try:
-                header = read_header(place.path)
-                fault = None if header else "its first line is not that of recorded episodes"
+                header = read_header(file.path)
+                fault = None if header else "its first line is not the header of a recording"
             except EpisodesError as error:
-                fault = _without_directory(error, place)
-            kept = self._headers[key] = place.stamp, FoundRecording(key, place.name, header, fault)
-        return kept[1]
+                fault = _without_path(error, file)
+            cached = self._headers[key] = file.stamp, RecordingFile(key, file.name, header, fault)
+        return cached[1]
 
-    def _places(self, suffix: str) -> dict[str, _Place]:
+    def _find(self, suffix: str) -> dict[str, _FoundFile]:
+        """Files by id, a hash of the relative path."""
         if self.directory is None:
             return {}
-        found: dict[str, _Place] = {}
+        found: dict[str, _FoundFile] = {}
         for path in _files(self.directory, suffix):
             try:
                 status = path.stat()
             except OSError:
-                continue  # removed since
+                continue  # removed since it was listed
             relative = path.relative_to(self.directory)
             name = str(relative.parent) if suffix == AGENT_FILE else str(relative).removesuffix(suffix)
             key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
-            found[key] = _Place(path, name, (status.st_mtime_ns, status.st_size))
+            found[key] = _FoundFile(path, name, (status.st_mtime_ns, status.st_size))
         return found
 
 
 def _files(directory: Path, suffix: str) -> Iterator[Path]:
-    """The files so named, in order; links to other directories are not followed."""
+    """The files with this name or suffix, sorted; symbolic links to directories are not followed."""
     count = 0
-    for place, directories, files in os.walk(directory):
+    for parent, directories, files in os.walk(directory):
         directories.sort()
-        if len(Path(place).relative_to(directory).parts) >= MOST_DEPTH:
+        if len(Path(parent).relative_to(directory).parts) >= MAX_DEPTH:
             directories.clear()
         for name in sorted(files):
             if name == suffix or (suffix == SUFFIX and name.endswith(suffix)):
                 count += 1
-                if count > MOST_FILES:
+                if count > MAX_FILES:
                     return
-                yield Path(place, name)
+                yield Path(parent, name)
 
 
-def _read(place: _Place) -> Recording:
-    if place.stamp[1] > MOST_BYTES:
-        raise Unreadable(f"{place.name} is larger than {MOST_BYTES >> 20} MiB; record fewer episodes in one file")
+def _read(file: _FoundFile) -> Recording:
+    if file.stamp[1] > MAX_BYTES:
+        raise UnreadableRecording(f"{file.name} is larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file")
     try:
-        return read_episodes(place.path)
+        return read_episodes(file.path)
     except EpisodesError as fault:
-        raise Unreadable(_without_directory(fault, place)) from None
+        raise UnreadableRecording(_without_path(fault, file)) from None
 
 
-def _without_directory(fault: EpisodesError, place: _Place) -> str:
-    return str(fault).replace(str(place.path), place.name)
+def _without_path(fault: EpisodesError, file: _FoundFile) -> str:
+    return str(fault).replace(str(file.path), file.name)

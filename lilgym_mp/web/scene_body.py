@@ -1,4 +1,4 @@
-"""A scene as pages get it: its picture, its items in words, and where they are in the picture."""
+"""Response model of a scene: rendered image, items with bounding boxes, and a text description."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lilgym_mp.web.scene_images import data_url
 
 
 class ItemBody(BaseModel):
-    """An item: its bounding square in native pixels of the whole image, and in words."""
+    """An item's description, and its bounding square in native pixels of the whole image."""
 
     box: int
     index: int
@@ -21,14 +21,14 @@ class ItemBody(BaseModel):
 
 
 class SceneBody(BaseModel):
-    """A scene to show. `picture` is an URL that holds a PNG of 380 x 100 native pixels, drawn larger."""
+    """`picture` is a data URL: a PNG at twice the native size of 380 x 100 pixels."""
 
     picture: str
     items: list[ItemBody]
     description: str
 
 
-def described_item(item: Item) -> str:
+def describe_item(item: Item) -> str:
     return f"{item.size.name} {item.colour.name} {item.shape.name} at ({item.x}, {item.y})".lower()
 
 
@@ -40,13 +40,13 @@ def scene_body(scene: Scene) -> SceneBody:
             x=box_index * BOX_PITCH + item.x,
             y=item.y,
             side=item.side,
-            description=described_item(item),
+            description=describe_item(item),
         )
         for box_index, box in enumerate(scene.boxes)
         for index, item in enumerate(box.items)
     ]
     boxes = [
-        f"{title} box: {', '.join(map(described_item, box.items)) or 'empty'}"
+        f"{title} box: {', '.join(map(describe_item, box.items)) or 'empty'}"
         for title, box in zip(BOX_TITLES, scene.boxes, strict=True)
     ]
     return SceneBody(picture=data_url(scene), items=items, description="; ".join(boxes))

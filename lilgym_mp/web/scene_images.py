@@ -1,4 +1,4 @@
-"""Scenes as PNG pictures, drawn by the package."""
+"""PNG images of scenes, cached."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from PIL import Image
 from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import Scene
 
-KEPT_PICTURES = 2_000
+IMAGE_CACHE_SIZE = 2_000
 SCALE = 2  # 760 x 200 pixels
-COMPRESSION = 3  # of 9: what the higher levels save takes longer than to send it
+COMPRESSION = 3  # of 9: higher levels take longer than sending the bytes they save
 
 
-@lru_cache(KEPT_PICTURES)
+@lru_cache(IMAGE_CACHE_SIZE)
 def png(scene: Scene) -> bytes:
-    """The scene at twice its native size, with smooth edges, as a PNG file."""
+    """The scene at twice its native size, antialiased, as a PNG file."""
     buffer = io.BytesIO()
     Image.fromarray(smooth_picture(scene, SCALE)).save(buffer, "PNG", compress_level=COMPRESSION)
     return buffer.getvalue()
 
 
-@lru_cache(KEPT_PICTURES)
+@lru_cache(IMAGE_CACHE_SIZE)
 def data_url(scene: Scene) -> str:
-    """The picture as an URL that holds it."""
     return f"data:image/png;base64,{base64.b64encode(png(scene)).decode()}"

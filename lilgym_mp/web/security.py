@@ -1,6 +1,6 @@
-"""What every request passes: limits on size and rate, who sent it, CSRF, and headers on the answer.
+"""Middleware for every request: security headers, allowed hosts, body size, authentication, rate limits and CSRF.
 
-Plain ASGI middleware, so that bodies are counted as they come and nothing is buffered.
+Plain ASGI rather than Starlette's BaseHTTPMiddleware: body bytes are counted as they arrive and nothing is buffered.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from fastapi import Request, Response
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Logins, Signer
+from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, CookieSigner, LoginCache
 from lilgym_mp.web.errors import error_response
 
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-OPEN_PATHS = ("/assets/", "/login", "/healthz")  # need no token
-MOST_BYTES = 256 * 1024  # of a request's body
-MOST_IMPORT_BYTES = 32 * 1024 * 1024
+PUBLIC_PATHS = ("/assets/", "/login", "/healthz")  # path prefixes served without a login
+MAX_BODY_BYTES = 256 * 1024
+MAX_IMPORT_BYTES = 32 * 1024 * 1024
 IMPORT_PATH = "/api/annotate/imports"
-BURST_SECONDS = 10  # a visitor may be this far ahead of its rate
-ADDRESS_FACTOR = 50  # an address may send as much as so many visitors
-MOST_BUCKETS = 20_000
-HEADERS = {
+BURST_SECONDS = 10  # capacity of a token bucket, in seconds of its rate
+ADDRESS_FACTOR = 50  # rate limit of an IP address, as a multiple of a visitor's
+MAX_BUCKETS = 20_000
+SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -39,8 +39,8 @@ HEADERS = {
 }
 
 
-class SecurityHeaders:
-    """Puts the headers on every answer."""
+class SecurityHeadersMiddleware:
+    """Adds SECURITY_HEADERS to every response."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -49,15 +49,15 @@ class SecurityHeaders:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                for name, value in HEADERS.items():
+                for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
             await send(message)
 
         await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
 
 
-class KnownHosts:
-    """Refuses requests for another host name, as a page elsewhere could make them by naming this server."""
+class AllowedHostsMiddleware:
+    """Refuses requests with an unknown Host header, which protects against DNS rebinding. `hosts`: None allows any."""
 
     def __init__(self, app: ASGIApp, hosts: tuple[str, ...] | None) -> None:
         self.app = app
@@ -67,7 +67,9 @@ class KnownHosts:
         if scope["type"] == "http" and self.hosts is not None:
             host = _host_name(Headers(scope=scope).get("host", ""))
             if host not in self.hosts:
-                await _answer(scope, receive, send, 400, f"this server is not called {host[:100]!r}")
+                await _send_error(
+                    scope, receive, send, 400, f"this server does not answer to the host name {host[:100]!r}"
+                )
                 return
         await self.app(scope, receive, send)
 
@@ -80,11 +82,11 @@ def _host_name(host: str) -> str:
 
 
 class _TooLarge(Exception):
-    """A body that goes on past its limit."""
+    """The body received so far exceeds the limit."""
 
 
-class BodyLimit:
-    """Refuses bodies that are too large, by what they say and by what comes."""
+class BodySizeLimitMiddleware:
+    """Refuses request bodies that are too large, by Content-Length and by the bytes actually received."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -93,64 +95,64 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        most = MOST_IMPORT_BYTES if scope["path"] == IMPORT_PATH else MOST_BYTES
-        said = Headers(scope=scope).get("content-length", "0")
-        refused = f"a request has at most {most:,} bytes"
-        if not said.isdecimal() or int(said[:20]) > most:
-            await _answer(scope, receive, send, 413, refused)
+        max_bytes = MAX_IMPORT_BYTES if scope["path"] == IMPORT_PATH else MAX_BODY_BYTES
+        content_length = Headers(scope=scope).get("content-length", "0")
+        error = f"the body of this request may have at most {max_bytes:,} bytes"
+        if not content_length.isdecimal() or int(content_length[:20]) > max_bytes:
+            await _send_error(scope, receive, send, 413, error)
             return
-        received, began = 0, False
+        received, response_started = 0, False
 
-        async def counted() -> Message:
+        async def receive_counted() -> Message:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
-            if received > most:
+            if received > max_bytes:
                 raise _TooLarge
             return message
 
-        async def noted(message: Message) -> None:
-            nonlocal began
-            began = True
+        async def send_tracked(message: Message) -> None:
+            nonlocal response_started
+            response_started = True
             await send(message)
 
         try:
-            await self.app(scope, counted, noted)
+            await self.app(scope, receive_counted, send_tracked)
         except _TooLarge:
-            if not began:
-                await _answer(scope, receive, send, 413, refused)
+            if not response_started:
+                await _send_error(scope, receive, send, 413, error)
 
 
-class _Buckets:
-    """Token buckets by key, the longest unused forgotten first."""
+class _TokenBuckets:
+    """Token-bucket rate limiter by key; evicts the least recently used key."""
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self.most = rate * BURST_SECONDS
-        self._kept: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
+        self.capacity = rate * BURST_SECONDS
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, time of last update
 
     def take(self, key: str) -> bool:
-        """Whether one more request of this key is within its rate."""
-        moment = time.monotonic()
-        tokens, since = self._kept.pop(key, (self.most, moment))
-        tokens = min(self.most, tokens + (moment - since) * self.rate)
-        self._kept[key] = (tokens - 1 if tokens >= 1 else tokens, moment)
-        if len(self._kept) > MOST_BUCKETS:
-            self._kept.popitem(last=False)
+        """Takes a token; returns whether there was one."""
+        now = time.monotonic()
+        tokens, updated = self._buckets.pop(key, (self.capacity, now))
+        tokens = min(self.capacity, tokens + (now - updated) * self.rate)
+        self._buckets[key] = (tokens - 1 if tokens >= 1 else tokens, now)
+        if len(self._buckets) > MAX_BUCKETS:
+            self._buckets.popitem(last=False)
         return tokens >= 1
 
 
-class Callers:
-    """Knows who sends a request, keeps them to their rate, and refuses what was not sent from a page of ours."""
+class CallerMiddleware:
+    """Identifies the caller, applies rate limits, requires a login where configured, and checks CSRF tokens."""
 
     def __init__(
-        self, app: ASGIApp, logins: Logins, signer: Signer, rate: float | None, *, requires_tokens: bool
+        self, app: ASGIApp, login_cache: LoginCache, signer: CookieSigner, rate: float | None, *, requires_tokens: bool
     ) -> None:
         self.app = app
-        self._logins = logins
+        self._login_cache = login_cache
         self._signer = signer
-        self._of_visitors = None if rate is None else _Buckets(rate)
-        self._of_addresses = None if rate is None else _Buckets(rate * ADDRESS_FACTOR)
+        self._visitor_buckets = None if rate is None else _TokenBuckets(rate)
+        self._address_buckets = None if rate is None else _TokenBuckets(rate * ADDRESS_FACTOR)
         self._requires_tokens = requires_tokens
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -158,21 +160,21 @@ class Callers:
             await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        caller = scope["visitor"] = self._signer.caller(_cookie(headers))
+        caller = scope["caller"] = self._signer.caller(_cookie(headers))
         address = scope["client"][0] if scope.get("client") else ""
         if not self._within_rate(address if caller.is_new else caller.id, address):
-            await _answer(scope, receive, send, 429, "too many requests; wait a moment", {"Retry-After": "2"})
+            await _send_error(scope, receive, send, 429, "too many requests; wait a moment", {"Retry-After": "2"})
             return
         path: str = scope["path"]
         if not path.startswith("/assets/") and not caller.is_new:
-            caller.person = await self._logins.person(caller.id)
-        if self._requires_tokens and caller.person is None and not path.startswith(OPEN_PATHS):
-            await _answer(scope, receive, send, 401, "open the link with your token: it logs you in")
+            caller.person = await self._login_cache.person(caller.id)
+        if self._requires_tokens and caller.person is None and not path.startswith(PUBLIC_PATHS):
+            await _send_error(scope, receive, send, 401, "open the link with your token to log in")
             return
         if scope["method"] not in SAFE_METHODS:
-            fault = self._csrf_fault(headers, caller.csrf_token)
-            if fault:
-                await _answer(scope, receive, send, 403, fault)
+            error = self._csrf_error(headers, caller.csrf_token)
+            if error:
+                await _send_error(scope, receive, send, 403, error)
                 return
 
         async def with_cookie(message: Message) -> None:
@@ -183,21 +185,21 @@ class Callers:
         await self.app(scope, receive, with_cookie)
 
     def _within_rate(self, visitor: str, address: str) -> bool:
-        if self._of_visitors is None or self._of_addresses is None:
+        if self._visitor_buckets is None or self._address_buckets is None:
             return True
-        return self._of_addresses.take(address) and self._of_visitors.take(visitor)
+        return self._address_buckets.take(address) and self._visitor_buckets.take(visitor)
 
-    def _csrf_fault(self, headers: Headers, token: str) -> str | None:
+    def _csrf_error(self, headers: Headers, token: str) -> str | None:
         origin = headers.get("origin")
-        if origin is not None and urlsplit_host(origin) != headers.get("host", ""):
+        if origin is not None and _origin_host(origin) != headers.get("host", ""):
             return "this request was not sent from a page of this server"
         if not hmac.compare_digest(headers.get(CSRF_HEADER, "").encode(), token.encode()):
-            return f"the header {CSRF_HEADER} is missing or out of date; reload the page (GET /api/session tells it)"
+            return f"the header {CSRF_HEADER} is missing or stale; reload the page (GET /api/session returns its value)"
         return None
 
 
-def urlsplit_host(origin: str) -> str:
-    """Host and port of an origin; empty for what is none."""
+def _origin_host(origin: str) -> str:
+    """Host and port of an Origin header; empty if it cannot be parsed."""
     try:
         return urlsplit(origin).netloc
     except ValueError:
@@ -206,18 +208,18 @@ def urlsplit_host(origin: str) -> str:
 
 def _cookie(headers: Headers) -> str | None:
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        morsel = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
     except CookieError:
         return None
-    return found.value if found else None
+    return morsel.value if morsel else None
 
 
 def set_cookie(headers: MutableHeaders, value: str) -> None:
-    """Gives the browser its cookie, which no script can read and no other site's request carries."""
+    """Adds the visitor cookie: not readable by scripts, not sent with cross-site requests."""
     headers.append("Set-Cookie", f"{COOKIE}={value}; Path=/; Max-Age={COOKIE_SECONDS}; HttpOnly; SameSite=Lax")
 
 
-async def _answer(
+async def _send_error(
     scope: Scope, receive: Receive, send: Send, status: int, message: str, headers: dict[str, str] | None = None
 ) -> None:
     response: Response = error_response(Request(scope), status, message)

@@ -1,9 +1,9 @@
-"""Statements with scenes from files: the corpus format and NLVR's."""
+"""Imports statements with labelled scenes from files in the corpus format or in NLVR's."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -17,8 +17,9 @@ from lilgym_mp.corpus.records import JSONFault, as_object, check_text, parse_jso
 from lilgym_mp.scene import Scene, SceneError
 from lilgym_mp.web.store.models import Statement, StatementScene
 
-MOST_FAULTS = 20  # that are told
-MOST_STATEMENT = 2_000  # characters
+MAX_REPORTED_FAULTS = 20
+MAX_STATEMENT_LENGTH = 2_000  # characters
+MAX_NAME_LENGTH = 200
 NLVR_LABELS = {"true": True, "false": False}
 
 
@@ -28,7 +29,7 @@ class ImportedScene(NamedTuple):
 
 
 class ImportedStatement(NamedTuple):
-    """A statement with its scenes, checked."""
+    """A validated statement with its scenes."""
 
     name: str
     text: str
@@ -38,25 +39,25 @@ class ImportedStatement(NamedTuple):
 
 
 class ImportResult(NamedTuple):
-    """The statements that were read, and what is wrong with others."""
+    """Valid statements, and error messages for the others."""
 
     statements: list[ImportedStatement]
     faults: list[str]
 
 
-class _Raw(NamedTuple):
-    where: str
+class _ParsedStatement(NamedTuple):
+    where: str  # line, for error messages
     name: str
     text: str
-    appearance: str | None  # None: by its scenes
+    appearance: str | None  # None: to be inferred from the scenes
     split: str
-    starts: list[tuple[object, bool]]
+    scenes: list[tuple[object, bool]]  # scene JSON, label
 
 
 def read_statements(data: bytes, split: str) -> ImportResult:
-    """The statements of a file in the corpus format or in NLVR's (a JSON object a line), told apart by its first line.
+    """Reads a file in the corpus format or in NLVR's JSON lines; the first line tells which.
 
-    `split`: of statements whose file does not say. Raises CorpusError for a file that cannot be read at all.
+    `split` is assigned to NLVR statements, whose files name none. Raises CorpusError if the file is unreadable.
     """
     faults = FaultLog(stop_at_first=False)
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
@@ -64,12 +65,12 @@ def read_statements(data: bytes, split: str) -> ImportResult:
         path.write_bytes(data)
         try:
             text = read_text(path).text
-            raw = list(_of_corpus(path, faults) if _is_corpus(text) else _of_nlvr(text, split, faults))
+            parsed = list(_parse_corpus(path, faults) if _is_corpus(text) else _parse_nlvr(text, split, faults))
         except CorpusError as fault:
             raise CorpusError(str(fault).replace(f"{path}", "the file")) from None
-        statements = list(_checked(raw, faults))
-        told = [str(fault).replace(f"{path}", "the file") for fault in faults.found]
-    return ImportResult(statements, told)
+        statements = list(_validate(parsed, faults))
+        messages = [str(fault).replace(f"{path}", "the file") for fault in faults.found]
+    return ImportResult(statements, messages)
 
 
 def _is_corpus(text: str) -> bool:
@@ -81,15 +82,15 @@ def _is_corpus(text: str) -> bool:
     return record is not None and "format" in record
 
 
-def _of_corpus(path: Path, faults: FaultLog) -> Iterator[_Raw]:
+def _parse_corpus(path: Path, faults: FaultLog) -> Iterator[_ParsedStatement]:
     for entry in CorpusFile(path, faults).entries:
-        starts = [(start.scene, start.label) for start in entry.starts]
-        yield _Raw(entry.where, entry.id, entry.statement, entry.appearance, entry.split, starts)
+        scenes = [(start.scene, start.label) for start in entry.starts]
+        yield _ParsedStatement(entry.where, entry.id, entry.statement, entry.appearance, entry.split, scenes)
 
 
-def _of_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_Raw]:
-    """NLVR has a line for each pair of a statement and a scene; the identifier is the statement's, a dash, a number."""
-    found: dict[str, _Raw] = {}
+def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_ParsedStatement]:
+    """Groups lines by statement: NLVR has one line per (statement, scene), identified as STATEMENT-SCENE."""
+    by_name: dict[str, _ParsedStatement] = {}
     for number, line in enumerate(text.split("\n"), start=1):
         if not line.strip():
             continue
@@ -109,42 +110,43 @@ def _of_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_Raw]:
         except JSONFault as fault:
             faults.add(where, str(fault))
             continue
-        kept = found.setdefault(name, _Raw(where, f"nlvr-{name}", sentence, None, split, []))
-        if kept.text != sentence:
-            faults.add(where, f"statement {name!r} has another text than in {kept.where}")
+        parsed = by_name.setdefault(name, _ParsedStatement(where, f"nlvr-{name}", sentence, None, split, []))
+        if parsed.text != sentence:
+            faults.add(where, f"the text of statement {name!r} differs from that in {parsed.where}")
             continue
-        kept.starts.append((record["structured_rep"], label))
-    yield from found.values()
+        parsed.scenes.append((record["structured_rep"], label))
+    yield from by_name.values()
 
 
-def _checked(raw: Iterable[_Raw], faults: FaultLog) -> Iterator[ImportedStatement]:
-    for statement in raw:
+def _validate(parsed: Iterable[_ParsedStatement], faults: FaultLog) -> Iterator[ImportedStatement]:
+    for statement in parsed:
         try:
-            yield _statement(statement)
+            yield _validated(statement)
         except (SceneError, ValueError) as fault:
             faults.add(statement.where, str(fault))
 
 
-def _statement(raw: _Raw) -> ImportedStatement:
-    """Raises ValueError saying what is wrong."""
-    if not raw.starts:
-        raise ValueError("the statement has no scenes to annotate it with")
-    if len(raw.text) > MOST_STATEMENT or len(raw.name) > 200:
-        raise ValueError(f"a statement has at most {MOST_STATEMENT} characters, its id 200")
-    scenes = [Scene.from_json(scene) for scene, _ in raw.starts]
-    appearance = raw.appearance or _appearance(scenes)
+def _validated(parsed: _ParsedStatement) -> ImportedStatement:
+    """Raises ValueError."""
+    if not parsed.scenes:
+        raise ValueError("the statement has no scenes")
+    if len(parsed.text) > MAX_STATEMENT_LENGTH or len(parsed.name) > MAX_NAME_LENGTH:
+        raise ValueError(
+            f"a statement may have at most {MAX_STATEMENT_LENGTH} characters, its id at most {MAX_NAME_LENGTH}"
+        )
+    scenes = [Scene.from_json(scene) for scene, _ in parsed.scenes]
+    appearance = parsed.appearance or _infer_appearance(scenes)
     checked = [APPEARANCES[appearance].check_scene(scene) for scene in scenes]
-    labelled = tuple(ImportedScene(scene, label) for scene, (_, label) in zip(checked, raw.starts, strict=True))
-    return ImportedStatement(raw.name, raw.text, appearance, raw.split, labelled)
+    labelled = tuple(ImportedScene(scene, label) for scene, (_, label) in zip(checked, parsed.scenes, strict=True))
+    return ImportedStatement(parsed.name, parsed.text, appearance, parsed.split, labelled)
 
 
-def _appearance(scenes: Iterable[Scene]) -> str:
-    """The first appearance that has all of the scenes. Raises SceneError where none has."""
-    kept = list(scenes)
+def _infer_appearance(scenes: Sequence[Scene]) -> str:
+    """The first appearance in which all scenes are valid. Raises SceneError if there is none."""
     faults: list[str] = []
     for name in ("tower", "scatter"):
         try:
-            for scene in kept:
+            for scene in scenes:
                 APPEARANCES[name].check_scene(scene)
             return name
         except SceneError as fault:
@@ -152,22 +154,22 @@ def _appearance(scenes: Iterable[Scene]) -> str:
     raise SceneError("; ".join(faults))
 
 
-def keep_statements(session: Session, statements: Iterable[ImportedStatement]) -> int:
-    """Adds the statements whose names are new; gives how many."""
+def store_statements(session: Session, statements: Iterable[ImportedStatement]) -> int:
+    """Inserts the statements whose names are new; returns how many."""
     known = set(session.scalars(select(Statement.name)))
     added = 0
     for statement in statements:
         if statement.name in known:
             continue
         known.add(statement.name)
-        kept = Statement(
+        row = Statement(
             name=statement.name, text=statement.text, appearance=statement.appearance, split=statement.split
         )
-        session.add(kept)
+        session.add(row)
         session.flush()
         session.add_all(
             StatementScene(
-                statement_id=kept.id,
+                statement_id=row.id,
                 position=position,
                 scene=cast("list[Any]", labelled.scene.to_json()),
                 label=labelled.label,

@@ -1,4 +1,4 @@
-"""Pages from templates, escaped."""
+"""HTML pages from Jinja templates, with autoescaping."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lilgym_mp import __version__
 
 
 class NavigationEntry(NamedTuple):
-    """A page in the list at the top of every page."""
+    """An entry of the navigation bar and the start page."""
 
     path: str
     title: str
@@ -22,10 +22,10 @@ class NavigationEntry(NamedTuple):
 
 NAVIGATION = [
     NavigationEntry("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it."),
-    NavigationEntry("/watch", "Watch", "Step through what trained agents did and what they thought."),
-    NavigationEntry("/game", "Game", "Take a seat in the proposer and verifier game beside a partner."),
-    NavigationEntry("/annotate", "Annotate", "Write the program that says what a statement means."),
-    NavigationEntry("/explore", "Explore", "Search the corpus: statements, scenes, programs, what agents did."),
+    NavigationEntry("/watch", "Watch", "Step through recorded episodes: what agents did, and what they predicted."),
+    NavigationEntry("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner."),
+    NavigationEntry("/annotate", "Annotate", "Write programs that capture what statements mean."),
+    NavigationEntry("/explore", "Explore", "Search the corpus: statements, scenes, programs and agents' results."),
 ]
 
 
@@ -40,17 +40,17 @@ def _environment() -> Environment:
     )
 
 
-def page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
-    """The page of a template, with what every page needs: where we are, who looks, the CSRF token."""
-    visitor = request.scope.get("visitor")
+def render_page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
+    """Renders a template with the values and the common context: path, navigation, CSRF token, person, version."""
+    caller = request.scope.get("caller")
     text = (
         _environment()
         .get_template(template)
         .render(
             navigation=NAVIGATION,
             path=request.url.path,
-            csrf_token=visitor.csrf_token if visitor else "",
-            person=visitor.person if visitor else None,
+            csrf_token=caller.csrf_token if caller else "",
+            person=caller.person if caller else None,
             version=__version__,
             **values,
         )

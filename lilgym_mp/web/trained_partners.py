@@ -1,4 +1,4 @@
-"""Agents that can take a seat in the game: those that come with the package, and those of the directory of runs."""
+"""Trained agents as game partners: those shipped with the package and those of the runs directory."""
 
 from __future__ import annotations
 
@@ -9,51 +9,52 @@ from typing import TYPE_CHECKING
 from lilgym_mp.envs.proposer_verifier import Partner
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agent_files import shipped_agents
-from lilgym_mp.web.errors import refusal
-from lilgym_mp.web.run_directory import Recordings
+from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.run_directory import RunDirectory
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
 
-SHIPPED, OF_RUN = "agent:", "run:"  # before an agent's name, before a run's id
-MOST_KEPT = 8  # agents that stay loaded
+SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
+AGENT_CACHE_SIZE = 8
 
 
 class TrainedPartners:
-    """Agents by name, loaded when first asked for; none where torch is not installed."""
+    """Loads agents on first use and caches them; empty if torch is not installed."""
 
-    def __init__(self, recordings: Recordings) -> None:
-        self._recordings = recordings
+    def __init__(self, run_directory: RunDirectory) -> None:
+        self._run_directory = run_directory
         self._agents: dict[str, Agent] = {}
         self._lock = threading.Lock()
 
     def names(self) -> dict[str, str]:
-        """How each is chosen, and how it is called."""
+        """Display names by form value."""
         if find_spec("torch") is None:
             return {}
-        found = {SHIPPED + name: f"{name}, comes with the package" for name in shipped_agents()}
-        return found | {OF_RUN + run.id: f"run {run.name}" for run in self._recordings.list_runs()}
+        shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
+        return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._run_directory.agent_runs()}
 
     def partner(self, name: str, settings: Settings) -> Partner:
-        """A new partner. Answers 404 where there is no such agent, 422 where it cannot play the configuration."""
+        """Responds with 404 if there is no such agent, 422 if it cannot play the configuration."""
         from lilgym_mp.learning.partners import AgentPartner
 
         if name not in self.names():
-            raise refusal(404, "there is no such partner; reload the page for those that there are")
+            raise http_error(404, "there is no such partner; reload the page to see the current ones")
         try:
             return AgentPartner(self._agent(name).policy(settings))
         except ValueError as fault:
-            raise refusal(422, str(fault)) from None
+            raise http_error(422, str(fault)) from None
 
     def _agent(self, name: str) -> Agent:
         from lilgym_mp.learning.agents import load_agent, open_agent
 
         with self._lock:
             if name not in self._agents:
-                if len(self._agents) >= MOST_KEPT:
+                if len(self._agents) >= AGENT_CACHE_SIZE:
                     self._agents.pop(next(iter(self._agents)))
-                if name.startswith(SHIPPED):
-                    self._agents[name] = load_agent(name.removeprefix(SHIPPED), "cpu")
+                if name.startswith(SHIPPED_PREFIX):
+                    self._agents[name] = load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
                 else:
-                    self._agents[name] = open_agent(self._recordings.runs()[name.removeprefix(OF_RUN)], "cpu")
+                    directory = self._run_directory.agent_directories()[name.removeprefix(RUN_PREFIX)]
+                    self._agents[name] = open_agent(directory, "cpu")
             return self._agents[name]

@@ -1,4 +1,4 @@
-"""Tasks to learn the annotators' work on."""
+"""The annotators' tutorial: small annotation tasks with advice."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 
 class TutorialTask(NamedTuple):
-    """A statement with scenes; the first is shown, the others are hidden."""
+    """A statement with labelled scenes: the first is shown, the others are hidden."""
 
     name: str
     title: str
@@ -22,7 +22,7 @@ def _block(level: int, colour: Colour) -> Item:
 
 
 def _towers(*colours: str) -> Scene:
-    """Towers from letters (y, k, b), from the bottom up."""
+    """A scene of towers; each string names the colours (y, k, b) of a box from the bottom up."""
     by_letter = {"y": Colour.YELLOW, "k": Colour.BLACK, "b": Colour.BLUE}
     return Scene.of(*([_block(level, by_letter[letter]) for level, letter in enumerate(box)] for box in colours))
 
@@ -37,10 +37,10 @@ _YELLOW, _BLACK, _BLUE = Colour
 TASKS: tuple[TutorialTask, ...] = (
     TutorialTask(
         "exist",
-        "Something is there",
+        "Existence",
         "At least one of the items is blue.",
-        "filter_obj(items, condition) keeps the items for which the condition holds; exist(...) says whether any are "
-        "left. all_items are the items of all three boxes. Try: exist(filter_obj(all_items, lambda x: is_blue(x)))",
+        "filter_obj(items, condition) keeps the items for which the condition holds; exist(...) tells whether any are "
+        "left. all_items holds the items of all three boxes. Try: exist(filter_obj(all_items, lambda x: is_blue(x)))",
         (
             (_towers("yb", "k", ""), True),
             (_towers("yk", "k", ""), False),
@@ -50,10 +50,10 @@ TASKS: tuple[TutorialTask, ...] = (
     ),
     TutorialTask(
         "count",
-        "A number of boxes",
+        "Counting boxes",
         "Exactly two towers have a black block at the base.",
-        "all_boxes are the three boxes; a box can stand wherever a collection of items is wanted. is_bottom(x) says "
-        "whether an item is the lowest of its box. Count the boxes that hold such an item: "
+        "all_boxes holds the three boxes; a box can be used wherever a collection of items is expected. is_bottom(x) "
+        "tells whether an item is the lowest in its box. Count the boxes that hold such an item: "
         "equal_int(count(filter_obj(all_boxes, lambda b: ...)), 2)",
         (
             (_towers("ky", "kb", "yk"), True),
@@ -64,10 +64,10 @@ TASKS: tuple[TutorialTask, ...] = (
     ),
     TutorialTask(
         "faithful",
-        "Say what the statement says",
+        "Be faithful to the statement",
         "Every triangle is yellow.",
-        "A program that agrees with the shown scene may still fail on the hidden ones: that some triangle is yellow is "
-        "true here as well, and is not what the statement says. Write what it says, as short as it can be said: "
+        "A program that agrees with the shown scene may still fail on the hidden ones: here it is also true that some "
+        "triangle is yellow, but that is not what the statement says. Express what it says, as briefly as possible: "
         "All(items, condition).",
         (
             (Scene.of([_item(5, 70, _TRIANGLE, _YELLOW)], [_item(30, 30, _CIRCLE, _BLACK)], []), True),
@@ -78,9 +78,9 @@ TASKS: tuple[TutorialTask, ...] = (
     ),
     TutorialTask(
         "touching",
-        "Things that touch",
+        "Touching",
         "A circle touches a wall.",
-        "is_touching_wall(x) takes an item, and a side such as Side.BOTTOM where the statement names one.",
+        "is_touching_wall(x) takes an item and, if the statement names one, a side such as Side.BOTTOM.",
         (
             (Scene.of([_item(0, 40, _CIRCLE, _BLUE)], [_item(40, 80, _SQUARE, _BLACK)], []), True),
             (Scene.of([_item(30, 40, _CIRCLE, _BLUE)], [_item(40, 80, _SQUARE, _BLACK)], []), False),
@@ -89,4 +89,4 @@ TASKS: tuple[TutorialTask, ...] = (
         ),
     ),
 )
-BY_NAME = {task.name: task for task in TASKS}
+TASKS_BY_NAME = {task.name: task for task in TASKS}

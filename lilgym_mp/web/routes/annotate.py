@@ -13,19 +13,19 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.syntax import MAX_LENGTH
 from lilgym_mp.scene import Scene
 from lilgym_mp.web import annotation, annotation_admin, language, statement_import, tutorial
-from lilgym_mp.web.app_services import ServicesOf
-from lilgym_mp.web.authentication import ANNOTATOR, CallerOf, LoggedIn, OrganiserOf, give_token
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.authentication import ANNOTATOR, CurrentCaller, CurrentOrganiser, CurrentPerson, issue_token
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import RandomId, ShortText, storable
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Person, Submission, TutorialAnswer
-from lilgym_mp.web.templating import page
+from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
-MOST_ID = 2**31 - 1
-RowId = Annotated[int, Path(ge=1, le=MOST_ID)]
+MAX_ROW_ID = 2**31 - 1
+RowId = Annotated[int, Path(ge=1, le=MAX_ROW_ID)]
 ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
 Title = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")]
 SplitName = Literal["train", "dev", "test"]
@@ -40,10 +40,10 @@ class DraftBody(BaseModel):
     """The editor's text, and the version that it was made from."""
 
     program: ProgramText
-    version: int = Field(ge=0, le=MOST_ID)
+    version: int = Field(ge=0, le=MAX_ROW_ID)
 
 
-class DraftSaved(BaseModel):
+class SavedDraft(BaseModel):
     version: int
 
 
@@ -78,17 +78,17 @@ class TokenBody(BaseModel):
 
 class NewBatch(BaseModel):
     name: Title
-    people: list[Annotated[int, Field(ge=1, le=MOST_ID)]] = Field(max_length=1_000)
+    people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
     statements: int = Field(20, ge=1, le=100_000)
     annotators_each: int = Field(1, ge=1, le=100)
 
 
 class NewRedistribution(BaseModel):
     name: Title
-    people: list[Annotated[int, Field(ge=1, le=MOST_ID)]] = Field(max_length=1_000)
+    people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
 
 
-class BatchMade(BaseModel):
+class CreatedBatch(BaseModel):
     id: int
     assignments: int
 
@@ -122,31 +122,31 @@ class TutorialTaskBody(BaseModel):
 
 
 @router.get("/annotate", include_in_schema=False)
-def home_page(request: Request, caller: CallerOf) -> Response:
-    return page(request, "annotate.html", is_organiser=caller.is_organiser)
+def home_page(request: Request, caller: CurrentCaller) -> Response:
+    return render_page(request, "annotate.html", is_organiser=caller.is_organiser)
 
 
 @router.get("/annotate/guidelines", include_in_schema=False)
 def guidelines_page(request: Request) -> Response:
-    return page(request, "guidelines.html", language=language.language())
+    return render_page(request, "guidelines.html", language=language.language())
 
 
 @router.get("/annotate/tutorial", include_in_schema=False)
-def tutorial_page(request: Request, person: LoggedIn) -> Response:
-    return page(request, "annotate_tutorial.html")
+def tutorial_page(request: Request, person: CurrentPerson) -> Response:
+    return render_page(request, "annotate_tutorial.html")
 
 
 @router.get("/annotate/organise", include_in_schema=False)
-def organise_page(request: Request, person: OrganiserOf) -> Response:
-    return page(request, "organise.html")
+def organise_page(request: Request, person: CurrentOrganiser) -> Response:
+    return render_page(request, "organise.html")
 
 
 @router.get("/annotate/{assignment_id}", include_in_schema=False)
-def work_page(request: Request, person: LoggedIn, services: ServicesOf, assignment_id: RowId) -> Response:
-    with services.database.reading() as session:
+def work_page(request: Request, person: CurrentPerson, services: Services, assignment_id: RowId) -> Response:
+    with services.database.read_session() as session:
         annotation.find(session, person, assignment_id)
     reasons = get_args(SkipReason)
-    return page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
+    return render_page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
 
 
 # The language
@@ -168,40 +168,42 @@ def check(text: ProgramBody) -> language.CheckBody:
 
 
 @api.get("/assignments")
-def assignments(services: ServicesOf, person: LoggedIn) -> list[annotation.AssignmentLine]:
-    with services.database.reading() as session:
+def assignments(services: Services, person: CurrentPerson) -> list[annotation.AssignmentSummary]:
+    with services.database.read_session() as session:
         return annotation.assignments(session, person)
 
 
 @api.get("/assignments/{assignment_id}")
-async def assignment(services: ServicesOf, person: LoggedIn, assignment_id: RowId) -> annotation.AssignmentBody:
+async def assignment(services: Services, person: CurrentPerson, assignment_id: RowId) -> annotation.AssignmentBody:
     """The statement, its shown scene and label, and the program as it was being written."""
 
     def read() -> tuple[annotation.AssignmentBody, bool]:
-        with services.database.reading() as session:
+        with services.database.read_session() as session:
             found = annotation.find(session, person, assignment_id)
             return annotation.body(session, person, found), found.assignment.opened is None
 
     told, is_new = await run_sync(read)
     if is_new:
-        await services.database.write(lambda session: annotation.note_opening(session, assignment_id), durable=False)
+        await services.database.write(
+            lambda session: annotation.record_first_opening(session, assignment_id), durable=False
+        )
     return told
 
 
 @api.put("/assignments/{assignment_id}/draft")
-async def draft(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: DraftBody) -> DraftSaved:
+async def draft(services: Services, person: CurrentPerson, assignment_id: RowId, written: DraftBody) -> SavedDraft:
     """Keeps the editor's text, which the browser keeps as well."""
     version = await services.database.write(
         lambda session: annotation.save_draft(session, person, assignment_id, written.program, written.version),
         durable=False,
     )
-    return DraftSaved(version=version)
+    return SavedDraft(version=version)
 
 
 @api.post("/assignments/{assignment_id}/run")
-def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: ProgramBody) -> annotation.RunBody:
+def run(services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody) -> annotation.RunBody:
     """Runs a program on the shown scene."""
-    with services.database.reading() as session:
+    with services.database.read_session() as session:
         found = annotation.find(session, person, assignment_id)
     scene = Scene.from_json(found.shown.scene)
     return annotation.run(services.evaluator, written.program, scene, label=found.shown.label)
@@ -209,12 +211,12 @@ def run(services: ServicesOf, person: LoggedIn, assignment_id: RowId, written: P
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
 async def submit(
-    services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSubmission
+    services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSubmission
 ) -> annotation.VerdictBody:
     """Submits a program that agrees with the shown scene; it is checked on the hidden ones."""
 
     def judged() -> Submission | str:
-        with services.database.reading() as session:
+        with services.database.read_session() as session:
             found = annotation.find(session, person, assignment_id)
             kept = annotation.earlier(session, assignment_id, new.key)
         scenes = annotation.labelled_scenes(found)
@@ -230,18 +232,18 @@ async def submit(
 
 
 @api.post("/assignments/{assignment_id}/skip", status_code=201)
-def skip(services: ServicesOf, person: LoggedIn, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
+def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
     """Skips the statement, with a reason."""
-    with services.database.writing() as session:
+    with services.database.write_session() as session:
         said = new.model_dump(exclude={"key"})
         kept = annotation.submit(session, person, assignment_id, new.key, annotation.SKIPPED, **said)
     return annotation.verdict_body(kept)
 
 
 @api.get("/history")
-def history(services: ServicesOf, person: LoggedIn) -> list[annotation.SubmissionLine]:
+def history(services: Services, person: CurrentPerson) -> list[annotation.SubmissionBody]:
     """Everything that you submitted, with what reviews say of it."""
-    with services.database.reading() as session:
+    with services.database.read_session() as session:
         return annotation.history(session, person)
 
 
@@ -249,8 +251,8 @@ def history(services: ServicesOf, person: LoggedIn) -> list[annotation.Submissio
 
 
 @api.get("/tutorial")
-def tutorial_tasks(services: ServicesOf, person: LoggedIn) -> list[TutorialTaskBody]:
-    with services.database.reading() as session:
+def tutorial_tasks(services: Services, person: CurrentPerson) -> list[TutorialTaskBody]:
+    with services.database.read_session() as session:
         solved = set(session.scalars(select(TutorialAnswer.task).where(TutorialAnswer.person_id == person.id)))
     return [
         TutorialTaskBody(
@@ -268,29 +270,29 @@ def tutorial_tasks(services: ServicesOf, person: LoggedIn) -> list[TutorialTaskB
 
 
 def _tutorial_task(name: str) -> tutorial.TutorialTask:
-    if name not in tutorial.BY_NAME:
-        raise refusal(404, f"no tutorial task {name!r}; there are {', '.join(tutorial.BY_NAME)}")
-    return tutorial.BY_NAME[name]
+    if name not in tutorial.TASKS_BY_NAME:
+        raise http_error(404, f"no tutorial task {name!r}; there are {', '.join(tutorial.TASKS_BY_NAME)}")
+    return tutorial.TASKS_BY_NAME[name]
 
 
 @api.post("/tutorial/{name}/run")
-def run_tutorial(services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody) -> annotation.RunBody:
+def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> annotation.RunBody:
     scene, label = _tutorial_task(name).scenes[0]
     return annotation.run(services.evaluator, written.program, scene, label=label)
 
 
 @api.post("/tutorial/{name}/submissions", status_code=201)
 def submit_tutorial(
-    services: ServicesOf, person: LoggedIn, name: RandomId, written: ProgramBody
+    services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
 ) -> annotation.VerdictBody:
     task = _tutorial_task(name)
     verdict = annotation.judged(services.evaluator, written.program, task.scenes, 0)
     if verdict == annotation.ACCEPTED:
-        with services.database.writing() as session:
+        with services.database.write_session() as session:
             answer = session.get(TutorialAnswer, (person.id, name)) or TutorialAnswer(person_id=person.id, task=name)
             answer.program = written.program
             session.add(answer)
-    return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.MESSAGES[verdict])
+    return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.VERDICT_MESSAGES[verdict])
 
 
 # The organisers'
@@ -298,7 +300,7 @@ def submit_tutorial(
 
 @api.post("/imports", openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}})
 async def import_file(
-    request: Request, services: ServicesOf, person: OrganiserOf, split: SplitName = "train"
+    request: Request, services: Services, person: CurrentOrganiser, split: SplitName = "train"
 ) -> ImportBody:
     """Adds the statements of a file, the request's body: the corpus format, or NLVR's lines (then in `split`)."""
     data = await request.body()
@@ -307,94 +309,94 @@ async def import_file(
         try:
             found = statement_import.read_statements(data, split)
         except CorpusError as fault:
-            raise refusal(422, str(fault)) from None
-        with services.database.writing() as session:
-            added = statement_import.keep_statements(session, found.statements)
-        first = found.faults[: statement_import.MOST_FAULTS]
+            raise http_error(422, str(fault)) from None
+        with services.database.write_session() as session:
+            added = statement_import.store_statements(session, found.statements)
+        first = found.faults[: statement_import.MAX_REPORTED_FAULTS]
         return ImportBody(read=len(found.statements), added=added, faults=len(found.faults), first_faults=first)
 
     return await run_sync(imported)
 
 
 @api.get("/people")
-def people(services: ServicesOf, person: OrganiserOf) -> list[annotation_admin.PersonLine]:
-    with services.database.reading() as session:
+def people(services: Services, person: CurrentOrganiser) -> list[annotation_admin.PersonSummary]:
+    with services.database.read_session() as session:
         return annotation_admin.people(session)
 
 
 @api.post("/people", status_code=201)
-def add_person(services: ServicesOf, person: OrganiserOf, new: NewPerson) -> TokenBody:
+def add_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> TokenBody:
     """Gives somebody a token, a new one where there was one."""
-    with services.database.writing() as session:
-        token = give_token(session, new.name, new.role)
-    services.logins.forget()
+    with services.database.write_session() as session:
+        token = issue_token(session, new.name, new.role)
+    services.login_cache.invalidate()
     return TokenBody(name=new.name, path=f"/login?token={token}")
 
 
 @api.delete("/people/{person_id}/token", status_code=204)
-def revoke(services: ServicesOf, person: OrganiserOf, person_id: RowId) -> None:
+def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
     """Ends somebody's token, and with it every login."""
-    with services.database.writing() as session:
+    with services.database.write_session() as session:
         found = session.get(Person, person_id)
         if found is None:
-            raise refusal(404, f"there is nobody with the number {person_id}")
+            raise http_error(404, f"there is nobody with the number {person_id}")
         if found.id == person.id:
-            raise refusal(409, "you cannot end your own token")
+            raise http_error(409, "you cannot end your own token")
         found.token_hash = None
-    services.logins.forget()
+    services.login_cache.invalidate()
 
 
 @api.get("/batches")
-def batches(services: ServicesOf, person: OrganiserOf) -> list[annotation_admin.BatchLine]:
-    with services.database.reading() as session:
+def batches(services: Services, person: CurrentOrganiser) -> list[annotation_admin.BatchSummary]:
+    with services.database.read_session() as session:
         return annotation_admin.batches(session)
 
 
 @api.post("/batches", status_code=201)
-def make_batch(services: ServicesOf, person: OrganiserOf, new: NewBatch) -> BatchMade:
+def make_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
     """Gives statements that nobody has yet to people, in turn."""
-    with services.database.writing() as session:
+    with services.database.write_session() as session:
         batch, made = annotation_admin.make_batch(session, new.name, new.people, new.statements, new.annotators_each)
-        return BatchMade(id=batch.id, assignments=made)
+        return CreatedBatch(id=batch.id, assignments=made)
 
 
 @api.post("/redistributions", status_code=201)
-def redistribute(services: ServicesOf, person: OrganiserOf, new: NewRedistribution) -> BatchMade:
+def redistribute(services: Services, person: CurrentOrganiser, new: NewRedistribution) -> CreatedBatch:
     """Gives skipped and disputed statements to people who had not seen them."""
-    with services.database.writing() as session:
+    with services.database.write_session() as session:
         batch, made = annotation_admin.redistribute(session, new.name, new.people)
-        return BatchMade(id=batch.id, assignments=made)
+        return CreatedBatch(id=batch.id, assignments=made)
 
 
 @api.get("/reviews")
 def reviews(
-    services: ServicesOf,
-    person: OrganiserOf,
-    first: Annotated[int, Query(ge=0, le=MOST_ID)] = 0,
+    services: Services,
+    person: CurrentOrganiser,
+    first: Annotated[int, Query(ge=0, le=MAX_ROW_ID)] = 0,
     most: Annotated[int, Query(ge=1, le=100)] = 20,
 ) -> list[annotation_admin.StatementReview]:
     """Statements with what was submitted for them, from number `first` on."""
-    with services.database.reading() as session:
+    with services.database.read_session() as session:
         return annotation_admin.review_page(session, services.evaluator, first, most)
 
 
 @api.post("/submissions/{submission_id}/reviews", status_code=204)
-def review(services: ServicesOf, person: OrganiserOf, submission_id: RowId, new: NewReview) -> None:
+def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
     """Says what is to become of a submission; its sender sees verdict and note."""
-    with services.database.writing() as session:
+    with services.database.write_session() as session:
         annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
 
 
 @api.get("/statistics")
-def statistics(services: ServicesOf, person: OrganiserOf) -> annotation_admin.StatisticsBody:
-    with services.database.reading() as session:
+def statistics(services: Services, person: CurrentOrganiser) -> annotation_admin.StatisticsBody:
+    with services.database.read_session() as session:
         return annotation_admin.statistics(session)
 
 
 @api.get("/export", response_class=Response)
-def export(services: ServicesOf, person: OrganiserOf) -> Response:
+def export(services: Services, person: CurrentOrganiser) -> Response:
     """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
-    with services.database.reading() as session:
+    with services.database.read_session() as session:
         data = annotation_admin.export(session)
     headers = {"Content-Disposition": 'attachment; filename="annotated.jsonl"'}
     return Response(data, media_type="application/jsonl", headers=headers)

@@ -1,4 +1,4 @@
-"""/explore: the statements of the corpus, searched and filtered, each with everything that is known of it."""
+"""/explore: search and filter the statements of the corpus, and show everything known about one."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from fastapi import APIRouter, Query, Request, Response
 
 from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.web import corpus_statements
-from lilgym_mp.web.app_services import ServicesOf
+from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.field_types import Name
-from lilgym_mp.web.templating import page
+from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
@@ -23,29 +23,29 @@ TextQuery = Annotated[str, Query(max_length=200)]
 
 @router.get("/explore", include_in_schema=False)
 def explore_page(request: Request) -> Response:
-    return page(request, "explore.html")
+    return render_page(request, "explore.html")
 
 
 @router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)
 def statement_page(
-    request: Request, services: ServicesOf, appearance: AppearanceName, split: SplitName, statement_id: str
+    request: Request, services: Services, appearance: AppearanceName, split: SplitName, statement_id: str
 ) -> Response:
     found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
     query = {"appearance": appearance, "split": split, "statement_id": found.id}
-    return page(request, "explore_statement.html", statement=found.statement, query=query)
+    return render_page(request, "explore_statement.html", statement=found.statement, query=query)
 
 
 @api.get("/choices")
 def choices(
-    services: ServicesOf, appearance: AppearanceName = "tower", split: SplitName = "dev"
+    services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev"
 ) -> corpus_statements.ChoicesBody:
-    """What the statements can be filtered by."""
+    """Filter values, with the number of statements for each."""
     return corpus_statements.choices(services.catalogue, appearance, split)
 
 
 @api.get("/statements")
 def statements(
-    services: ServicesOf,
+    services: Services,
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
     text: TextQuery = "",
@@ -55,7 +55,7 @@ def statements(
     most: Count = 1_000,
     first: Count = 0,
 ) -> corpus_statements.StatementsBody:
-    """Statements that hold the text (in the statement, the program or as the id) and pass the filters."""
+    """Statements that contain the text (in statement or program, or as the whole id) and match the filters."""
     return corpus_statements.search(
         services.catalogue,
         appearance,
@@ -71,14 +71,14 @@ def statements(
 
 @api.get("/statement")
 def statement(
-    services: ServicesOf,
+    services: Services,
     statement_id: Annotated[Name, Query()],
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
 ) -> corpus_statements.StatementBody:
-    """A statement with its program, scenes, solutions and what recorded runs did with it."""
+    """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
     found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
-    return corpus_statements.statement_body(services.catalogue, found, appearance, services.outcomes)
+    return corpus_statements.statement_body(services.catalogue, found, appearance, services.recorded_outcomes)
 
 
 router.include_router(api)

@@ -9,11 +9,11 @@ from fastapi.responses import RedirectResponse
 from pydantic import BaseModel
 from sqlalchemy import select
 
-from lilgym_mp.web.app_services import ServicesOf
-from lilgym_mp.web.authentication import CallerOf, keep_visitor, new_visitor_id, token_hash
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor, hash_token, new_visitor_id
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.store.models import Person, Visitor
-from lilgym_mp.web.templating import page
+from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 
@@ -27,8 +27,8 @@ class SessionBody(BaseModel):
 
 
 @router.get("/", include_in_schema=False)
-def home(request: Request, services: ServicesOf) -> Response:
-    return page(request, "home.html", corpus=services.options.corpus)
+def home(request: Request, services: Services) -> Response:
+    return render_page(request, "home.html", corpus=services.options.corpus)
 
 
 @router.get("/healthz", include_in_schema=False)
@@ -37,7 +37,7 @@ def health() -> dict[str, str]:
 
 
 @router.get("/api/session", tags=["session"])
-def session(caller: CallerOf) -> SessionBody:
+def session(caller: CurrentCaller) -> SessionBody:
     """The CSRF token of this browser, and who is logged in."""
     person = caller.person
     return SessionBody(
@@ -48,27 +48,27 @@ def session(caller: CallerOf) -> SessionBody:
 
 
 @router.get("/login", include_in_schema=False)
-def login(request: Request, services: ServicesOf, token: Annotated[str, Query(max_length=200)] = "") -> Response:
+def login(request: Request, services: Services, token: Annotated[str, Query(max_length=200)] = "") -> Response:
     """Logs the browser in as the person whose token it is, under a new cookie."""
-    with services.database.writing() as session:
-        person = session.scalar(select(Person).where(Person.token_hash == token_hash(token))) if token else None
+    with services.database.write_session() as session:
+        person = session.scalar(select(Person).where(Person.token_hash == hash_token(token))) if token else None
         if person is None:
-            raise refusal(401, "this link is not valid, or not any more; ask the organiser for a new one")
-        caller = request.scope["visitor"]
+            raise http_error(401, "this link is not valid, or not any more; ask the organiser for a new one")
+        caller = request.scope["caller"]
         before = session.get(Visitor, caller.id)
-        visitor = keep_visitor(session, new_visitor_id())
+        visitor = get_or_create_visitor(session, new_visitor_id())
         visitor.nickname = before.nickname if before else None
         visitor.person_id = person.id
-    services.logins.forget()
+    services.login_cache.invalidate()
     caller.id, caller.is_new = visitor.id, True  # the answer gives the browser its new cookie
     return RedirectResponse("/annotate", 303)
 
 
 @router.post("/api/session/logout", tags=["session"], status_code=204)
-def logout(services: ServicesOf, caller: CallerOf) -> None:
+def logout(services: Services, caller: CurrentCaller) -> None:
     """Logs the browser out."""
     if caller.person is None:
         return
-    with services.database.writing() as session:
-        keep_visitor(session, caller.id).person_id = None
-    services.logins.forget()
+    with services.database.write_session() as session:
+        get_or_create_visitor(session, caller.id).person_id = None
+    services.login_cache.invalidate()

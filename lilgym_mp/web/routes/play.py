@@ -1,4 +1,4 @@
-"""/play: tasks to solve, with the package's rules, rewards and pictures."""
+"""/play: solve tasks by hand under the environment's rules and rewards."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sqlalchemy.orm import Session
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.web import played_episodes
-from lilgym_mp.web.app_services import Services, ServicesOf
-from lilgym_mp.web.authentication import CallerOf, keep_visitor
-from lilgym_mp.web.errors import refusal
+from lilgym_mp.web.app_services import AppServices, Services
+from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
+from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import Name, RandomId
-from lilgym_mp.web.templating import page
+from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
-MOST_TASKS = 50  # in one list
+MAX_TASKS = 50  # per response
 
 ConfigurationName = Literal["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"]
 SplitName = Literal["train", "dev", "test"]
@@ -34,7 +34,7 @@ Nickname = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1,
 
 
 class NewEpisode(BaseModel):
-    """What to play; without `task_id` one is drawn."""
+    """Settings of an episode; without `task_id` a random task is drawn."""
 
     configuration: ConfigurationName = "TowerScratch"
     split: SplitName = "dev"
@@ -44,23 +44,23 @@ class NewEpisode(BaseModel):
 
 
 class ActionTaken(BaseModel):
-    """An action by its name, such as ADD(LEFT, BLUE), and the step at which the player saw the episode."""
+    """An action by name, such as ADD(LEFT, BLUE), and the step count that the player saw when taking it."""
 
     action: Name
     steps: int = Field(ge=0, le=1_000)
 
 
-class TaskLine(BaseModel):
+class TaskSummary(BaseModel):
     id: str
     statement: str
     target: bool
 
 
 class TasksBody(BaseModel):
-    """Tasks whose statement or id has the text, the first ones."""
+    """The first tasks whose statement or id contains the text, and how many there are."""
 
     total: int
-    tasks: list[TaskLine]
+    tasks: list[TaskSummary]
 
 
 class LegalBody(BaseModel):
@@ -70,16 +70,14 @@ class LegalBody(BaseModel):
 
 
 class NicknameBody(BaseModel):
-    """The name in the table of best play."""
+    """The name shown on the leaderboard."""
 
-    nickname: Annotated[
-        str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40, pattern=r"^[\w .-]+$")
-    ]
+    nickname: Nickname
 
 
 @router.get("/play", include_in_schema=False)
-def play_page(request: Request, services: ServicesOf) -> Response:
-    return page(
+def play_page(request: Request, services: Services) -> Response:
+    return render_page(
         request,
         "play.html",
         sizes=services.catalogue.sizes(),
@@ -91,107 +89,107 @@ def play_page(request: Request, services: ServicesOf) -> Response:
 
 @api.get("/tasks")
 def tasks(
-    services: ServicesOf,
+    services: Services,
     configuration: ConfigurationName,
     split: SplitName = "dev",
     text: Annotated[str, Query(max_length=200)] = "",
 ) -> TasksBody:
-    """Tasks to choose from."""
+    """Searches the tasks of a configuration and split."""
     try:
         found = services.catalogue.tasks(configuration, split)
     except (ValueError, CorpusError) as fault:
-        raise refusal(404, str(fault)) from None
+        raise http_error(404, str(fault)) from None
     wanted = text.lower()
     matching = [task for task in found if wanted in task.statement.lower() or wanted in task.id.lower()]
-    lines = [TaskLine(id=task.id, statement=task.statement, target=task.target) for task in matching[:MOST_TASKS]]
+    lines = [TaskSummary(id=task.id, statement=task.statement, target=task.target) for task in matching[:MAX_TASKS]]
     return TasksBody(total=len(matching), tasks=lines)
 
 
 @api.post("/episodes", status_code=201)
-async def begin(new: NewEpisode, services: ServicesOf, caller: CallerOf) -> played_episodes.EpisodeBody:
-    """Begins an episode."""
+async def begin(new: NewEpisode, services: Services, caller: CurrentCaller) -> played_episodes.EpisodeBody:
+    """Starts an episode."""
     catalogue = services.catalogue
     task = await run_sync(played_episodes.find_task, catalogue, new.configuration, new.split, new.task_id)
-    how = new.model_dump(exclude={"task_id"})
-    begun = await services.database.write(
-        lambda session: played_episodes.begin(session, catalogue, caller.id, task, **how), durable=False
+    settings = new.model_dump(exclude={"task_id"})
+    started = await services.database.write(
+        lambda session: played_episodes.begin(session, catalogue, caller.id, task, **settings), durable=False
     )
-    return played_episodes.episode_body(begun)
+    return played_episodes.episode_body(started)
 
 
-def _found(services: Services, visitor_id: str, episode_id: str) -> played_episodes.Played:
-    with services.database.reading() as session:
+def _load(services: AppServices, visitor_id: str, episode_id: str) -> played_episodes.LoadedEpisode:
+    with services.database.read_session() as session:
         return played_episodes.find_episode(session, services.catalogue, visitor_id, episode_id)
 
 
 @api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.EpisodeBody:
-    """An episode of this browser, as it stands."""
-    return played_episodes.episode_body(_found(services, caller.id, episode_id))
+def episode(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.EpisodeBody:
+    """The current state of an episode of this browser."""
+    return played_episodes.episode_body(_load(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
 async def act(
-    episode_id: RandomId, taken: ActionTaken, services: ServicesOf, caller: CallerOf
+    episode_id: RandomId, taken: ActionTaken, services: Services, caller: CurrentCaller
 ) -> played_episodes.EpisodeBody:
     """Takes an action."""
 
-    def acted(session: Session) -> played_episodes.Played:
-        found = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
-        return played_episodes.act(found, taken.action, taken.steps)
+    def load_and_act(session: Session) -> played_episodes.LoadedEpisode:
+        loaded = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+        return played_episodes.act(loaded, taken.action, taken.steps)
 
-    return played_episodes.episode_body(await services.database.write(acted, durable=False))
+    return played_episodes.episode_body(await services.database.write(load_and_act, durable=False))
 
 
 @api.get("/episodes/{episode_id}/legal")
 def legal(
     episode_id: RandomId,
-    services: ServicesOf,
-    caller: CallerOf,
+    services: Services,
+    caller: CurrentCaller,
     shape: ShapeName | None = None,
     colour: ColourName | None = None,
     size: SizeName | None = None,
 ) -> LegalBody:
-    """What is legal now, by the exact mask; of ADDs in Scatter those of the look."""
-    found = _found(services, caller.id, episode_id)
-    return LegalBody(actions=[] if found.over else played_episodes.legal_actions(found, (shape, colour, size)))
+    """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
+    loaded = _load(services, caller.id, episode_id)
+    return LegalBody(actions=[] if loaded.over else played_episodes.legal_actions(loaded, (shape, colour, size)))
 
 
 @api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.ExplanationBody:
-    """Why the episode ended so, part by part of the program."""
-    return played_episodes.explanation(_found(services, caller.id, episode_id))
+def explanation(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.ExplanationBody:
+    """Why the episode ended, with the value of each part of the program."""
+    return played_episodes.explanation(_load(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: ServicesOf, caller: CallerOf) -> played_episodes.SolutionBody:
-    """The expert's solution; asked for before the end, the episode does not count in tables."""
-    with services.database.writing(durable=False) as session:
-        found = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
-        if not found.over:
-            found.episode.shown_solution = True
-    return played_episodes.solution(services.catalogue, found)
+def solution(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.SolutionBody:
+    """The expert's solution. An episode whose solution is requested before its end is excluded from statistics."""
+    with services.database.write_session(durable=False) as session:
+        loaded = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+        if not loaded.over:
+            loaded.row.shown_solution = True
+    return played_episodes.solution(services.catalogue, loaded)
 
 
 @api.get("/progress")
-def progress(services: ServicesOf, caller: CallerOf) -> played_episodes.ProgressBody:
-    """What this browser has played."""
-    with services.database.reading() as session:
+def progress(services: Services, caller: CurrentCaller) -> played_episodes.ProgressBody:
+    """This browser's results and recent episodes."""
+    with services.database.read_session() as session:
         return played_episodes.progress(session, caller.id)
 
 
 @api.get("/best")
-def best(services: ServicesOf, caller: CallerOf) -> list[played_episodes.BestLine]:
-    """The table of best play."""
-    with services.database.reading() as session:
-        return played_episodes.best(session, caller.id)
+def best(services: Services, caller: CurrentCaller) -> list[played_episodes.LeaderboardRow]:
+    """The leaderboard."""
+    with services.database.read_session() as session:
+        return played_episodes.leaderboard(session, caller.id)
 
 
 @api.put("/nickname", status_code=204)
-def rename(chosen: NicknameBody, services: ServicesOf, caller: CallerOf) -> None:
-    """Gives this browser a name in the table of best play."""
-    with services.database.writing() as session:
-        keep_visitor(session, caller.id).nickname = chosen.nickname
+def rename(chosen: NicknameBody, services: Services, caller: CurrentCaller) -> None:
+    """Sets this browser's name on the leaderboard."""
+    with services.database.write_session() as session:
+        get_or_create_visitor(session, caller.id).nickname = chosen.nickname
 
 
 router.include_router(api)

@@ -1,4 +1,4 @@
-"""/watch: what recorded agents did in each step, and what they went by."""
+"""/watch: recorded episodes step by step, with the agents' predictions."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.metrics import ENDS
 from lilgym_mp.web import recording_views
-from lilgym_mp.web.app_services import ServicesOf
-from lilgym_mp.web.templating import page
+from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
 
-RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as the list of recordings gives it")]
+RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as returned by the list of recordings")]
 OutcomeName = Literal["success", "wrong_stop", "invalid_action", "horizon"]
 
 
 @router.get("/watch", include_in_schema=False)
 def watch_page(request: Request) -> Response:
-    return page(
+    return render_page(
         request,
         "watch.html",
         outcomes=list(ENDS),
@@ -32,42 +32,43 @@ def watch_page(request: Request) -> Response:
 
 
 @api.get("/recordings")
-def recordings(services: ServicesOf) -> recording_views.RecordingsBody:
-    """The recordings in the directory of runs, and the runs there whose agents can be recorded."""
-    return recording_views.recordings_body(services.recordings)
+def recordings(services: Services) -> recording_views.RecordingsBody:
+    """The recordings in the runs directory, and its runs whose agents can be recorded."""
+    return recording_views.recordings_body(services.run_directory)
 
 
 @api.get("/recordings/{recording_id}")
-def recording(recording_id: RecordingId, services: ServicesOf) -> recording_views.RecordingBody:
-    """A recording: who played what, how it ended, and which other recordings are of the same tasks."""
-    return recording_views.recording_body(services.recordings, recording_id)
+def recording(recording_id: RecordingId, services: Services) -> recording_views.RecordingBody:
+    """A recording: agent, settings, outcome counts, and other recordings of the same tasks."""
+    return recording_views.recording_body(services.run_directory, recording_id)
 
 
 @api.get("/recordings/{recording_id}/episodes")
 def episodes(
     recording_id: RecordingId,
-    services: ServicesOf,
+    services: Services,
     success: bool | None = None,
     outcome: OutcomeName | None = None,
     invalid_reason: InvalidReason | None = None,
-    seen: Annotated[bool | None, Query(description="whether the statement is among the training tasks'")] = None,
+    seen: Annotated[bool | None, Query(description="whether the statement occurs in the training tasks")] = None,
     phenomenon: Annotated[str | None, Query(max_length=60)] = None,
     target: bool | None = None,
     task: Annotated[str | None, Query(max_length=200)] = None,
-    text: Annotated[str, Query(max_length=200, description="in the statement or the task's id")] = "",
+    text: Annotated[str, Query(max_length=200, description="contained in the statement or the task's id")] = "",
     offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
 ) -> recording_views.EpisodesBody:
-    """Episodes that pass the filters, at most 100 from `offset` on."""
-    filters = recording_views.Filters(success, outcome, invalid_reason, seen, phenomenon, target, task, text)
-    return recording_views.episodes_body(recording_views.opened(services.recordings, recording_id), filters, offset)
+    """Episodes that match the filters: at most 100, starting at `offset`."""
+    filters = recording_views.EpisodeFilters(success, outcome, invalid_reason, seen, phenomenon, target, task, text)
+    recording = recording_views.read_recording(services.run_directory, recording_id)
+    return recording_views.episodes_body(recording, filters, offset)
 
 
 @api.get("/recordings/{recording_id}/episodes/{index}")
 def episode(
-    recording_id: RecordingId, index: Annotated[int, Path(ge=0, le=10_000_000)], services: ServicesOf
+    recording_id: RecordingId, index: Annotated[int, Path(ge=0, le=10_000_000)], services: Services
 ) -> recording_views.EpisodeBody:
-    """An episode step by step: scenes, actions, legal places, and what the agent went by."""
-    return recording_views.episode_body(recording_views.opened(services.recordings, recording_id), index)
+    """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
+    return recording_views.episode_body(recording_views.read_recording(services.run_directory, recording_id), index)
 
 
 router.include_router(api)

@@ -1,4 +1,4 @@
-"""What the server keeps: tables, their migrations, and the one way to a database."""
+"""Persistence: ORM models, schema migrations, and database access."""
 
 from lilgym_mp.web.store.database import Database, DatabaseError, open_database
 

@@ -1,4 +1,4 @@
-"""Opening a database: reached, ours, and brought to this version's tables before anything is served."""
+"""Database access: opening with schema migration, sessions, and serialised writes on SQLite."""
 
 from __future__ import annotations
 
@@ -28,67 +28,67 @@ from sqlalchemy.orm import Session
 from lilgym_mp.web.store.models import Secret
 
 MIGRATIONS = Path(__file__).parent / "migrations"
-LOCK_SECONDS = 10.0  # to wait for another writer
-CHECKPOINT_COMMITS = 500  # after so many, SQLite's write-ahead log is moved into the database
+LOCK_SECONDS = 10.0  # timeout for a write lock held by another process
+CHECKPOINT_COMMITS = 500  # between checkpoints of SQLite's write-ahead log
 COOKIE_KEY = "cookie key"
 
 T = TypeVar("T")
 
 
 class DatabaseError(ValueError):
-    """A database that cannot be used; the text says which, why, and what to do."""
+    """A database that cannot be used; the message names it, the reason, and a remedy."""
 
 
 class Database:
-    """Sessions on one database, and the secrets that outlive a restart."""
+    """Read and write sessions on a database, and persistent secrets."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._log = _Log(engine) if engine.dialect.name == "sqlite" else None
-        # SQLite lets one write and has the others ask again now and then: waiting in line is quicker and fairer.
-        self._turn = threading.Lock() if self._log else nullcontext()
+        self._log = _WriteAheadLog(engine) if engine.dialect.name == "sqlite" else None
+        # SQLite makes concurrent writers poll for its lock; queueing on a mutex is faster and fairer.
+        self._write_lock = threading.Lock() if self._log else nullcontext()
         self._writer = ThreadPoolExecutor(1, "lilgym-mp writer")
 
     @contextmanager
-    def reading(self) -> Iterator[Session]:
-        """A session whose changes are thrown away."""
+    def read_session(self) -> Iterator[Session]:
+        """A session whose changes are rolled back."""
         with Session(self.engine, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
-    def writing(self, *, durable: bool = True) -> Iterator[Session]:
-        """A session that is committed when the block ends, and rolled back where it raises.
+    def write_session(self, *, durable: bool = True) -> Iterator[Session]:
+        """A session that is committed when the block ends, or rolled back if it raises.
 
-        On SQLite it holds the write lock from the start, so that what it reads stays true until it writes. What is
-        committed outlives this process, however that ends; where it need not outlive a power cut as well, it is
-        not `durable` and does not wait for the disk.
+        On SQLite it holds the write lock from the start, so what it reads cannot change before it writes. A commit
+        survives a crash of this process; with `durable` it also survives a power failure, at the price of waiting for
+        the disk.
         """
         with self._session(durable=durable) as session:
             yield session
         if self._log:
-            self._log.written(durable=durable)
+            self._log.after_commit(durable=durable)
 
     async def write(self, work: Callable[[Session], T], *, durable: bool = True) -> T:
-        """What `work` gives, called with a session like that of `writing`.
+        """Runs `work` in a write session and returns its result; for frequent requests.
 
-        For requests that come often: one thread does all of them on SQLite, so that the write lock need not wait for
-        a thread to wake up, nor other writes for the disk.
+        On SQLite a single thread runs all of them, so the write lock is never held by a thread waiting to be
+        scheduled, nor while syncing to disk.
         """
 
-        def done() -> T:
+        def run_in_session() -> T:
             with self._session(durable=durable) as session:
                 return work(session)
 
         if self._log is None:
-            return await run_sync(done)
-        result = await asyncio.wrap_future(self._writer.submit(done))
-        if durable or self._log.is_long:
-            await run_sync(partial(self._log.written, durable=durable))
+            return await run_sync(run_in_session)
+        result = await asyncio.wrap_future(self._writer.submit(run_in_session))
+        if durable or self._log.needs_checkpoint:
+            await run_sync(partial(self._log.after_commit, durable=durable))
         return result
 
     @contextmanager
     def _session(self, *, durable: bool) -> Iterator[Session]:
-        with self._turn, Session(self.engine, expire_on_commit=False) as session, session.begin():
+        with self._write_lock, Session(self.engine, expire_on_commit=False) as session, session.begin():
             if self._log:
                 session.connection().exec_driver_sql("BEGIN IMMEDIATE")
             elif not durable:
@@ -98,135 +98,133 @@ class Database:
             self._log.commits += 1
 
     def secret(self, name: str) -> str:
-        """The secret of that name, made at the first call."""
-        with self.writing() as session:
-            kept = session.get(Secret, name)
-            if kept is None:
-                kept = Secret(name=name, value=secrets.token_urlsafe(32))
-                session.add(kept)
-            return kept.value
+        """The secret with that name, generated on the first call."""
+        with self.write_session() as session:
+            secret = session.get(Secret, name)
+            if secret is None:
+                secret = Secret(name=name, value=secrets.token_urlsafe(32))
+                session.add(secret)
+            return secret.value
 
     def close(self) -> None:
         self._writer.shutdown()
         self.engine.dispose()
 
 
-class _Log:
-    """The write-ahead log of an SQLite database, brought to the disk after a commit, while others write already.
+class _WriteAheadLog:
+    """Syncs and checkpoints SQLite's write-ahead log after commits, outside of the write lock.
 
-    SQLite itself would do both while it holds the write lock.
+    SQLite itself would do both while holding the lock.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._path = Path(str(engine.url.database) + "-wal").absolute()
-        self.commits = 0
+        self.commits = 0  # since the last checkpoint
 
     @property
-    def is_long(self) -> bool:
+    def needs_checkpoint(self) -> bool:
         return self.commits >= CHECKPOINT_COMMITS
 
-    def written(self, *, durable: bool) -> None:
-        """After a commit: waits for the disk where it must, and now and then moves the log into the database."""
+    def after_commit(self, *, durable: bool) -> None:
         if durable:
             self._sync()
-        if self.is_long:
+        if self.needs_checkpoint:
             self.commits = 0
             with self._engine.connect() as connection:
                 connection.exec_driver_sql("PRAGMA wal_checkpoint(PASSIVE)")
 
     def _sync(self) -> None:
-        log = os.open(self._path, os.O_RDWR)
+        descriptor = os.open(self._path, os.O_RDWR)
         try:
-            os.fsync(log)
+            os.fsync(descriptor)
         finally:
-            os.close(log)
+            os.close(descriptor)
 
 
 def open_database(url: str) -> Database:
-    """The database at an SQLAlchemy URL, with this version's tables; an older one is migrated.
+    """The database at an SQLAlchemy URL, migrated to the current schema.
 
-    Raises DatabaseError for one that cannot be reached, written or unlocked, is not ours, or of a newer version.
+    Raises DatabaseError if it cannot be reached, written or locked, belongs to another program, or has a newer schema.
     """
-    shown = _shown(url)
-    engine = _engine(url, shown)
+    label = _without_password(url)
+    engine = _create_engine(url, label)
     try:
-        _migrate(engine, shown)
-        with Database(engine).writing():
+        _migrate(engine, label)
+        with Database(engine).write_session():
             pass
     except DBAPIError as fault:
         engine.dispose()
-        raise DatabaseError(f"database {shown}: {_reason(fault)}") from None
+        raise DatabaseError(f"database {label}: {_reason(fault)}") from None
     except (SQLAlchemyError, AlembicError) as fault:
         engine.dispose()
-        raise DatabaseError(f"database {shown}: {str(fault).splitlines()[0]}") from None
+        raise DatabaseError(f"database {label}: {str(fault).splitlines()[0]}") from None
     except DatabaseError:
         engine.dispose()
         raise
     return Database(engine)
 
 
-def _shown(url: str) -> str:
-    """The URL for people, without its password."""
+def _without_password(url: str) -> str:
     try:
         return make_url(url).render_as_string(hide_password=True)
     except ArgumentError:
         return repr(url)
 
 
-def _engine(url: str, shown: str) -> Engine:
+def _create_engine(url: str, label: str) -> Engine:
     options: dict[str, Any] = {"pool_pre_ping": True, "pool_size": 20, "max_overflow": 30}
     try:
         parsed = make_url(url)
         if parsed.get_backend_name() == "sqlite":
             options = {"pool_size": 40, "connect_args": {"timeout": LOCK_SECONDS, "check_same_thread": False}}
             if parsed.database in (None, "", ":memory:"):
-                raise DatabaseError(f"database {shown}: a database in memory would lose what it is given; name a file")
+                raise DatabaseError(f"database {label}: an in-memory database would lose its data; name a file")
         elif parsed.get_backend_name() != "postgresql":
-            raise DatabaseError(f"database {shown}: must be SQLite's or PostgreSQL's")
+            raise DatabaseError(f"database {label}: must be SQLite or PostgreSQL")
         engine = create_engine(parsed, **options)
     except (ArgumentError, NoSuchModuleError):
         raise DatabaseError(
-            f"database {shown}: not an URL of a database, such as sqlite:///file.sqlite3 or postgresql+psycopg://host/name"
+            f"database {label}: not a database URL such as sqlite:///file.sqlite3 or postgresql+psycopg://host/name"
         ) from None
     except ModuleNotFoundError as fault:
-        raise DatabaseError(f"database {shown}: needs {fault.name}: pip install {fault.name}") from None
+        raise DatabaseError(f"database {label}: needs {fault.name}: pip install {fault.name}") from None
     if parsed.get_backend_name() == "sqlite":
         event.listen(engine, "connect", _prepare_sqlite)
     return engine
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
-    connection.isolation_level = None  # transactions begin where `Database.writing` says so
+    connection.isolation_level = None  # `Database.write_session` begins transactions itself
     for setting in ("journal_mode=WAL", "synchronous=NORMAL", "wal_autocheckpoint=0", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {setting}")
 
 
 def _reason(fault: DBAPIError) -> str:
-    said = str(fault.orig).splitlines()[0] if str(fault.orig) else type(fault.orig).__name__
-    if "locked" in said:
-        return "it is locked by another program; end that one or name another file with --database"
-    if "unable to open" in said or "readonly" in said:
-        return f"{said}: its directory must exist and both must be writable"
-    return said
+    message = str(fault.orig).splitlines()[0] if str(fault.orig) else type(fault.orig).__name__
+    if "locked" in message:
+        return "it is locked by another program; stop that program or name another file with --database"
+    if "unable to open" in message or "readonly" in message:
+        return f"{message}: its directory must exist, and both must be writable"
+    return message
 
 
-def _migrate(engine: Engine, shown: str) -> None:
-    """Brings the tables to this version's, in one transaction."""
+def _migrate(engine: Engine, label: str) -> None:
+    """Upgrades the schema to the current revision, in one transaction."""
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     scripts = ScriptDirectory.from_config(config)
     with engine.connect() as connection:
-        found = MigrationContext.configure(connection).get_current_heads()
+        current = MigrationContext.configure(connection).get_current_heads()
         tables = inspect(connection).get_table_names()
-    if found == tuple(scripts.get_heads()):
+    if current == tuple(scripts.get_heads()):
         return
-    if not found and tables:
-        raise DatabaseError(f"database {shown}: holds tables of another program ({', '.join(tables[:3])}, ...)")
+    if not current and tables:
+        raise DatabaseError(f"database {label}: holds tables of another program ({', '.join(tables[:3])}, ...)")
     known = {script.revision for script in scripts.walk_revisions()}
-    if set(found) - known:
+    if set(current) - known:
         raise DatabaseError(
-            f"database {shown}: was written by a newer version ({', '.join(found)}); pip install --upgrade lilgym-mp"
+            f"database {label}: was written by a newer version ({', '.join(current)}); pip install --upgrade lilgym-mp"
         )
     with engine.begin() as connection:
         if engine.dialect.name == "sqlite":

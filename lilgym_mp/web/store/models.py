@@ -1,4 +1,4 @@
-"""The tables."""
+"""ORM models, one per table."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def now() -> datetime:
     return datetime.now(UTC)
 
 
-class Moment(TypeDecorator[datetime]):
-    """A time in UTC, on databases that keep no zone as well."""
+class UTCDateTime(TypeDecorator[datetime]):
+    """A timezone-aware UTC datetime, also on databases that store no time zone."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -24,7 +24,7 @@ class Moment(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value is not None and value.tzinfo is None else value
 
 
-class Table(DeclarativeBase):
+class Base(DeclarativeBase):
     metadata = MetaData(
         naming_convention={
             "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -35,37 +35,37 @@ class Table(DeclarativeBase):
     )
 
 
-class Secret(Table):
-    """A random text that the server needs again after a restart, such as the key that signs visitors' cookies."""
+class Secret(Base):
+    """A random string that must survive a restart, such as the key that signs cookies."""
 
     __tablename__ = "secrets"
     name: Mapped[str] = mapped_column(String(40), primary_key=True)
     value: Mapped[str] = mapped_column(String(200))
 
 
-class Person(Table):
-    """Somebody who was given a token: an organiser or an annotator."""
+class Person(Base):
+    """An organiser or annotator, who logs in with a token."""
 
     __tablename__ = "people"
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
     name: Mapped[str] = mapped_column(String(80), unique=True)
     role: Mapped[str] = mapped_column(String(20))  # "organiser" or "annotator"
-    token_hash: Mapped[str | None] = mapped_column(String(64), unique=True)  # None: the token was revoked
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    token_hash: Mapped[str | None] = mapped_column(String(64), unique=True)  # None: revoked
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Visitor(Table):
-    """A browser, by the cookie it was given; kept from its first login or episode on."""
+class Visitor(Base):
+    """A browser, identified by its cookie; inserted on its first login or episode."""
 
     __tablename__ = "visitors"
     id: Mapped[str] = mapped_column(String(43), primary_key=True)
-    nickname: Mapped[str | None] = mapped_column(String(40))  # shown in the table of best play
+    nickname: Mapped[str | None] = mapped_column(String(40))  # shown on the leaderboard
     person_id: Mapped[int | None] = mapped_column(ForeignKey("people.id"))
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class PlayedEpisode(Table):
-    """An episode that a visitor plays: the task and the actions, from which its state is rebuilt."""
+class PlayedEpisode(Base):
+    """An episode played by a visitor; its MDP state is rebuilt by replaying the actions."""
 
     __tablename__ = "played_episodes"
     id: Mapped[str] = mapped_column(String(22), primary_key=True)
@@ -74,30 +74,30 @@ class PlayedEpisode(Table):
     configuration: Mapped[str] = mapped_column(String(40))
     split: Mapped[str] = mapped_column(String(10))
     rules: Mapped[str] = mapped_column(String(20))
-    strict: Mapped[bool] = mapped_column(default=False)  # whether an illegal action ends it
+    strict: Mapped[bool] = mapped_column(default=False)  # an illegal action ends the episode
     task_id: Mapped[str] = mapped_column(String(200))
-    actions: Mapped[list[int]] = mapped_column(JSON, default=list)  # as the appearance numbers them
+    actions: Mapped[list[int]] = mapped_column(JSON, default=list)  # action indices of the appearance
     reward: Mapped[float] = mapped_column(Float, default=0.0)
-    outcome: Mapped[str | None] = mapped_column(String(20), index=True)  # None: not over
-    shown_solution: Mapped[bool] = mapped_column(default=False)  # before the end: then it does not count
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
-    changed: Mapped[datetime] = mapped_column(Moment, default=now, onupdate=now)
+    outcome: Mapped[str | None] = mapped_column(String(20), index=True)  # None: in progress
+    shown_solution: Mapped[bool] = mapped_column(default=False)  # before the end: excluded from statistics
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
+    changed: Mapped[datetime] = mapped_column(UTCDateTime, default=now, onupdate=now)
 
 
-class Statement(Table):
-    """A statement to annotate; its scenes are `StatementScene`."""
+class Statement(Base):
+    """A statement to annotate."""
 
     __tablename__ = "statements"
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
-    name: Mapped[str] = mapped_column(String(200), unique=True)  # the id that its source gives it
+    name: Mapped[str] = mapped_column(String(200), unique=True)  # its id in the imported file
     text: Mapped[str] = mapped_column(Text)
     appearance: Mapped[str] = mapped_column(String(20))
     split: Mapped[str] = mapped_column(String(10))
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class StatementScene(Table):
-    """One of a statement's scenes, with the statement's truth value in it."""
+class StatementScene(Base):
+    """A scene of a statement, labelled with the statement's truth value."""
 
     __tablename__ = "statement_scenes"
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
@@ -107,17 +107,17 @@ class StatementScene(Table):
     label: Mapped[bool]
 
 
-class Batch(Table):
-    """Statements that were given to annotators together."""
+class Batch(Base):
+    """A group of assignments created together."""
 
     __tablename__ = "batches"
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
     name: Mapped[str] = mapped_column(String(80), unique=True)
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Assignment(Table):
-    """A statement that one person is to annotate, and the program as it is being written."""
+class Assignment(Base):
+    """An annotation task: a statement assigned to a person, with the draft of its program."""
 
     __tablename__ = "assignments"
     __table_args__ = (UniqueConstraint("statement_id", "person_id"),)
@@ -125,34 +125,34 @@ class Assignment(Table):
     batch_id: Mapped[int] = mapped_column(ForeignKey("batches.id"), index=True)
     statement_id: Mapped[int] = mapped_column(ForeignKey("statements.id"), index=True)
     person_id: Mapped[int] = mapped_column(ForeignKey("people.id"), index=True)
-    shown: Mapped[int] = mapped_column(Integer)  # position of the scene that is shown
+    shown: Mapped[int] = mapped_column(Integer)  # position of the shown scene
     state: Mapped[str] = mapped_column(String(10), default="open")  # open, done, skipped
     draft: Mapped[str] = mapped_column(Text, default="")
     draft_version: Mapped[int] = mapped_column(Integer, default=0)
-    opened: Mapped[datetime | None] = mapped_column(Moment)  # first looked at
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    opened: Mapped[datetime | None] = mapped_column(UTCDateTime)  # when first opened
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Submission(Table):
-    """What was sent for an assignment, never changed: a program that agrees with the shown scene, or a skip."""
+class Submission(Base):
+    """An immutable submission for an assignment: a program that agrees with the shown scene, or a skip."""
 
     __tablename__ = "submissions"
     __table_args__ = (UniqueConstraint("assignment_id", "key"),)
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
     assignment_id: Mapped[int] = mapped_column(ForeignKey("assignments.id"), index=True)
-    key: Mapped[str] = mapped_column(String(64))  # the sender's own, so that sending twice keeps one
+    key: Mapped[str] = mapped_column(String(64))  # idempotency key chosen by the client
     verdict: Mapped[str] = mapped_column(String(10))  # accepted, failed (on a hidden scene), skipped
     program: Mapped[str] = mapped_column(Text, default="")
     confidence: Mapped[int | None] = mapped_column(Integer)  # 1 .. 5
-    reason: Mapped[str] = mapped_column(Text, default="")  # of a skip
+    reason: Mapped[str] = mapped_column(Text, default="")  # for a skip
     comment: Mapped[str] = mapped_column(Text, default="")
-    question: Mapped[str] = mapped_column(Text, default="")  # to the organisers
-    seconds: Mapped[float] = mapped_column(Float)  # since the assignment was first looked at
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    question: Mapped[str] = mapped_column(Text, default="")  # for the organisers
+    seconds: Mapped[float] = mapped_column(Float)  # since the assignment was first opened
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Review(Table):
-    """What an organiser says of a submission; the latest counts."""
+class Review(Base):
+    """An organiser's review of a submission; the latest one counts."""
 
     __tablename__ = "reviews"
     id: Mapped[int] = mapped_column(Integer, primary_key=True)
@@ -160,14 +160,14 @@ class Review(Table):
     reviewer_id: Mapped[int] = mapped_column(ForeignKey("people.id"))
     verdict: Mapped[str] = mapped_column(String(10))  # kept, disputed, rejected
     note: Mapped[str] = mapped_column(Text, default="")
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class TutorialAnswer(Table):
-    """A tutorial task that somebody solved."""
+class TutorialAnswer(Base):
+    """A person's accepted program for a tutorial task."""
 
     __tablename__ = "tutorial_answers"
     person_id: Mapped[int] = mapped_column(ForeignKey("people.id"), primary_key=True)
     task: Mapped[str] = mapped_column(String(40), primary_key=True)
     program: Mapped[str] = mapped_column(Text)
-    created: Mapped[datetime] = mapped_column(Moment, default=now)
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)

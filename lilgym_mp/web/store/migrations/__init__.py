@@ -1,1 +1,1 @@
-"""How a database of an older version becomes one of this version, by Alembic."""
+"""Alembic migrations of the database schema."""

@@ -1,9 +1,9 @@
-"""What Alembic runs: the migrations on the connection it is given."""
+"""Alembic environment: runs the migrations on the connection passed in the configuration's attributes."""
 
 from alembic import context
 
-from lilgym_mp.web.store.models import Table
+from lilgym_mp.web.store.models import Base
 
-context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
+context.configure(connection=context.config.attributes["connection"], target_metadata=Base.metadata)
 with context.begin_transaction():
     context.run_migrations()

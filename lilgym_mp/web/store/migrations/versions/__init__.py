@@ -1,1 +1,1 @@
-"""The migrations, each naming the one before it."""
+"""One module per schema revision."""

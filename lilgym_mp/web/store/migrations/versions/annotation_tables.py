@@ -1,4 +1,4 @@
-"""Statements to annotate, who is to do it, and the results."""
+"""Creates the annotation tables: statements, batches, assignments, submissions, reviews and tutorial answers."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -7,7 +7,7 @@ revision = "0002"
 down_revision = "0001"
 
 
-def _reference(name: str, target: str, *, index: bool = False) -> sa.Column[int]:
+def _foreign_key(name: str, target: str, *, index: bool = False) -> sa.Column[int]:
     return sa.Column(name, sa.Integer, sa.ForeignKey(target), nullable=False, index=index)
 
 
@@ -28,7 +28,7 @@ def upgrade() -> None:
     op.create_table(
         "statement_scenes",
         sa.Column("id", sa.Integer, primary_key=True),
-        _reference("statement_id", "statements.id", index=True),
+        _foreign_key("statement_id", "statements.id", index=True),
         sa.Column("position", sa.Integer, nullable=False),
         sa.Column("scene", sa.JSON, nullable=False),
         sa.Column("label", sa.Boolean, nullable=False),
@@ -42,9 +42,9 @@ def upgrade() -> None:
     op.create_table(
         "assignments",
         sa.Column("id", sa.Integer, primary_key=True),
-        _reference("batch_id", "batches.id", index=True),
-        _reference("statement_id", "statements.id", index=True),
-        _reference("person_id", "people.id", index=True),
+        _foreign_key("batch_id", "batches.id", index=True),
+        _foreign_key("statement_id", "statements.id", index=True),
+        _foreign_key("person_id", "people.id", index=True),
         sa.Column("shown", sa.Integer, nullable=False),
         sa.Column("state", sa.String(10), nullable=False),
         sa.Column("draft", sa.Text, nullable=False),
@@ -56,7 +56,7 @@ def upgrade() -> None:
     op.create_table(
         "submissions",
         sa.Column("id", sa.Integer, primary_key=True),
-        _reference("assignment_id", "assignments.id", index=True),
+        _foreign_key("assignment_id", "assignments.id", index=True),
         sa.Column("key", sa.String(64), nullable=False),
         sa.Column("verdict", sa.String(10), nullable=False),
         sa.Column("program", sa.Text, nullable=False),
@@ -71,8 +71,8 @@ def upgrade() -> None:
     op.create_table(
         "reviews",
         sa.Column("id", sa.Integer, primary_key=True),
-        _reference("submission_id", "submissions.id", index=True),
-        _reference("reviewer_id", "people.id"),
+        _foreign_key("submission_id", "submissions.id", index=True),
+        _foreign_key("reviewer_id", "people.id"),
         sa.Column("verdict", sa.String(10), nullable=False),
         sa.Column("note", sa.Text, nullable=False),
         _created(),

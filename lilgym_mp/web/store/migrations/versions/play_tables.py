@@ -1,4 +1,4 @@
-"""Secrets, people, visitors and the episodes they play."""
+"""Creates the tables of secrets, people, visitors and played episodes."""
 
 import sqlalchemy as sa
 from alembic import op
