@@ -1,8 +1,8 @@
-"""Whether a meaning holds in a scene, computed from pixels and not through the program language.
+"""Evaluates a meaning in a scene from pixel geometry, independently of the program language.
 
-It is the second opinion on every generated program. A `Interpretation` can also bend what people may see or mean
-differently (is two pixels from the wall touching it? is "all the circles" true of none?); start scenes are chosen
-where every reading agrees. Geometry: SPEC section 8.
+This is the second opinion on every generated program. An `Interpretation` varies what people judge differently (does
+an item two pixels from the wall touch it? is "all the circles" true of none?); start scenes are chosen where all
+interpretations agree. Geometry: SPEC section 8.
 """
 
 from __future__ import annotations
@@ -11,74 +11,74 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from lilgym_mp.generator.semantics import (
-    AtLevel,
+    AtPosition,
     Attribute,
     AtWall,
-    Beside,
-    BesideLike,
+    BoxComparison,
+    BoxCondition,
+    BoxConditions,
     BoxCount,
-    BoxesCompared,
-    BoxIs,
+    BoxVariety,
     Clause,
-    Compared,
-    Condition,
-    Conditions,
-    Ends,
-    Evenly,
-    Every,
+    Compound,
+    Contains,
+    ContainsOnly,
+    ContainsPartitive,
+    CountComparison,
+    Description,
+    EndColour,
+    EqualCounts,
+    EveryItem,
     EveryTower,
-    Extreme,
-    Has,
-    HasLook,
     InBox,
     InCorner,
     ItemCount,
-    Joined,
-    Level,
-    Look,
-    NotEvery,
-    Noun,
+    LargestBox,
+    Matches,
+    MatchingEnds,
+    NamedBox,
+    NotEveryItem,
+    NounPhrase,
     Order,
     Parity,
-    PictureVaried,
-    Purely,
+    Partitive,
+    PartitiveCount,
+    Predicate,
     Quantity,
+    RelatedByAttribute,
+    RelatedTo,
     Relation,
-    SameEnds,
-    Share,
-    SharedCount,
-    Sharing,
-    Trait,
-    Varied,
+    SceneVariety,
+    TowerPosition,
     Wall,
 )
 from lilgym_mp.scene import BOX_SIDE, Item, Scene
 
-SECOND_BOTTOM, THIRD_BOTTOM = 21, 42  # pixels above the floor
+SECOND_BOTTOM, THIRD_BOTTOM = 21, 42  # bottom edges of the second and third block, in pixels above the floor
 
 
 class Interpretation(NamedTuple):
-    """One way to take a statement. The defaults are the language's own."""
+    """Thresholds and conventions for judging a statement. The defaults are those of the program language."""
 
-    wall_gap: int = 0  # pixels at which an item still touches a wall
-    touch_gap: int = 1  # pixels at which two items still touch
-    close_gap: int = 4  # pixels at which items or walls are touching or almost
-    overlap: int = 0  # pixels by which the higher of two items may reach below the other's top and be above
-    vacuous: bool = False  # whether all of none is true
-    soft_shift: int = 0  # what vague words mean more or less than the language says
-    exclusive: bool = False  # whether "or" excludes both
-    ties: bool = False  # whether one of several tallest towers is "the tallest" one
+    wall_gap: int = 0  # largest gap in pixels at which an item touches a wall
+    touch_gap: int = 1  # the same for two items
+    near_gap: int = 4  # the same for "touching or almost touching" an item or wall
+    overlap: int = 0  # pixels by which an item above another may reach below that one's top
+    vacuous: bool = False  # whether "all" and "every" are true of no items
+    vague_shift: int = 0  # added to the lower bound of vague quantities
+    exclusive: bool = False  # whether "or" is exclusive
+    ties: bool = False  # whether "the tallest" may be one of several equally tall towers
 
 
 STANDARD = Interpretation()
 ALTERNATIVES = (
-    Interpretation(wall_gap=3, touch_gap=4, close_gap=7, overlap=14, vacuous=True, soft_shift=-1, ties=True),
-    Interpretation(touch_gap=0, close_gap=2, overlap=-2, soft_shift=1, exclusive=True),
+    Interpretation(wall_gap=3, touch_gap=4, near_gap=7, overlap=14, vacuous=True, vague_shift=-1, ties=True),
+    Interpretation(touch_gap=0, near_gap=2, overlap=-2, vague_shift=1, exclusive=True),
 )
 
 
-class Seen(NamedTuple):
-    """An item where it is; y upwards from the floor of its box."""
+class PlacedItem(NamedTuple):
+    """An item with its edges in pixels: x from the left wall of its box, y upwards from the floor."""
 
     item: Item
     box: int
@@ -88,135 +88,151 @@ class Seen(NamedTuple):
     bottom: int
 
 
-def holds(clause: Clause, scene: Scene, reading: Interpretation = STANDARD) -> bool:
-    """Whether the clause is true of the scene under that reading."""
-    return _View(scene, reading).clause(clause)
+def holds(clause: Clause, scene: Scene, interpretation: Interpretation = STANDARD) -> bool:
+    """Whether the clause is true in the scene."""
+    return _Evaluator(scene, interpretation).clause(clause)
 
 
-class _View:
-    """A scene looked at under one reading."""
+class _Evaluator:
+    """Evaluates the parts of a meaning in one scene under one interpretation."""
 
-    def __init__(self, scene: Scene, reading: Interpretation) -> None:
-        self.boxes = [[_seen(item, index) for item in box.items] for index, box in enumerate(scene.boxes)]
-        self.items = [seen for box in self.boxes for seen in box]
-        self.reading = reading
+    def __init__(self, scene: Scene, interpretation: Interpretation) -> None:
+        self.boxes = [[_placed(item, index) for item in box.items] for index, box in enumerate(scene.boxes)]
+        self.items = [placed for box in self.boxes for placed in box]
+        self.interpretation = interpretation
 
     def clause(self, clause: Clause) -> bool:
         match clause:
             case ItemCount(quantity, noun):
-                return self.number(quantity, len(self.named(self.items, noun)))
-            case SharedCount():
-                return self.shared(self.items, clause)
+                return self.admits(quantity, len(self.denoted(self.items, noun)))
+            case PartitiveCount():
+                return self.partitive(self.items, clause)
             case BoxCount(quantity, conditions, towers):
-                return self.number(quantity, sum(self.box(box, conditions, towers) for box in self.boxes))
+                return self.admits(quantity, sum(self.box(box, conditions, towers) for box in self.boxes))
             case EveryTower(conditions):
                 towers = [box for box in self.boxes if box]
-                met = all(self.box(box, conditions, towers=True) for box in towers)
-                return met and (bool(towers) or self.reading.vacuous)
-            case BoxIs(index, conditions, towers):
+                satisfied = all(self.box(box, conditions, towers=True) for box in towers)
+                return satisfied and (bool(towers) or self.interpretation.vacuous)
+            case NamedBox(index, conditions, towers):
                 return self.box(self.boxes[index], conditions, towers)
-            case Every(noun, trait):
-                return self.every(self.named(self.items, noun), trait)
-            case NotEvery(noun, trait):
-                return not all(self.trait(seen, trait) for seen in self.named(self.items, noun))
-            case Compared(one, order, other, margin):
-                counts = (len(self.named(self.items, one)), len(self.named(self.items, other)))
+            case EveryItem(noun, predicate):
+                return self.every(self.denoted(self.items, noun), predicate)
+            case NotEveryItem(noun, predicate):
+                return not all(self.satisfies(placed, predicate) for placed in self.denoted(self.items, noun))
+            case CountComparison(one, order, other, margin):
+                counts = (len(self.denoted(self.items, one)), len(self.denoted(self.items, other)))
                 return _ordered(counts, order) if margin is None else counts[0] - counts[1] == _signed(order, margin)
-            case BoxesCompared(noun, one, order, other, towers):
+            case BoxComparison(noun, one, order, other, towers):
                 pair = (self.boxes[one], self.boxes[other])
-                counts = (len(self.named(pair[0], noun)), len(self.named(pair[1], noun)))
+                counts = (len(self.denoted(pair[0], noun)), len(self.denoted(pair[1], noun)))
                 return _ordered(counts, order) and (all(pair) or not towers)
-            case PictureVaried(attribute, quantity):
-                return self.number(quantity, len(_values(self.items, attribute)))
-            case Evenly(noun, same):
-                return len({len(self.named(box, noun)) for box in self.boxes}) == (1 if same else len(self.boxes))
+            case SceneVariety(attribute, quantity):
+                return self.admits(quantity, len(_values(self.items, attribute)))
+            case EqualCounts(noun, same):
+                return len({len(self.denoted(box, noun)) for box in self.boxes}) == (1 if same else len(self.boxes))
             case Parity(noun, even):
-                return (len(self.named(self.items, noun)) % 2 == 0) == even
-            case Extreme(noun, conditions):
-                numbers = [len(self.named(box, noun)) for box in self.boxes]
-                first = [box for box, number in zip(self.boxes, numbers, strict=True) if number == max(numbers)]
-                meeting = (self.box(box, conditions, towers=False) for box in first)
-                return any(meeting) and (len(first) == 1 or self.reading.ties)
-            case Joined(every, clauses):
+                return (len(self.denoted(self.items, noun)) % 2 == 0) == even
+            case LargestBox(noun, conditions):
+                counts = [len(self.denoted(box, noun)) for box in self.boxes]
+                largest = [box for box, count in zip(self.boxes, counts, strict=True) if count == max(counts)]
+                satisfied = any(self.box(box, conditions, towers=False) for box in largest)
+                return satisfied and (len(largest) == 1 or self.interpretation.ties)
+            case Compound(conjunctive, clauses):
                 values = [self.clause(part) for part in clauses]
-                return all(values) if every else any(values) and not (self.reading.exclusive and sum(values) > 1)
+                return (
+                    all(values)
+                    if conjunctive
+                    else any(values) and not (self.interpretation.exclusive and sum(values) > 1)
+                )
 
-    def number(self, quantity: Quantity, count: int) -> bool:
-        shift = self.reading.soft_shift if quantity.soft else 0
-        return quantity.holds(count - shift)
+    def admits(self, quantity: Quantity, count: int) -> bool:
+        shift = self.interpretation.vague_shift if quantity.vague else 0
+        return quantity.admits(count - shift)
 
-    def named(self, items: Sequence[Seen], noun: Noun) -> list[Seen]:
+    def denoted(self, items: Sequence[PlacedItem], noun: NounPhrase) -> list[PlacedItem]:
         return [
-            seen for seen in items if _looks(seen, noun.look) and all(self.trait(seen, trait) for trait in noun.traits)
+            placed
+            for placed in items
+            if _matches(placed, noun.description)
+            and all(self.satisfies(placed, predicate) for predicate in noun.predicates)
         ]
 
-    def every(self, items: Sequence[Seen], trait: Trait) -> bool:
-        return all(self.trait(seen, trait) for seen in items) and (bool(items) or self.reading.vacuous)
+    def every(self, items: Sequence[PlacedItem], predicate: Predicate) -> bool:
+        return all(self.satisfies(placed, predicate) for placed in items) and (
+            bool(items) or self.interpretation.vacuous
+        )
 
-    def shared(self, items: Sequence[Seen], clause: SharedCount | Sharing) -> bool:
-        mine = self.named(items, clause.noun)
-        having = sum(self.trait(seen, clause.trait) for seen in mine)
-        fits = {Share.ALL: having == len(mine), Share.NONE: having == 0, Share.SOME: having > 0, Share.ONE: having == 1}
-        return self.number(clause.quantity, len(mine)) and fits[clause.share]
-
-    def trait(self, seen: Seen, trait: Trait) -> bool:
-        return self.shows(seen, trait) == trait.holds
-
-    def shows(self, seen: Seen, trait: Trait) -> bool:
-        match trait:
-            case HasLook(look):
-                return _looks(seen, look)
-            case AtWall(wall, close):
-                near = self.walls(seen, close)
-                return bool(near) if wall is None else wall in near
-            case InCorner(close):
-                return len(self.walls(seen, close)) == 2
-            case InBox(index):
-                return seen.box == index
-            case AtLevel(level):
-                return self.at_level(seen, level)
-            case Beside(relation, noun):
-                return bool(self.named(self.all_related(seen, relation), noun))
-            case BesideLike(relation, attribute, same):
-                mine = _value(seen.item, attribute)
-                others = (_value(other.item, attribute) for other in self.all_related(seen, relation))
-                return any((other == mine) == same for other in others)
-
-    def all_related(self, seen: Seen, relation: Relation) -> list[Seen]:
-        box = self.boxes[seen.box]
-        return [other for other in box if other is not seen and self.related(seen, relation, other)]
-
-    def walls(self, seen: Seen, close: bool) -> set[Wall]:
-        reach = self.reading.close_gap if close else self.reading.wall_gap
-        gaps = {
-            Wall.LEFT: seen.left,
-            Wall.RIGHT: BOX_SIDE - seen.right,
-            Wall.TOP: BOX_SIDE - seen.top,
-            Wall.BOTTOM: seen.bottom,
+    def partitive(self, items: Sequence[PlacedItem], clause: PartitiveCount | ContainsPartitive) -> bool:
+        denoted = self.denoted(items, clause.noun)
+        satisfying = sum(self.satisfies(placed, clause.predicate) for placed in denoted)
+        holds_for = {
+            Partitive.ALL: satisfying == len(denoted),
+            Partitive.NONE: satisfying == 0,
+            Partitive.SOME: satisfying > 0,
+            Partitive.ONE: satisfying == 1,
         }
-        return {wall for wall, gap in gaps.items() if gap <= reach}
+        return self.admits(clause.quantity, len(denoted)) and holds_for[clause.partitive]
 
-    def at_level(self, seen: Seen, level: Level) -> bool:
-        tops = [other.top for other in self.boxes[seen.box]]
-        match level:
-            case Level.TOP:
-                return seen.top == max(tops)
-            case Level.BOTTOM:
-                return seen.top == min(tops)
-            case Level.SECOND:
-                return seen.bottom == SECOND_BOTTOM
-            case Level.THIRD:
-                return seen.bottom == THIRD_BOTTOM
+    def satisfies(self, placed: PlacedItem, predicate: Predicate) -> bool:
+        return self.satisfies_positively(placed, predicate) == predicate.positive
 
-    def related(self, seen: Seen, relation: Relation, other: Seen) -> bool:
-        gap = max(seen.left - other.right, other.left - seen.right, seen.bottom - other.top, other.bottom - seen.top)
-        above = seen.bottom + self.reading.overlap >= other.top and seen.top > other.top
-        below = other.bottom + self.reading.overlap >= seen.top and other.top > seen.top
+    def satisfies_positively(self, placed: PlacedItem, predicate: Predicate) -> bool:
+        match predicate:
+            case Matches(description):
+                return _matches(placed, description)
+            case AtWall(wall, near):
+                walls = self.walls_within_reach(placed, near)
+                return bool(walls) if wall is None else wall in walls
+            case InCorner(near):
+                return len(self.walls_within_reach(placed, near)) == 2
+            case InBox(index):
+                return placed.box == index
+            case AtPosition(position):
+                return self.at_position(placed, position)
+            case RelatedTo(relation, noun):
+                return bool(self.denoted(self.related_items(placed, relation), noun))
+            case RelatedByAttribute(relation, attribute, same):
+                value = _value(placed.item, attribute)
+                others = (_value(other.item, attribute) for other in self.related_items(placed, relation))
+                return any((other == value) == same for other in others)
+
+    def related_items(self, placed: PlacedItem, relation: Relation) -> list[PlacedItem]:
+        box = self.boxes[placed.box]
+        return [other for other in box if other is not placed and self.related(placed, relation, other)]
+
+    def walls_within_reach(self, placed: PlacedItem, near: bool) -> set[Wall]:
+        max_gap = self.interpretation.near_gap if near else self.interpretation.wall_gap
+        gaps = {
+            Wall.LEFT: placed.left,
+            Wall.RIGHT: BOX_SIDE - placed.right,
+            Wall.TOP: BOX_SIDE - placed.top,
+            Wall.BOTTOM: placed.bottom,
+        }
+        return {wall for wall, gap in gaps.items() if gap <= max_gap}
+
+    def at_position(self, placed: PlacedItem, position: TowerPosition) -> bool:
+        tops = [other.top for other in self.boxes[placed.box]]
+        match position:
+            case TowerPosition.TOP:
+                return placed.top == max(tops)
+            case TowerPosition.BOTTOM:
+                return placed.top == min(tops)
+            case TowerPosition.SECOND:
+                return placed.bottom == SECOND_BOTTOM
+            case TowerPosition.THIRD:
+                return placed.bottom == THIRD_BOTTOM
+
+    def related(self, placed: PlacedItem, relation: Relation, other: PlacedItem) -> bool:
+        gap = max(
+            placed.left - other.right, other.left - placed.right, placed.bottom - other.top, other.bottom - placed.top
+        )
+        above = placed.bottom + self.interpretation.overlap >= other.top and placed.top > other.top
+        below = other.bottom + self.interpretation.overlap >= placed.top and other.top > placed.top
         match relation:
             case Relation.TOUCHING:
-                return gap <= self.reading.touch_gap
+                return gap <= self.interpretation.touch_gap
             case Relation.NEAR:
-                return gap <= self.reading.close_gap
+                return gap <= self.interpretation.near_gap
             case Relation.ON:
                 return above and gap <= 1
             case Relation.UNDER:
@@ -226,42 +242,46 @@ class _View:
             case Relation.BELOW:
                 return below
 
-    def box(self, box: Sequence[Seen], conditions: Conditions, towers: bool) -> bool:
+    def box(self, box: Sequence[PlacedItem], conditions: BoxConditions, towers: bool) -> bool:
         return all(self.condition(box, condition) for condition in conditions) and (bool(box) or not towers)
 
-    def condition(self, box: Sequence[Seen], condition: Condition) -> bool:
+    def condition(self, box: Sequence[PlacedItem], condition: BoxCondition) -> bool:
         match condition:
-            case Has(quantity, noun):
-                return self.number(quantity, len(self.named(box, noun)))
-            case Purely(look):
-                return bool(box) and all(_looks(seen, look) for seen in box)
-            case Varied(attribute, quantity):
-                return self.number(quantity, len(_values(box, attribute)))
-            case Ends(level, colours):
-                return any(self.at_level(seen, level) and seen.item.colour in colours for seen in box)
-            case SameEnds(same):
-                ends = [seen for seen in box if self.at_level(seen, Level.TOP) or self.at_level(seen, Level.BOTTOM)]
+            case Contains(quantity, noun):
+                return self.admits(quantity, len(self.denoted(box, noun)))
+            case ContainsOnly(description):
+                return bool(box) and all(_matches(placed, description) for placed in box)
+            case BoxVariety(attribute, quantity):
+                return self.admits(quantity, len(_values(box, attribute)))
+            case EndColour(position, colours):
+                return any(self.at_position(placed, position) and placed.item.colour in colours for placed in box)
+            case MatchingEnds(same):
+                ends = [
+                    placed
+                    for placed in box
+                    if self.at_position(placed, TowerPosition.TOP) or self.at_position(placed, TowerPosition.BOTTOM)
+                ]
                 return len(box) > 1 and (len(_values(ends, Attribute.COLOUR)) == 1) == same
-            case Sharing():
-                return self.shared(box, condition)
+            case ContainsPartitive():
+                return self.partitive(box, condition)
 
 
-def _seen(item: Item, box: int) -> Seen:
+def _placed(item: Item, box: int) -> PlacedItem:
     top = BOX_SIDE - item.y
-    return Seen(item, box, item.x, item.x + item.side, top, top - item.side)
+    return PlacedItem(item, box, item.x, item.x + item.side, top, top - item.side)
 
 
-def _looks(seen: Seen, look: Look) -> bool:
-    item = seen.item
+def _matches(placed: PlacedItem, description: Description) -> bool:
+    item = placed.item
     return (
-        look.shape in (None, item.shape)
-        and look.size in (None, item.size)
-        and (not look.colours or item.colour in look.colours)
+        description.shape in (None, item.shape)
+        and description.size in (None, item.size)
+        and (not description.colours or item.colour in description.colours)
     )
 
 
-def _values(items: Sequence[Seen], attribute: Attribute) -> set[int]:
-    return {_value(seen.item, attribute) for seen in items}
+def _values(items: Sequence[PlacedItem], attribute: Attribute) -> set[int]:
+    return {_value(placed.item, attribute) for placed in items}
 
 
 def _value(item: Item, attribute: Attribute) -> int:

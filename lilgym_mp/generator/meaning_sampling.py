@@ -1,8 +1,8 @@
-"""Random meanings by level of difficulty, 1 to 5.
+"""Samples random meanings by difficulty level.
 
-1: one quantity of plain items. 2: one more thing about them: a wall, a place, a box, all of them. 3: two things
-at once, relations between items, comparisons. 4: quantities over boxes, coreference, superlatives, named boxes
-compared. 5: clauses of levels 2 to 4 joined, boxes with three conditions.
+1: one count of items described by attributes. 2: one predicate or box condition, or a universal statement. 3: two
+conditions, relations between items, comparisons. 4: counts of boxes, coreference, superlatives, comparisons of named
+boxes. 5: compounds of clauses of levels 2 to 4, boxes with three conditions.
 """
 
 from __future__ import annotations
@@ -18,220 +18,229 @@ from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
     SOME,
-    AtLevel,
+    AtPosition,
     Attribute,
     AtWall,
-    Beside,
-    BesideLike,
+    BoxComparison,
+    BoxCondition,
+    BoxConditions,
     BoxCount,
-    BoxesCompared,
-    BoxIs,
+    BoxVariety,
     Clause,
-    Compared,
-    Condition,
-    Conditions,
-    Ends,
-    Evenly,
-    Every,
+    Compound,
+    Contains,
+    ContainsOnly,
+    ContainsPartitive,
+    CountComparison,
+    Description,
+    EndColour,
+    EqualCounts,
+    EveryItem,
     EveryTower,
-    Extreme,
-    Has,
-    HasLook,
     InBox,
     InCorner,
     ItemCount,
-    Joined,
-    Level,
-    Look,
-    NotEvery,
-    Noun,
+    LargestBox,
+    Matches,
+    MatchingEnds,
+    NamedBox,
+    NotEveryItem,
+    NounPhrase,
     Order,
     Parity,
-    PictureVaried,
-    Purely,
+    Partitive,
+    PartitiveCount,
+    Predicate,
     Quantity,
+    RelatedByAttribute,
+    RelatedTo,
     Relation,
-    SameEnds,
-    Share,
-    SharedCount,
-    Sharing,
-    Trait,
-    Varied,
+    SceneVariety,
+    TowerPosition,
     Wall,
+    at_least,
+    at_most,
+    exactly,
 )
 from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 
 LEVELS = (1, 2, 3, 4, 5)
 Option = TypeVar("Option")
-Makers = Sequence[tuple[int, Callable[[], Clause]]]  # with weights
+WeightedMakers = Sequence[tuple[int, Callable[[], Clause]]]  # with weights
 
 
 def random_meaning(appearance: str, level: int, rng: random.Random) -> Clause:
-    """A meaning of that level; it may be unsatisfiable or always true, which `soundness` finds out.
+    """A meaning of that level. It may be unsatisfiable or always true; `validation` rejects those.
 
     Raises ValueError for an unknown appearance or level.
     """
-    meanings = choose("appearance", appearance, {"tower": TowerMeanings, "scatter": ScatterMeanings})(rng)
+    sampler = choose("appearance", appearance, {"tower": TowerMeaningSampler, "scatter": ScatterMeaningSampler})(rng)
     if level not in LEVELS:
         raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
-    while not _sensible(meaning := meanings.of_level(level)):
+    while not _sensible(meaning := sampler.sample(level)):
         pass
     return meaning
 
 
-class Meanings:
-    """What both appearances have."""
+class MeaningSampler:
+    """Samplers of clauses, noun phrases, predicates and quantities common to both appearances."""
 
-    most = 5  # the largest number asked for
+    max_count = 5
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
-    def of_level(self, level: int) -> Clause:
-        makers = self.makers()[level]
+    def sample(self, level: int) -> Clause:
+        makers = self.makers_by_level()[level]
         (maker,) = self.rng.choices([make for _, make in makers], [weight for weight, _ in makers])
         return maker()
 
-    def makers(self) -> dict[int, Makers]:
+    def makers_by_level(self) -> dict[int, WeightedMakers]:
         raise NotImplementedError
 
     def pick(self, *options: Option) -> Option:
         return self.rng.choice(options)
 
-    def chance(self, share: float) -> bool:
-        return self.rng.random() < share
+    def chance(self, probability: float) -> bool:
+        return self.rng.random() < probability
 
     def colours(self, number: int = 1) -> frozenset[Colour]:
         return frozenset(self.rng.sample(list(Colour), number))
 
-    def quantity(self, most: int | None = None, *, none: float = 0.08) -> Quantity:
-        """Existence and exact numbers often, bounds less often, zero with chance `none`."""
+    def quantity(self, max_count: int | None = None, *, none: float = 0.08) -> Quantity:
+        """Mostly existence, exact counts and lower bounds; zero with probability `none`."""
         if self.chance(none):
             return NONE
-        most = most or self.most
-        number = min(most, self.pick(1, 2, 2, 3, 3, 4, 5))
-        match self.pick("some", "some", "some", "exact", "exact", "least", "least", "most", "range", "soft"):
+        max_count = max_count or self.max_count
+        number = min(max_count, self.pick(1, 2, 2, 3, 3, 4, 5))
+        match self.pick("some", "some", "some", "exact", "exact", "least", "least", "most", "range", "vague"):
             case "exact":
-                return Quantity(number, number)
+                return exactly(number)
             case "least":
-                return Quantity(max(2, number), None)
+                return at_least(max(2, number))
             case "most":
-                return Quantity(0, number)
-            case "range" if number < most:
+                return at_most(number)
+            case "range" if number < max_count:
                 return Quantity(number, number + self.pick(1, 1, 2))
-            case "soft" if most >= 4:
-                return Quantity(self.pick(3, 4), None, soft=True)
+            case "vague" if max_count >= 4:
+                return Quantity(self.pick(3, 4), None, vague=True)
             case _:
                 return SOME
 
-    def few(self) -> Quantity:
-        """A quantity for the items of one box, or of boxes."""
-        return self.pick(SOME, SOME, Quantity(1, 1), Quantity(2, 2), Quantity(2, None), Quantity(3, 3), NONE)
+    def quantity_in_box(self) -> Quantity:
+        """A quantity of items in one box."""
+        return self.pick(SOME, SOME, exactly(1), exactly(2), at_least(2), exactly(3), NONE)
 
-    def boxes(self) -> Quantity:
+    def box_quantity(self) -> Quantity:
         """A quantity of boxes."""
-        options = (SOME, SOME, SOME, SOME, Quantity(1, 1), Quantity(2, 2), Quantity(2, 2), Quantity(2, None), NONE)
+        options = (SOME, SOME, SOME, SOME, exactly(1), exactly(2), exactly(2), at_least(2), NONE)
         return self.pick(*options)
 
-    def share(self, quantity: Quantity) -> Share:
-        if quantity == Quantity(1, 1):
-            return Share.ALL
-        return self.pick(Share.ALL, Share.NONE, Share.SOME, Share.ONE)
+    def partitive(self, quantity: Quantity) -> Partitive:
+        if quantity == exactly(1):
+            return Partitive.ALL
+        return self.pick(Partitive.ALL, Partitive.NONE, Partitive.SOME, Partitive.ONE)
 
-    def number_of_them(self) -> Quantity:
-        return self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(2, 2), Quantity(3, 3))
+    def partitive_total(self) -> Quantity:
+        return self.pick(exactly(1), exactly(2), exactly(2), exactly(3))
 
-    def counted(self) -> Clause:
-        return ItemCount(self.quantity(), self.plain())
+    def item_count(self) -> Clause:
+        return ItemCount(self.quantity(), self.described_items())
 
-    def two_counted(self) -> Clause:
-        every = self.chance(0.7)
-        first = ItemCount(self.quantity(3), self.plain())
-        quantity = self.quantity(3, none=0.3) if every else self.quantity(3, none=0)
-        return Joined(every, (first, ItemCount(quantity, self.plain())))
+    def two_item_counts(self) -> Clause:
+        conjunctive = self.chance(0.7)
+        first = ItemCount(self.quantity(3), self.described_items())
+        quantity = self.quantity(3, none=0.3) if conjunctive else self.quantity(3, none=0)
+        return Compound(conjunctive, (first, ItemCount(quantity, self.described_items())))
 
-    def plain(self) -> Noun:
+    def described_items(self) -> NounPhrase:
         raise NotImplementedError
 
-    def compared(self) -> Clause:
+    def count_comparison(self) -> Clause:
         order = self.pick(Order.MORE, Order.MORE, Order.FEWER, Order.EQUAL)
         margin = self.pick(1, 2) if order is not Order.EQUAL and self.chance(0.25) else None
-        return Compared(self.plain(), order, self.plain(), margin)
+        return CountComparison(self.described_items(), order, self.described_items(), margin)
 
-    def evenly(self) -> Clause:
-        return Evenly(self.pick(ANYTHING, self.plain()), self.chance(0.5))
+    def equal_counts(self) -> Clause:
+        return EqualCounts(self.pick(ANYTHING, self.described_items()), self.chance(0.5))
 
     def two_boxes(self) -> tuple[int, int]:
         one, other = self.rng.sample(range(BOX_COUNT), 2)
         return one, other
 
-    def box_with(self, number: int, *, quantity: Quantity | None = None) -> Clause:
-        return BoxCount(quantity or self.boxes(), self.conditions(number))
+    def box_count(self, number: int, *, quantity: Quantity | None = None) -> Clause:
+        return BoxCount(quantity or self.box_quantity(), self.conditions(number))
 
-    def conditions(self, number: int) -> Conditions:
-        """Conditions of different kinds or about different looks; what a box lacks comes last."""
+    def conditions(self, number: int) -> BoxConditions:
+        """Compatible conditions, negative ones last."""
         while True:
             found = [self.condition() for _ in range(number)]
             if not any(_clash(one, other) for one, other in combinations(found, 2)):
-                return tuple(sorted(found, key=_place))
+                return tuple(sorted(found, key=_order_in_list))
 
-    def condition(self) -> Condition:
+    def condition(self) -> BoxCondition:
         raise NotImplementedError
 
-    def joined(self) -> Clause:
+    def compound(self) -> Clause:
         parts: list[Clause] = []
         while len(parts) < 2:
-            part = self.of_level(self.pick(2, 2, 3, 3, 4))
-            parts += [] if isinstance(part, Joined) else [part]
-        return Joined(self.chance(0.75), tuple(parts))
+            part = self.sample(self.pick(2, 2, 3, 3, 4))
+            parts += [] if isinstance(part, Compound) else [part]
+        return Compound(self.chance(0.75), tuple(parts))
 
 
-def _clash(one: Condition, other: Condition) -> bool:
-    """Whether the two would say the same twice or read oddly side by side."""
-    if isinstance(one, Has) and isinstance(other, Has):
+def _clash(one: BoxCondition, other: BoxCondition) -> bool:
+    """Whether the two conditions are redundant or read oddly together."""
+    if isinstance(one, Contains) and isinstance(other, Contains):
         return one.noun == other.noun or (ANYTHING in (one.noun, other.noun) and NONE in (one.quantity, other.quantity))
-    if isinstance(one, Purely) or isinstance(other, Purely):
-        return not any(isinstance(c, Has) and c.noun == ANYTHING and c.quantity.low for c in (one, other))
-    if isinstance(one, Ends) and isinstance(other, Ends):
-        return one.level is other.level
-    if {type(one), type(other)} == {Ends, SameEnds}:
+    if isinstance(one, ContainsOnly) or isinstance(other, ContainsOnly):
+        return not any(isinstance(c, Contains) and c.noun == ANYTHING and c.quantity.low for c in (one, other))
+    if isinstance(one, EndColour) and isinstance(other, EndColour):
+        return one.position is other.position
+    if {type(one), type(other)} == {EndColour, MatchingEnds}:
         return True
-    if {type(one), type(other)} == {Has, Varied}:
-        return Has(Quantity(1, 1), ANYTHING) in (one, other)
-    if isinstance(one, Sharing) or isinstance(other, Sharing):
+    if {type(one), type(other)} == {Contains, BoxVariety}:
+        return Contains(exactly(1), ANYTHING) in (one, other)
+    if isinstance(one, ContainsPartitive) or isinstance(other, ContainsPartitive):
         return True
     return type(one) is type(other)
 
 
-def _place(condition: Condition) -> int:
-    """Where a condition stands in a list: numbers of anything first, what is lacking last."""
-    if isinstance(condition, Has):
+def _order_in_list(condition: BoxCondition) -> int:
+    """Sort key for the conditions of a box: total counts first, negative conditions last."""
+    if isinstance(condition, Contains):
         return 3 if condition.quantity == NONE else 0 if condition.noun == ANYTHING else 1
     return 2
 
 
 def _sensible(clause: Clause) -> bool:
-    """Whether nothing is said of an attribute that the noun has fixed, and nothing is set against itself."""
+    """Whether no predicate restates or contradicts its noun phrase, and nothing is compared with itself."""
     match clause:
-        case Every(noun, HasLook(look)) | NotEvery(noun, HasLook(look)) | SharedCount(_, noun, _, HasLook(look)):
-            return not _same_attribute(noun.look, look)
-        case Every(noun, trait) | NotEvery(noun, trait) | SharedCount(_, noun, _, trait):
-            return trait not in noun.traits
-        case BoxCount(Quantity(0, 0), conditions) if any(map(_lacks_or_bounds, conditions)):
+        case (
+            EveryItem(noun, Matches(description))
+            | NotEveryItem(noun, Matches(description))
+            | PartitiveCount(_, noun, _, Matches(description))
+        ):
+            return not _share_attribute(noun.description, description)
+        case EveryItem(noun, predicate) | NotEveryItem(noun, predicate) | PartitiveCount(_, noun, _, predicate):
+            return predicate not in noun.predicates
+        case BoxCount(Quantity(0, 0), conditions) if any(map(_is_negative_or_bounded, conditions)):
             return False
-        case BoxCount(_, conditions) | BoxIs(_, conditions) | Extreme(_, conditions) | EveryTower(conditions):
+        case BoxCount(_, conditions) | NamedBox(_, conditions) | LargestBox(_, conditions) | EveryTower(conditions):
             return all(
-                not _same_attribute(condition.noun.look, condition.trait.look)
+                not _share_attribute(condition.noun.description, condition.predicate.description)
                 for condition in conditions
-                if isinstance(condition, Sharing) and isinstance(condition.trait, HasLook)
+                if isinstance(condition, ContainsPartitive) and isinstance(condition.predicate, Matches)
             )
-        case Compared(one, _, other):
-            return one != other and not (one.look.colours & other.look.colours and one.look.shape == other.look.shape)
-        case Joined(every, clauses):
-            if not every and any(
-                part.noun.look.colours
+        case CountComparison(one, _, other):
+            return one != other and not (
+                one.description.colours & other.description.colours and one.description.shape == other.description.shape
+            )
+        case Compound(conjunctive, clauses):
+            if not conjunctive and any(
+                part.noun.description.colours
                 for part in clauses
-                if isinstance(part, ItemCount) and len(part.noun.look.colours) > 1
+                if isinstance(part, ItemCount) and len(part.noun.description.colours) > 1
             ):
                 return False
             nouns = [part.noun for part in clauses if isinstance(part, ItemCount)]
@@ -240,18 +249,18 @@ def _sensible(clause: Clause) -> bool:
             return True
 
 
-def _lacks_or_bounds(condition: Condition) -> bool:
-    """Whether "no box has ..." would turn it into a riddle: no box has no circles, no box has no fewer than two."""
-    return isinstance(condition, Has) and condition.quantity not in (
+def _is_negative_or_bounded(condition: BoxCondition) -> bool:
+    """Whether "no box has ..." would be confusing: "no box has no circles", "no box has no fewer than two"."""
+    return isinstance(condition, Contains) and condition.quantity not in (
         SOME,
-        Quantity(1, 1),
-        Quantity(2, 2),
-        Quantity(3, 3),
+        exactly(1),
+        exactly(2),
+        exactly(3),
     )
 
 
-def _same_attribute(one: Look, other: Look) -> bool:
-    """Whether both looks say something of shape, of colour or of size."""
+def _share_attribute(one: Description, other: Description) -> bool:
+    """Whether both descriptions give a value for the same attribute."""
     return bool(
         (one.colours and other.colours)
         or (one.shape is not None and other.shape is not None)
@@ -259,313 +268,352 @@ def _same_attribute(one: Look, other: Look) -> bool:
     )
 
 
-class TowerMeanings(Meanings):
-    """Coloured blocks in stacks."""
+class TowerMeaningSampler(MeaningSampler):
+    """Meanings about towers of coloured blocks."""
 
-    def makers(self) -> dict[int, Makers]:
+    def makers_by_level(self) -> dict[int, WeightedMakers]:
         return {
-            1: [(6, self.counted), (2, self.all_coloured), (1, self.varied), (3, self.in_named_box), (2, self.total)],
+            1: [
+                (6, self.item_count),
+                (2, self.every_item_coloured),
+                (1, self.scene_variety),
+                (3, self.named_box_contents),
+                (2, self.total_count),
+            ],
             2: [
-                (4, self.placed),
-                (6, lambda: self.tower_with(1)),
+                (4, self.items_at_position),
+                (6, lambda: self.tower_count(1)),
                 (3, self.named_tower),
-                (2, lambda: self.box_with(1)),
+                (2, lambda: self.box_count(1)),
                 (2, self.each_box),
             ],
             3: [
-                (5, lambda: self.tower_with(2)),
-                (4, self.stacked),
-                (3, self.compared),
-                (3, self.two_counted),
+                (5, lambda: self.tower_count(2)),
+                (4, self.stacked_existence),
+                (3, self.count_comparison),
+                (3, self.two_item_counts),
                 (2, self.each_tower),
-                (2, self.every),
+                (2, self.every_item),
             ],
             4: [
-                (3, self.stacked_many),
-                (3, self.shared),
-                (2, self.extreme),
-                (2, self.boxes_compared),
-                (2, self.evenly),
-                (2, self.not_every),
+                (3, self.stacked_quantity),
+                (3, self.partitive_count),
+                (2, self.largest_box),
+                (2, self.box_comparison),
+                (2, self.equal_counts),
+                (2, self.not_every_item),
                 (1, self.parity),
-                (3, lambda: self.tower_with(2, quantity=self.pick(Quantity(2, 2), Quantity(2, None), Quantity(1, 1)))),
-                (2, self.two_named),
+                (3, lambda: self.tower_count(2, quantity=self.pick(exactly(2), at_least(2), exactly(1)))),
+                (2, self.named_box_with_two_conditions),
             ],
-            5: [(6, self.joined), (3, lambda: self.tower_with(3)), (3, self.sharing_box)],
+            5: [(6, self.compound), (3, lambda: self.tower_count(3)), (3, self.box_with_partitive)],
         }
 
-    def plain(self) -> Noun:
-        return Noun(Look(colours=self.colours(self.pick(1, 1, 1, 1, 2))))
+    def described_items(self) -> NounPhrase:
+        return NounPhrase(Description(colours=self.colours(self.pick(1, 1, 1, 1, 2))))
 
-    def colour_noun(self) -> Noun:
-        return Noun(Look(colours=self.colours()))
+    def one_colour(self) -> NounPhrase:
+        return NounPhrase(Description(colours=self.colours()))
 
-    def total(self) -> Clause:
+    def total_count(self) -> Clause:
         return ItemCount(self.quantity(7, none=0), ANYTHING)
 
-    def all_coloured(self) -> Clause:
-        return Every(ANYTHING, HasLook(Look(colours=self.colours(self.pick(1, 2, 2)))))
+    def every_item_coloured(self) -> Clause:
+        return EveryItem(ANYTHING, Matches(Description(colours=self.colours(self.pick(1, 2, 2)))))
 
-    def varied(self) -> Clause:
-        return PictureVaried(
-            Attribute.COLOUR, self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(3, 3), Quantity(2, None))
+    def scene_variety(self) -> Clause:
+        return SceneVariety(Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
+
+    def named_box_contents(self) -> Clause:
+        return NamedBox(
+            self.pick(0, 1, 2),
+            (self.pick(Contains(self.quantity_in_box(), self.one_colour()), Contains(NONE, ANYTHING)),),
         )
 
-    def in_named_box(self) -> Clause:
-        return BoxIs(self.pick(0, 1, 2), (self.pick(Has(self.few(), self.colour_noun()), Has(NONE, ANYTHING)),))
+    def at_position(self) -> Predicate:
+        return AtPosition(
+            self.pick(
+                TowerPosition.TOP,
+                TowerPosition.TOP,
+                TowerPosition.BOTTOM,
+                TowerPosition.BOTTOM,
+                TowerPosition.SECOND,
+                TowerPosition.THIRD,
+            )
+        )
 
-    def level_trait(self) -> Trait:
-        return AtLevel(self.pick(Level.TOP, Level.TOP, Level.BOTTOM, Level.BOTTOM, Level.SECOND, Level.THIRD))
+    def items_at_position(self) -> Clause:
+        return ItemCount(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
 
-    def placed(self) -> Clause:
-        return ItemCount(self.quantity(3, none=0.1), self.plain().also(self.level_trait()))
-
-    def condition(self) -> Condition:
-        match self.pick("has", "has", "height", "height", "end", "end", "pure", "varied", "ends"):
-            case "has":
-                return Has(self.few(), self.colour_noun())
+    def condition(self) -> BoxCondition:
+        match self.pick("contains", "contains", "height", "height", "end", "end", "only", "variety", "ends"):
+            case "contains":
+                return Contains(self.quantity_in_box(), self.one_colour())
             case "height":
                 number = self.pick(1, 2, 2, 3, 3, 4)
-                exact = Quantity(number, number)
-                return Has(self.pick(exact, exact, Quantity(max(2, min(3, number)), None)), ANYTHING)
+                exact = exactly(number)
+                return Contains(self.pick(exact, exact, at_least(max(2, min(3, number)))), ANYTHING)
             case "end":
-                return Ends(self.pick(Level.TOP, Level.BOTTOM), self.colours())
-            case "pure":
-                return Purely(Look(colours=self.colours(self.pick(1, 1, 2))))
-            case "varied":
-                return Varied(
-                    Attribute.COLOUR, self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(2, None), Quantity(3, 3))
-                )
+                return EndColour(self.pick(TowerPosition.TOP, TowerPosition.BOTTOM), self.colours())
+            case "only":
+                return ContainsOnly(Description(colours=self.colours(self.pick(1, 1, 2))))
+            case "variety":
+                return BoxVariety(Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
-                return SameEnds(self.chance(0.6))
+                return MatchingEnds(self.chance(0.6))
 
-    def tower_with(self, number: int, *, quantity: Quantity | None = None) -> Clause:
-        return BoxCount(quantity or self.boxes(), self.conditions(number), towers=True)
+    def tower_count(self, number: int, *, quantity: Quantity | None = None) -> Clause:
+        return BoxCount(quantity or self.box_quantity(), self.conditions(number), towers=True)
 
     def named_tower(self) -> Clause:
-        return BoxIs(self.pick(0, 1, 2), self.conditions(1), towers=True)
+        return NamedBox(self.pick(0, 1, 2), self.conditions(1), towers=True)
 
-    def two_named(self) -> Clause:
-        return BoxIs(self.pick(0, 1, 2), self.conditions(2), towers=True)
+    def named_box_with_two_conditions(self) -> Clause:
+        return NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
 
     def each_box(self) -> Clause:
-        return BoxCount(Quantity(3, 3), (Has(self.pick(SOME, SOME, NONE, Quantity(1, 1)), self.colour_noun()),))
+        return BoxCount(exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
 
     def each_tower(self) -> Clause:
         return EveryTower(self.conditions(1))
 
-    def pile(self) -> Beside | BesideLike:
+    def stacked(self) -> RelatedTo | RelatedByAttribute:
         relation = self.pick(Relation.ON, Relation.ON, Relation.UNDER, Relation.ABOVE, Relation.BELOW)
         if self.chance(0.2):
-            return BesideLike(relation, Attribute.COLOUR, self.chance(0.6))
-        return Beside(relation, self.colour_noun())
+            return RelatedByAttribute(relation, Attribute.COLOUR, self.chance(0.6))
+        return RelatedTo(relation, self.one_colour())
 
-    def stacked(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.colour_noun().also(self.pile()))
+    def stacked_existence(self) -> Clause:
+        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
 
-    def stacked_many(self) -> Clause:
-        quantity = self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(2, None), Quantity(0, 1))
-        return ItemCount(quantity, self.plain().also(self.pile()))
+    def stacked_quantity(self) -> Clause:
+        quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
+        return ItemCount(quantity, self.described_items().such_that(self.stacked()))
 
-    def trait(self) -> Trait:
-        return self.pick(self.level_trait(), self.pile(), InBox(self.pick(0, 1, 2)))
+    def predicate(self) -> Predicate:
+        return self.pick(self.at_position(), self.stacked(), InBox(self.pick(0, 1, 2)))
 
-    def every(self) -> Clause:
+    def every_item(self) -> Clause:
         if self.chance(0.3):
-            return Every(Noun(Look(), (self.level_trait(),)), HasLook(Look(colours=self.colours(self.pick(1, 2)))))
-        return Every(self.colour_noun(), self.trait())
+            return EveryItem(
+                NounPhrase(Description(), (self.at_position(),)),
+                Matches(Description(colours=self.colours(self.pick(1, 2)))),
+            )
+        return EveryItem(self.one_colour(), self.predicate())
 
-    def not_every(self) -> Clause:
-        return NotEvery(self.colour_noun(), self.trait())
+    def not_every_item(self) -> Clause:
+        return NotEveryItem(self.one_colour(), self.predicate())
 
-    def shared(self) -> Clause:
-        quantity = self.number_of_them()
-        return SharedCount(quantity, self.colour_noun(), self.share(quantity), self.trait())
+    def partitive_count(self) -> Clause:
+        quantity = self.partitive_total()
+        return PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), self.predicate())
 
-    def extreme(self) -> Clause:
-        return Extreme(ANYTHING, self.conditions(1))
+    def largest_box(self) -> Clause:
+        return LargestBox(ANYTHING, self.conditions(1))
 
-    def boxes_compared(self) -> Clause:
+    def box_comparison(self) -> Clause:
         one, other = self.two_boxes()
         order = self.pick(*Order)
         if self.chance(0.5):
-            return BoxesCompared(ANYTHING, one, order, other, towers=True)
-        return BoxesCompared(self.pick(ANYTHING, self.colour_noun()), one, order, other)
+            return BoxComparison(ANYTHING, one, order, other, towers=True)
+        return BoxComparison(self.pick(ANYTHING, self.one_colour()), one, order, other)
 
     def parity(self) -> Clause:
-        return Parity(self.pick(ANYTHING, self.colour_noun()), self.chance(0.4))
+        return Parity(self.pick(ANYTHING, self.one_colour()), self.chance(0.4))
 
-    def sharing_box(self) -> Clause:
-        quantity = self.number_of_them()
-        trait = self.pick(self.pile(), AtLevel(self.pick(Level.TOP, Level.BOTTOM)))
-        return BoxCount(SOME, (Sharing(quantity, self.colour_noun(), self.share(quantity), trait),), towers=True)
-
-
-class ScatterMeanings(Meanings):
-    """Items of three shapes, colours and sizes anywhere in the boxes."""
-
-    def makers(self) -> dict[int, Makers]:
-        return {
-            1: [(7, self.counted), (2, self.all_alike), (1, self.varied), (3, self.in_named_box), (1, self.total)],
-            2: [
-                (6, self.with_trait),
-                (6, lambda: self.box_with(1)),
-                (2, self.every),
-                (2, self.each_box),
-                (1, self.in_named_box),
-            ],
-            3: [
-                (5, lambda: self.box_with(2)),
-                (4, self.related),
-                (3, self.compared),
-                (3, self.two_counted),
-                (2, self.with_two_traits),
-                (2, self.every_with_trait),
-                (2, self.many_with_trait),
-            ],
-            4: [
-                (4, self.shared),
-                (3, self.related_many),
-                (2, self.extreme),
-                (2, self.boxes_compared),
-                (2, self.evenly),
-                (2, self.not_every),
-                (1, self.parity),
-                (3, lambda: self.box_with(2, quantity=self.pick(Quantity(2, 2), Quantity(2, None), Quantity(1, 1)))),
-                (2, self.two_named),
-            ],
-            5: [(6, self.joined), (3, lambda: self.box_with(3)), (4, self.sharing_box)],
-        }
-
-    def look(self, *, rich: float = 0.5) -> Look:
-        """A colour, a shape or a size; with chance `rich` two of them or, rarely, all."""
-        kinds = self.pick("colour", "colour", "shape", "shape", "size")
-        if self.chance(rich):
-            kinds = self.pick(
-                "colour shape", "colour shape", "colour shape", "size shape", "size colour", "size colour shape"
-            )
-        return Look(
-            shape=self.pick(*Shape) if "shape" in kinds else None,
-            colours=self.colours(self.pick(1, 1, 1, 1, 1, 2)) if "colour" in kinds else frozenset(),
-            size=self.pick(*Size) if "size" in kinds else None,
+    def box_with_partitive(self) -> Clause:
+        quantity = self.partitive_total()
+        predicate = self.pick(self.stacked(), AtPosition(self.pick(TowerPosition.TOP, TowerPosition.BOTTOM)))
+        return BoxCount(
+            SOME, (ContainsPartitive(quantity, self.one_colour(), self.partitive(quantity), predicate),), towers=True
         )
 
-    def plain(self) -> Noun:
-        return Noun(self.look())
 
-    def total(self) -> Clause:
+class ScatterMeaningSampler(MeaningSampler):
+    """Meanings about items of three shapes, colours and sizes anywhere in the boxes."""
+
+    def makers_by_level(self) -> dict[int, WeightedMakers]:
+        return {
+            1: [
+                (7, self.item_count),
+                (2, self.every_item_described),
+                (1, self.scene_variety),
+                (3, self.named_box_contents),
+                (1, self.total_count),
+            ],
+            2: [
+                (6, self.items_with_predicate),
+                (6, lambda: self.box_count(1)),
+                (2, self.every_item),
+                (2, self.each_box),
+                (1, self.named_box_contents),
+            ],
+            3: [
+                (5, lambda: self.box_count(2)),
+                (4, self.related_existence),
+                (3, self.count_comparison),
+                (3, self.two_item_counts),
+                (2, self.items_with_two_predicates),
+                (2, self.every_item_with_predicate),
+                (2, self.quantity_with_predicate),
+            ],
+            4: [
+                (4, self.partitive_count),
+                (3, self.related_quantity),
+                (2, self.largest_box),
+                (2, self.box_comparison),
+                (2, self.equal_counts),
+                (2, self.not_every_item),
+                (1, self.parity),
+                (3, lambda: self.box_count(2, quantity=self.pick(exactly(2), at_least(2), exactly(1)))),
+                (2, self.named_box_with_two_conditions),
+            ],
+            5: [(6, self.compound), (3, lambda: self.box_count(3)), (4, self.box_with_partitive)],
+        }
+
+    def description(self, *, rich: float = 0.5) -> Description:
+        """One attribute value; with probability `rich` two or, rarely, all three."""
+        attributes = self.pick("colour", "colour", "shape", "shape", "size")
+        if self.chance(rich):
+            attributes = self.pick(
+                "colour shape", "colour shape", "colour shape", "size shape", "size colour", "size colour shape"
+            )
+        return Description(
+            shape=self.pick(*Shape) if "shape" in attributes else None,
+            colours=self.colours(self.pick(1, 1, 1, 1, 1, 2)) if "colour" in attributes else frozenset(),
+            size=self.pick(*Size) if "size" in attributes else None,
+        )
+
+    def described_items(self) -> NounPhrase:
+        return NounPhrase(self.description())
+
+    def total_count(self) -> Clause:
         return ItemCount(self.quantity(6, none=0), ANYTHING)
 
     def attribute(self) -> Attribute:
         return self.pick(Attribute.COLOUR, Attribute.COLOUR, Attribute.SHAPE, Attribute.SIZE)
 
-    def all_alike(self) -> Clause:
-        return Every(ANYTHING, HasLook(self.look(rich=0.2)))
+    def every_item_described(self) -> Clause:
+        return EveryItem(ANYTHING, Matches(self.description(rich=0.2)))
 
-    def varied(self) -> Clause:
-        return PictureVaried(
-            self.attribute(), self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(3, 3), Quantity(2, None))
-        )
+    def scene_variety(self) -> Clause:
+        return SceneVariety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
 
-    def in_named_box(self) -> Clause:
-        return BoxIs(
+    def named_box_contents(self) -> Clause:
+        return NamedBox(
             self.pick(0, 1, 2),
-            (self.pick(Has(self.few(), self.plain()), Has(self.few(), self.plain()), Has(NONE, ANYTHING)),),
+            (
+                self.pick(
+                    Contains(self.quantity_in_box(), self.described_items()),
+                    Contains(self.quantity_in_box(), self.described_items()),
+                    Contains(NONE, ANYTHING),
+                ),
+            ),
         )
 
-    def trait(self, *, positive: bool = False) -> Trait:
-        holds = positive or self.chance(0.85)
-        match self.pick("wall", "wall", "side", "side", "side", "close", "corner", "box"):
+    def predicate(self, *, positive: bool = False) -> Predicate:
+        positive = positive or self.chance(0.85)
+        match self.pick("wall", "wall", "side", "side", "side", "near", "corner", "box"):
             case "wall":
-                return AtWall(holds=holds)
+                return AtWall(positive=positive)
             case "side":
-                return AtWall(self.pick(*Wall), holds=holds)
-            case "close":
-                return AtWall(self.pick(None, *Wall), close=True)
+                return AtWall(self.pick(*Wall), positive=positive)
+            case "near":
+                return AtWall(self.pick(None, *Wall), near=True)
             case "corner":
-                return InCorner(holds=holds)
+                return InCorner(positive=positive)
             case _:
-                return InBox(self.pick(0, 1, 2), holds=holds)
+                return InBox(self.pick(0, 1, 2), positive=positive)
 
-    def relation(self) -> Beside | BesideLike:
+    def related_to(self) -> RelatedTo | RelatedByAttribute:
         relation = self.pick(Relation.TOUCHING, Relation.TOUCHING, Relation.NEAR, Relation.ABOVE, Relation.BELOW)
         if self.chance(0.2):
-            return BesideLike(relation, self.attribute(), self.chance(0.6))
-        noun = self.pick(Noun(self.look(rich=0.4)), Noun(self.look(rich=0.4)), ANYTHING)
-        return Beside(relation, noun, holds=relation is not Relation.TOUCHING or self.chance(0.85))
+            return RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
+        noun = self.pick(NounPhrase(self.description(rich=0.4)), NounPhrase(self.description(rich=0.4)), ANYTHING)
+        return RelatedTo(relation, noun, positive=relation is not Relation.TOUCHING or self.chance(0.85))
 
-    def with_trait(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, self.quantity(4)), self.plain().also(self.trait()))
+    def items_with_predicate(self) -> Clause:
+        return ItemCount(self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate()))
 
-    def many_with_trait(self) -> Clause:
-        return ItemCount(self.quantity(4), Noun(self.look(rich=0.3)).also(self.trait()))
+    def quantity_with_predicate(self) -> Clause:
+        return ItemCount(self.quantity(4), NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
 
-    def with_two_traits(self) -> Clause:
+    def items_with_two_predicates(self) -> Clause:
         first = self.pick(AtWall(self.pick(None, *Wall)), InCorner())
-        return ItemCount(self.quantity(2), Noun(self.look(rich=0.3), (first, InBox(self.pick(0, 1, 2)))))
+        return ItemCount(self.quantity(2), NounPhrase(self.description(rich=0.3), (first, InBox(self.pick(0, 1, 2)))))
 
-    def every(self) -> Clause:
-        return Every(Noun(self.look(rich=0.3)), self.pick(HasLook(self.look(rich=0)), self.trait(positive=True)))
+    def every_item(self) -> Clause:
+        return EveryItem(
+            NounPhrase(self.description(rich=0.3)),
+            self.pick(Matches(self.description(rich=0)), self.predicate(positive=True)),
+        )
 
-    def every_with_trait(self) -> Clause:
+    def every_item_with_predicate(self) -> Clause:
         if self.chance(0.6):
-            return Every(Noun(Look(), (self.trait(positive=True),)), HasLook(self.look(rich=0)))
-        return Every(Noun(self.look(rich=0.3)), self.relation_held())
+            return EveryItem(
+                NounPhrase(Description(), (self.predicate(positive=True),)), Matches(self.description(rich=0))
+            )
+        return EveryItem(NounPhrase(self.description(rich=0.3)), self.positive_relation())
 
-    def relation_held(self) -> Beside | BesideLike:
-        return replace(self.relation(), holds=True)
+    def positive_relation(self) -> RelatedTo | RelatedByAttribute:
+        return replace(self.related_to(), positive=True)
 
     def each_box(self) -> Clause:
         return BoxCount(
-            Quantity(3, 3), (Has(self.pick(SOME, SOME, NONE, Quantity(1, 1), Quantity(2, None)), self.plain()),)
+            exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
         )
 
-    def related(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.plain().also(self.relation()))
+    def related_existence(self) -> Clause:
+        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
 
-    def related_many(self) -> Clause:
-        quantity = self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(2, None), Quantity(0, 1))
-        return ItemCount(quantity, Noun(self.look(rich=0.3)).also(self.relation()))
+    def related_quantity(self) -> Clause:
+        quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
+        return ItemCount(quantity, NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
 
-    def condition(self) -> Condition:
-        match self.pick("has", "has", "has", "has", "has", "total", "total", "pure", "varied", "trait"):
-            case "has":
-                return Has(self.few(), self.plain())
+    def condition(self) -> BoxCondition:
+        match self.pick(*["contains"] * 5, "total", "total", "only", "variety", "predicate"):
+            case "contains":
+                return Contains(self.quantity_in_box(), self.described_items())
             case "total":
                 number = self.pick(1, 2, 3, 3, 4, 5)
-                return Has(self.pick(Quantity(number, number), Quantity(max(2, number), None)), ANYTHING)
-            case "pure":
-                return Purely(self.look(rich=0.2))
-            case "varied":
-                return Varied(
-                    self.attribute(), self.pick(Quantity(1, 1), Quantity(2, 2), Quantity(2, None), Quantity(3, 3))
-                )
+                return Contains(self.pick(exactly(number), at_least(max(2, number))), ANYTHING)
+            case "only":
+                return ContainsOnly(self.description(rich=0.2))
+            case "variety":
+                return BoxVariety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
-                trait = self.pick(AtWall(), AtWall(self.pick(*Wall)), InCorner())
-                return Has(self.pick(SOME, SOME, NONE), Noun(self.look(rich=0.3), (trait,)))
+                predicate = self.pick(AtWall(), AtWall(self.pick(*Wall)), InCorner())
+                return Contains(self.pick(SOME, SOME, NONE), NounPhrase(self.description(rich=0.3), (predicate,)))
 
-    def two_named(self) -> Clause:
-        return BoxIs(self.pick(0, 1, 2), self.conditions(2))
+    def named_box_with_two_conditions(self) -> Clause:
+        return NamedBox(self.pick(0, 1, 2), self.conditions(2))
 
-    def not_every(self) -> Clause:
-        return NotEvery(Noun(self.look(rich=0.2)), self.pick(HasLook(self.look(rich=0)), self.trait(positive=True)))
+    def not_every_item(self) -> Clause:
+        return NotEveryItem(
+            NounPhrase(self.description(rich=0.2)),
+            self.pick(Matches(self.description(rich=0)), self.predicate(positive=True)),
+        )
 
-    def shared(self) -> Clause:
-        quantity = self.number_of_them()
-        trait = self.pick(HasLook(self.look(rich=0)), self.trait(positive=True), self.trait(positive=True))
-        return SharedCount(quantity, self.plain(), self.share(quantity), trait)
+    def partitive_count(self) -> Clause:
+        quantity = self.partitive_total()
+        predicate = self.pick(
+            Matches(self.description(rich=0)), self.predicate(positive=True), self.predicate(positive=True)
+        )
+        return PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate)
 
-    def extreme(self) -> Clause:
-        return Extreme(self.pick(ANYTHING, ANYTHING, Noun(self.look(rich=0))), self.conditions(1))
+    def largest_box(self) -> Clause:
+        return LargestBox(self.pick(ANYTHING, ANYTHING, NounPhrase(self.description(rich=0))), self.conditions(1))
 
-    def boxes_compared(self) -> Clause:
+    def box_comparison(self) -> Clause:
         one, other = self.two_boxes()
-        return BoxesCompared(self.pick(ANYTHING, self.plain()), one, self.pick(*Order), other)
+        return BoxComparison(self.pick(ANYTHING, self.described_items()), one, self.pick(*Order), other)
 
     def parity(self) -> Clause:
-        return Parity(self.pick(ANYTHING, Noun(self.look(rich=0))), self.chance(0.4))
+        return Parity(self.pick(ANYTHING, NounPhrase(self.description(rich=0))), self.chance(0.4))
 
-    def sharing_box(self) -> Clause:
-        quantity = self.number_of_them()
-        trait = self.pick(HasLook(self.look(rich=0)), AtWall(), AtWall(self.pick(*Wall)), InCorner())
-        return BoxCount(SOME, (Sharing(quantity, self.plain(), self.share(quantity), trait),))
+    def box_with_partitive(self) -> Clause:
+        quantity = self.partitive_total()
+        predicate = self.pick(Matches(self.description(rich=0)), AtWall(), AtWall(self.pick(*Wall)), InCorner())
+        return BoxCount(
+            SOME, (ContainsPartitive(quantity, self.described_items(), self.partitive(quantity), predicate),)
+        )

@@ -1,56 +1,62 @@
-"""From a meaning to its program, in the words of the program language (docs/programs.md)."""
+"""Realises a meaning as a program (docs/programs.md)."""
 
 from __future__ import annotations
 
+from lilgym_mp.generator.program_text import ALL_ITEMS, items_in_box, quantity_test
 from lilgym_mp.generator.semantics import (
     ANYTHING,
-    AtLevel,
+    SOME,
+    AtPosition,
     Attribute,
     AtWall,
-    Beside,
-    BesideLike,
+    BoxComparison,
+    BoxCondition,
+    BoxConditions,
     BoxCount,
-    BoxesCompared,
-    BoxIs,
+    BoxVariety,
     Clause,
-    Compared,
-    Condition,
-    Conditions,
-    Ends,
-    Evenly,
-    Every,
+    Compound,
+    Contains,
+    ContainsOnly,
+    ContainsPartitive,
+    CountComparison,
+    Description,
+    EndColour,
+    EqualCounts,
+    EveryItem,
     EveryTower,
-    Extreme,
-    Has,
-    HasLook,
     InBox,
     InCorner,
     ItemCount,
-    Joined,
-    Level,
-    Look,
-    NotEvery,
-    Noun,
+    LargestBox,
+    Matches,
+    MatchingEnds,
+    NamedBox,
+    NotEveryItem,
+    NounPhrase,
     Order,
     Parity,
-    PictureVaried,
-    Purely,
+    Partitive,
+    PartitiveCount,
+    Predicate,
     Quantity,
+    RelatedByAttribute,
+    RelatedTo,
     Relation,
-    SameEnds,
-    Share,
-    SharedCount,
-    Sharing,
-    Trait,
-    Varied,
+    SceneVariety,
+    TowerPosition,
 )
-from lilgym_mp.scene import Colour, Size
+from lilgym_mp.scene import Size
 
-VARIABLES = "xyzuvw"  # one for each depth of nesting
-ALL = "all_items"
-_SIZES = {Size.SMALL: "is_small", Size.MEDIUM: "is_medium", Size.LARGE: "is_big"}
-_LEVELS = {Level.TOP: "is_top", Level.BOTTOM: "is_bottom", Level.SECOND: "is_second", Level.THIRD: "is_third"}
-_RELATED = {
+VARIABLES = "xyzuvw"  # of nested lambdas, by depth
+_SIZE_TESTS = {Size.SMALL: "is_small", Size.MEDIUM: "is_medium", Size.LARGE: "is_big"}
+_POSITION_TESTS = {
+    TowerPosition.TOP: "is_top",
+    TowerPosition.BOTTOM: "is_bottom",
+    TowerPosition.SECOND: "is_second",
+    TowerPosition.THIRD: "is_third",
+}
+_RELATED_ITEMS = {
     Relation.TOUCHING: "get_touching",
     Relation.NEAR: "get_closely_touching",
     Relation.ON: "get_below",
@@ -58,170 +64,154 @@ _RELATED = {
     Relation.ABOVE: "get_box_all_below",
     Relation.BELOW: "get_box_all_above",
 }
-_SETS = {Attribute.COLOUR: "get_set_colors", Attribute.SHAPE: "get_set_shapes", Attribute.SIZE: "get_set_sizes"}
-_MEMBERS = {Attribute.COLOUR: "color", Attribute.SHAPE: "shape", Attribute.SIZE: "size"}
-_ORDERS = {Order.MORE: ">", Order.FEWER: "<", Order.EQUAL: "=="}
+_VALUE_SETS = {Attribute.COLOUR: "get_set_colors", Attribute.SHAPE: "get_set_shapes", Attribute.SIZE: "get_set_sizes"}
+_VALUES = {Attribute.COLOUR: "color", Attribute.SHAPE: "shape", Attribute.SIZE: "size"}
+_OPERATORS = {Order.MORE: ">", Order.FEWER: "<", Order.EQUAL: "=="}
 
 
 def program_source(clause: Clause) -> str:
     """The program that is true where the clause holds."""
     match clause:
         case ItemCount(quantity, noun):
-            return _numbered(quantity, _items(ALL, noun, 0))
-        case SharedCount(quantity, noun, share, trait):
-            return _shared(ALL, quantity, noun, share, trait, 0)
+            return quantity_test(quantity, _items(ALL_ITEMS, noun, 0))
+        case PartitiveCount(quantity, noun, partitive, predicate):
+            return _partitive(ALL_ITEMS, quantity, noun, partitive, predicate)
         case BoxCount(quantity, conditions, towers):
-            return _numbered(quantity, f"filter_obj(all_boxes, lambda b: {_box('b', conditions, towers)})")
+            return quantity_test(quantity, f"filter_obj(all_boxes, lambda b: {_box('b', conditions, towers)})")
         case EveryTower(conditions):
             towers = "filter_obj(all_boxes, lambda b: b.is_tower())"
             return f"All({towers}, lambda b: {_box('b', conditions, towers=False)})"
-        case BoxIs(index, conditions, towers):
+        case NamedBox(index, conditions, towers):
             return _box(f"all_boxes[{index}]", conditions, towers)
-        case Every(noun, trait):
-            return f"All({_items(ALL, noun, 0)}, lambda x: {_trait(trait, 0)})"
-        case NotEvery(noun, trait):
-            return f"exist(filter_obj({_items(ALL, noun, 0)}, lambda x: NOT({_trait(trait, 0)})))"
-        case Compared():
-            return _compared(clause)
-        case BoxesCompared(noun, one, order, other, towers):
-            left, right = (_count(_items(f"all_boxes[{index}].all_items_in_box()", noun, 0)) for index in (one, other))
-            test = f"{left} {_ORDERS[order]} {right}"
+        case EveryItem(noun, predicate):
+            return f"All({_items(ALL_ITEMS, noun, 0)}, lambda x: {_predicate_test(predicate, 0)})"
+        case NotEveryItem(noun, predicate):
+            return f"exist(filter_obj({_items(ALL_ITEMS, noun, 0)}, lambda x: NOT({_predicate_test(predicate, 0)})))"
+        case CountComparison():
+            return _count_comparison(clause)
+        case BoxComparison(noun, one, order, other, towers):
+            left, right = (_count(_items(items_in_box(f"all_boxes[{index}]"), noun, 0)) for index in (one, other))
+            test = f"{left} {_OPERATORS[order]} {right}"
             return f"all_boxes[{one}].is_tower() and all_boxes[{other}].is_tower() and {test}" if towers else test
-        case PictureVaried(attribute, quantity):
-            return _numbered(quantity, f"{_SETS[attribute]}({ALL})")
-        case Evenly(noun, same):
-            counts = (_count(_items(f"p[{index}].all_items_in_box()", noun, 0)) for index in (0, 1))
+        case SceneVariety(attribute, quantity):
+            return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({ALL_ITEMS})")
+        case EqualCounts(noun, same):
+            counts = (_count(_items(items_in_box(f"p[{index}]"), noun, 0)) for index in (0, 1))
             return f"All(combinations(all_boxes, 2), lambda p: {(' == ' if same else ' != ').join(counts)})"
         case Parity(noun, even):
-            return f"{_count(_items(ALL, noun, 0))} % 2 == {0 if even else 1}"
-        case Extreme(noun, conditions):
-            mine, others = (_count(_items(f"{box}.all_items_in_box()", noun, 0)) for box in "bc")
-            most = f"count(filter_obj(all_boxes, lambda c: {others} >= {mine})) == 1"
-            return f"exist(filter_obj(all_boxes, lambda b: {most} and {_box('b', conditions, towers=False)}))"
-        case Joined(every, clauses):
-            return (" and " if every else " or ").join(f"({program_source(part)})" for part in clauses)
+            return f"{_count(_items(ALL_ITEMS, noun, 0))} % 2 == {0 if even else 1}"
+        case LargestBox(noun, conditions):
+            count, other_count = (_count(_items(items_in_box(box), noun, 0)) for box in "bc")
+            is_largest = f"count(filter_obj(all_boxes, lambda c: {other_count} >= {count})) == 1"
+            return f"exist(filter_obj(all_boxes, lambda b: {is_largest} and {_box('b', conditions, towers=False)}))"
+        case Compound(conjunctive, clauses):
+            return (" and " if conjunctive else " or ").join(f"({program_source(part)})" for part in clauses)
 
 
-def _compared(clause: Compared) -> str:
-    one, other = (_count(_items(ALL, noun, 0)) for noun in (clause.one, clause.other))
+def _count_comparison(clause: CountComparison) -> str:
+    one, other = (_count(_items(ALL_ITEMS, noun, 0)) for noun in (clause.one, clause.other))
     if clause.margin is None:
-        return f"{one} {_ORDERS[clause.order]} {other}"
+        return f"{one} {_OPERATORS[clause.order]} {other}"
     smaller, larger = (other, one) if clause.order is Order.MORE else (one, other)
     return f"{larger} == {smaller} + {clause.margin}"
-
-
-def _numbered(quantity: Quantity, collection: str) -> str:
-    low, high, _ = quantity
-    if quantity.high == 0:
-        return f"NOT(exist({collection}))"
-    if (low, high) == (1, None):
-        return f"exist({collection})"
-    if low == high:
-        return f"count({collection}) == {low}"
-    if high is None:
-        return f"ge(count({collection}), {low})"
-    if low == 0:
-        return f"le(count({collection}), {high})"
-    return f"{low} <= count({collection}) <= {high}"
 
 
 def _count(collection: str) -> str:
     return f"count({collection})"
 
 
-def _items(source: str, noun: Noun, depth: int) -> str:
-    """The items of `source` that the noun names."""
+def _items(source: str, noun: NounPhrase, depth: int) -> str:
+    """The items of `source` that the noun phrase denotes."""
     if noun == ANYTHING:
         return source
-    look, traits = noun.look, noun.traits
-    if not traits and look == Look(colours=look.colours) and len(look.colours) == 1:
-        return f"filter_color({source}, Color.{next(iter(look.colours)).name})"
-    if not traits and look == Look(shape=look.shape) and look.shape is not None:
-        return f"filter_shape({source}, Shape.{look.shape.name})"
+    description, predicates = noun.description, noun.predicates
+    if not predicates and description == Description(colours=description.colours) and len(description.colours) == 1:
+        return f"filter_color({source}, Color.{next(iter(description.colours)).name})"
+    if not predicates and description == Description(shape=description.shape) and description.shape is not None:
+        return f"filter_shape({source}, Shape.{description.shape.name})"
     return f"filter_obj({source}, lambda {VARIABLES[depth]}: {_noun_test(noun, depth)})"
 
 
-def _noun_test(noun: Noun, depth: int) -> str:
-    tests = [*_look_tests(noun.look, VARIABLES[depth]), *(_trait(trait, depth) for trait in noun.traits)]
+def _noun_test(noun: NounPhrase, depth: int) -> str:
+    tests = [
+        *_description_tests(noun.description, VARIABLES[depth]),
+        *(_predicate_test(predicate, depth) for predicate in noun.predicates),
+    ]
     return " and ".join(tests)
 
 
-def _look_tests(look: Look, variable: str) -> list[str]:
+def _description_tests(description: Description, variable: str) -> list[str]:
     tests: list[str] = []
-    if look.colours:
-        colours = [f"{_colour_word(colour)}({variable})" for colour in sorted(look.colours)]
+    if description.colours:
+        colours = [f"is_{colour.name.lower()}({variable})" for colour in sorted(description.colours)]
         tests.append(colours[0] if len(colours) == 1 else f"({' or '.join(colours)})")
-    if look.size is not None:
-        tests.append(f"{_SIZES[look.size]}({variable})")
-    if look.shape is not None:
-        tests.append(f"is_{look.shape.name.lower()}({variable})")
+    if description.size is not None:
+        tests.append(f"{_SIZE_TESTS[description.size]}({variable})")
+    if description.shape is not None:
+        tests.append(f"is_{description.shape.name.lower()}({variable})")
     return tests
 
 
-def _colour_word(colour: Colour) -> str:
-    return f"is_{colour.name.lower()}"
+def _predicate_test(predicate: Predicate, depth: int) -> str:
+    test = _positive_test(predicate, depth)
+    return test if predicate.positive else f"NOT({test})"
 
 
-def _trait(trait: Trait, depth: int) -> str:
-    test = _trait_test(trait, depth)
-    return test if trait.holds else f"NOT({test})"
-
-
-def _trait_test(trait: Trait, depth: int) -> str:
+def _positive_test(predicate: Predicate, depth: int) -> str:
     variable = VARIABLES[depth]
-    match trait:
-        case HasLook(look):
-            tests = _look_tests(look, variable)
+    match predicate:
+        case Matches(description):
+            tests = _description_tests(description, variable)
             return tests[0] if len(tests) == 1 else f"({' and '.join(tests)})"
-        case AtWall(wall, close):
+        case AtWall(wall, near):
             side = "" if wall is None else f", Side.{wall.name}"
-            return f"is_{'closely_' if close else ''}touching_wall({variable}{side})"
-        case InCorner(close):
-            return f"is_{'closely_' if close else ''}touching_corner({variable})"
+            return f"is_{'closely_' if near else ''}touching_wall({variable}{side})"
+        case InCorner(near):
+            return f"is_{'closely_' if near else ''}touching_corner({variable})"
         case InBox(index):
             return f"{variable}.box == all_boxes[{index}]"
-        case AtLevel(level):
-            return f"{_LEVELS[level]}({variable})"
-        case Beside(relation, noun):
-            return f"exist({_items(f'{_RELATED[relation]}({variable})', noun, depth + 1)})"
-        case BesideLike(relation, attribute, same):
-            other, member = VARIABLES[depth + 1], _MEMBERS[attribute]
+        case AtPosition(position):
+            return f"{_POSITION_TESTS[position]}({variable})"
+        case RelatedTo(relation, noun):
+            return f"exist({_items(f'{_RELATED_ITEMS[relation]}({variable})', noun, depth + 1)})"
+        case RelatedByAttribute(relation, attribute, same):
+            other, member = VARIABLES[depth + 1], _VALUES[attribute]
             test = f"{other}.{member} {'==' if same else '!='} {variable}.{member}"
-            return f"exist(filter_obj({_RELATED[relation]}({variable}), lambda {other}: {test}))"
+            return f"exist(filter_obj({_RELATED_ITEMS[relation]}({variable}), lambda {other}: {test}))"
 
 
-def _box(box: str, conditions: Conditions, towers: bool) -> str:
+def _box(box: str, conditions: BoxConditions, towers: bool) -> str:
     tests = [_condition(box, condition) for condition in conditions]
     return " and ".join([f"{box}.is_tower()", *tests] if towers else tests)
 
 
-def _condition(box: str, condition: Condition) -> str:
-    items = f"{box}.all_items_in_box()"
+def _condition(box: str, condition: BoxCondition) -> str:
+    items = items_in_box(box)
     match condition:
-        case Has(quantity, noun):
-            return _numbered(quantity, _items(items, noun, 0))
-        case Purely(look):
-            return f"All({items}, lambda x: {_trait_test(HasLook(look), 0)})"
-        case Varied(attribute, quantity):
-            return _numbered(quantity, f"{_SETS[attribute]}({items})")
-        case Ends(level, colours):
-            return _numbered(Quantity(1, None), _items(items, Noun(Look(colours=colours), (AtLevel(level),)), 0))
-        case SameEnds(same):
+        case Contains(quantity, noun):
+            return quantity_test(quantity, _items(items, noun, 0))
+        case ContainsOnly(description):
+            return f"All({items}, lambda x: {_positive_test(Matches(description), 0)})"
+        case BoxVariety(attribute, quantity):
+            return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({items})")
+        case EndColour(position, colours):
+            return quantity_test(
+                SOME, _items(items, NounPhrase(Description(colours=colours), (AtPosition(position),)), 0)
+            )
+        case MatchingEnds(same):
             ends = f"filter_obj({items}, lambda x: is_top(x) or is_bottom(x))"
             return f"ge(count({items}), 2) and {'' if same else 'not '}all_same_color({ends})"
-        case Sharing(quantity, noun, share, trait):
-            return _shared(items, quantity, noun, share, trait, 0)
+        case ContainsPartitive(quantity, noun, partitive, predicate):
+            return _partitive(items, quantity, noun, partitive, predicate)
 
 
-def _shared(source: str, quantity: Quantity, noun: Noun, share: Share, trait: Trait, depth: int) -> str:
-    number = _numbered(quantity, _items(source, noun, depth))
-    having = _items(source, noun.also(trait), depth)
-    match share:
-        case Share.ALL:
-            return f"{number} and All({_items(source, noun, depth)}, lambda x: {_trait(trait, depth)})"
-        case Share.NONE:
-            return f"{number} and NOT(exist({having}))"
-        case Share.SOME:
-            return f"{number} and exist({having})"
-        case Share.ONE:
-            return f"{number} and count({having}) == 1"
+def _partitive(source: str, quantity: Quantity, noun: NounPhrase, partitive: Partitive, predicate: Predicate) -> str:
+    items = _items(source, noun, 0)
+    satisfying = _items(source, noun.such_that(predicate), 0)
+    test = {
+        Partitive.ALL: f"All({items}, lambda x: {_predicate_test(predicate, 0)})",
+        Partitive.NONE: f"NOT(exist({satisfying}))",
+        Partitive.SOME: f"exist({satisfying})",
+        Partitive.ONE: f"count({satisfying}) == 1",
+    }[partitive]
+    return f"{quantity_test(quantity, items)} and {test}"

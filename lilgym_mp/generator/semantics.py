@@ -1,7 +1,9 @@
-"""What a generated statement means: a small tree of items, boxes, quantities and clauses.
+"""Meaning representations: what a generated statement says, as a small tree independent of any wording.
 
-`sources` turns a meaning into a program, `wording` into English, `reading` reads English back into meanings, and
-`interpretation` says directly whether a meaning holds in a scene. None of the four uses another.
+A meaning is a `Clause` over noun phrases, predicates of items, conditions of boxes and quantities.
+`program_realisation` turns it into a program and `sentence_realisation` into English; `statement_grammar` parses
+English back into meanings, and `interpretation` evaluates a meaning in a scene. None of the four uses another, so that
+each can check the rest.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 from lilgym_mp.scene import Colour, Shape, Size
 
-Part = TypeVar("Part")
+Node = TypeVar("Node")
 
 
 class Wall(StrEnum):
@@ -25,8 +27,8 @@ class Wall(StrEnum):
     BOTTOM = "bottom"
 
 
-class Level(StrEnum):
-    """A place in a box's pile, counted as the words say."""
+class TowerPosition(StrEnum):
+    """A place in a tower; SECOND and THIRD count from the bottom."""
 
     TOP = "top"
     BOTTOM = "bottom"
@@ -35,34 +37,32 @@ class Level(StrEnum):
 
 
 class Relation(StrEnum):
-    """How one item lies to another of its box."""
+    """A spatial relation of one item to another in the same box."""
 
     TOUCHING = "touching"
     NEAR = "near"  # touching or almost
     ON = "on"  # directly above, in a tower
     UNDER = "under"  # directly below, in a tower
-    ABOVE = "above"  # anywhere higher in the box
+    ABOVE = "above"  # anywhere higher
     BELOW = "below"
 
 
 class Attribute(StrEnum):
-    """What items may have in common."""
-
     COLOUR = "colour"
     SHAPE = "shape"
     SIZE = "size"
 
 
 class Order(StrEnum):
-    """How one number compares with another."""
+    """The outcome of comparing two counts."""
 
     MORE = "more"
     FEWER = "fewer"
     EQUAL = "equal"
 
 
-class Share(StrEnum):
-    """How many of the items just named are meant by "of them"."""
+class Partitive(StrEnum):
+    """The quantifier in "... of them"."""
 
     ALL = "all"
     NONE = "none"
@@ -71,22 +71,34 @@ class Share(StrEnum):
 
 
 class Quantity(NamedTuple):
-    """A range of numbers, both ends included; `high` None means no end. `soft` ranges come from vague words."""
+    """A range of counts, both ends included; `high` None means no upper bound. Words like "several" are `vague`."""
 
     low: int
     high: int | None
-    soft: bool = False
+    vague: bool = False
 
-    def holds(self, count: int) -> bool:
+    def admits(self, count: int) -> bool:
         return self.low <= count and (self.high is None or count <= self.high)
 
 
-SOME, NONE = Quantity(1, None), Quantity(0, 0)
+def exactly(count: int) -> Quantity:
+    return Quantity(count, count)
+
+
+def at_least(count: int) -> Quantity:
+    return Quantity(count, None)
+
+
+def at_most(count: int) -> Quantity:
+    return Quantity(0, count)
+
+
+SOME, NONE = at_least(1), exactly(0)
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What an item looks like; no colours mean any colour, two colours either of them."""
+class Description:
+    """Attribute values of an item. None and an empty set match anything; several colours match any of them."""
 
     shape: Shape | None = None
     colours: frozenset[Colour] = frozenset()
@@ -94,208 +106,208 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class HasLook:
-    """Being blue, being a small circle, not being black."""
+class Matches:
+    """The item matches the description: is blue, is a small circle."""
 
-    look: Look
-    holds: bool = True
+    description: Description
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class AtWall:
-    """Touching a wall of the box, any when `wall` is None; `close` counts almost touching (4 pixels)."""
+    """The item touches a wall of its box, any wall when `wall` is None; `near` includes gaps of up to 4 pixels."""
 
     wall: Wall | None = None
-    close: bool = False
-    holds: bool = True
+    near: bool = False
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class InCorner:
-    """Touching two walls of the box."""
+    """The item touches two walls of its box."""
 
-    close: bool = False
-    holds: bool = True
+    near: bool = False
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class InBox:
-    """Being in the left (0), middle (1) or right (2) box."""
+    """The item is in the left (0), middle (1) or right (2) box."""
 
     index: int
-    holds: bool = True
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class AtLevel:
-    """Being the top, the bottom, the second or third from below of its box."""
+class AtPosition:
+    """The item is at this position of its tower."""
 
-    level: Level
-    holds: bool = True
+    position: TowerPosition
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
-    """Standing in the relation to some other item that is a `noun`."""
+class RelatedTo:
+    """The item stands in the relation to another item that the noun phrase denotes."""
 
     relation: Relation
-    noun: Noun
-    holds: bool = True
+    noun: NounPhrase
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class BesideLike:
-    """Standing in the relation to some other item of the same colour, shape or size, or (`same` False) of another."""
+class RelatedByAttribute:
+    """The item stands in the relation to another with the same attribute value, or (`same` False) a different one."""
 
     relation: Relation
     attribute: Attribute
     same: bool
-    holds: bool = True
+    positive: bool = True
 
 
-Trait = HasLook | AtWall | InCorner | InBox | AtLevel | Beside | BesideLike
-
-
-@dataclass(frozen=True, slots=True)
-class Noun:
-    """Items of one look that have all the traits."""
-
-    look: Look = Look()
-    traits: tuple[Trait, ...] = ()
-
-    def also(self, trait: Trait) -> Noun:
-        return Noun(self.look, (*self.traits, trait))
-
-
-ANYTHING = Noun()
+Predicate = Matches | AtWall | InCorner | InBox | AtPosition | RelatedTo | RelatedByAttribute
 
 
 @dataclass(frozen=True, slots=True)
-class Has:
-    """The box holds so many of these items."""
+class NounPhrase:
+    """Denotes the items that match the description and satisfy every predicate."""
+
+    description: Description = Description()
+    predicates: tuple[Predicate, ...] = ()
+
+    def such_that(self, predicate: Predicate) -> NounPhrase:
+        return NounPhrase(self.description, (*self.predicates, predicate))
+
+
+ANYTHING = NounPhrase()
+
+
+@dataclass(frozen=True, slots=True)
+class Contains:
+    """The box contains this quantity of the items."""
 
     quantity: Quantity
-    noun: Noun
+    noun: NounPhrase
 
 
 @dataclass(frozen=True, slots=True)
-class Purely:
-    """The box is not empty and holds nothing but items of this look."""
+class ContainsOnly:
+    """The box is not empty and every item in it matches the description."""
 
-    look: Look
+    description: Description
 
 
 @dataclass(frozen=True, slots=True)
-class Varied:
-    """The box's items have so many different colours, shapes or sizes."""
+class BoxVariety:
+    """The box's items have this quantity of different values of the attribute."""
 
     attribute: Attribute
     quantity: Quantity
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
+class EndColour:
     """The top or bottom item of the tower has one of the colours."""
 
-    level: Level
+    position: TowerPosition
     colours: frozenset[Colour]
 
 
 @dataclass(frozen=True, slots=True)
-class SameEnds:
-    """The tower has at least two items, and top and bottom have the same colour, or (`same` False) have not."""
+class MatchingEnds:
+    """The tower has at least two items, and its top and bottom have the same colour, or (`same` False) differ."""
 
     same: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Sharing:
-    """The box holds so many of these items, and this share of them has the trait."""
+class ContainsPartitive:
+    """The box contains this quantity of the items, and this part of them satisfies the predicate."""
 
     quantity: Quantity
-    noun: Noun
-    share: Share
-    trait: Trait
+    noun: NounPhrase
+    partitive: Partitive
+    predicate: Predicate
 
 
-Condition = Has | Purely | Varied | Ends | SameEnds | Sharing
-Conditions = tuple[Condition, ...]
+BoxCondition = Contains | ContainsOnly | BoxVariety | EndColour | MatchingEnds | ContainsPartitive
+BoxConditions = tuple[BoxCondition, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ItemCount:
-    """So many of these items are in the picture."""
+    """The picture has this quantity of the items."""
 
     quantity: Quantity
-    noun: Noun
+    noun: NounPhrase
 
 
 @dataclass(frozen=True, slots=True)
-class SharedCount:
-    """So many of these items are in the picture, and this share of them has the trait."""
+class PartitiveCount:
+    """The picture has this quantity of the items, and this part of them satisfies the predicate."""
 
     quantity: Quantity
-    noun: Noun
-    share: Share
-    trait: Trait
+    noun: NounPhrase
+    partitive: Partitive
+    predicate: Predicate
 
 
 @dataclass(frozen=True, slots=True)
 class BoxCount:
-    """So many boxes meet all the conditions; `towers`: they are not empty, too."""
+    """This quantity of boxes satisfies all conditions; with `towers` only boxes that are not empty count."""
 
     quantity: Quantity
-    conditions: Conditions
+    conditions: BoxConditions
     towers: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class EveryTower:
-    """There is a tower, and each tower meets all the conditions."""
+    """There is a tower, and every tower satisfies all conditions."""
 
-    conditions: Conditions
+    conditions: BoxConditions
 
 
 @dataclass(frozen=True, slots=True)
-class BoxIs:
-    """The named box meets all the conditions."""
+class NamedBox:
+    """The box at this index satisfies all conditions; with `towers` it must not be empty."""
 
     index: int
-    conditions: Conditions
+    conditions: BoxConditions
     towers: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Every:
-    """There are such items, and each has the trait."""
+class EveryItem:
+    """There are such items, and every one satisfies the predicate."""
 
-    noun: Noun
-    trait: Trait
-
-
-@dataclass(frozen=True, slots=True)
-class NotEvery:
-    """Some such item lacks the trait."""
-
-    noun: Noun
-    trait: Trait
+    noun: NounPhrase
+    predicate: Predicate
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
-    """There are more (by `margin`, where given), fewer or as many of these items than of those."""
+class NotEveryItem:
+    """At least one such item does not satisfy the predicate."""
 
-    one: Noun
+    noun: NounPhrase
+    predicate: Predicate
+
+
+@dataclass(frozen=True, slots=True)
+class CountComparison:
+    """There are more, fewer or as many of the first items than of the second; `margin` is the exact difference."""
+
+    one: NounPhrase
     order: Order
-    other: Noun
+    other: NounPhrase
     margin: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class BoxesCompared:
-    """One named box has more, fewer or as many of these items than the other; `towers`: neither is empty."""
+class BoxComparison:
+    """Box `one` has more, fewer or as many of the items than box `other`; with `towers` neither may be empty."""
 
-    noun: Noun
+    noun: NounPhrase
     one: int
     order: Order
     other: int
@@ -303,80 +315,80 @@ class BoxesCompared:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureVaried:
-    """The picture's items have so many different colours, shapes or sizes."""
+class SceneVariety:
+    """The picture's items have this quantity of different values of the attribute."""
 
     attribute: Attribute
     quantity: Quantity
 
 
 @dataclass(frozen=True, slots=True)
-class Evenly:
-    """All boxes hold equally many of these items, or (`same` False) no two boxes do."""
+class EqualCounts:
+    """All boxes contain equally many of the items, or (`same` False) no two boxes do."""
 
-    noun: Noun
+    noun: NounPhrase
     same: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Parity:
-    """The number of these items is even or odd."""
+    """The number of the items is even or odd."""
 
-    noun: Noun
+    noun: NounPhrase
     even: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Extreme:
-    """One box holds the most of these items, more than any other, and meets the conditions."""
+class LargestBox:
+    """One box contains more of the items than any other, and satisfies the conditions."""
 
-    noun: Noun
-    conditions: Conditions
+    noun: NounPhrase
+    conditions: BoxConditions
 
 
 @dataclass(frozen=True, slots=True)
-class Joined:
-    """All clauses hold, or (`every` False) at least one."""
+class Compound:
+    """A conjunction of clauses, or (`conjunctive` False) a disjunction."""
 
-    every: bool
+    conjunctive: bool
     clauses: tuple[Clause, ...]
 
 
-Simple = (
+Clause = (
     ItemCount
-    | SharedCount
+    | PartitiveCount
     | BoxCount
     | EveryTower
-    | BoxIs
-    | Every
-    | NotEvery
-    | Compared
-    | BoxesCompared
-    | PictureVaried
-    | Evenly
+    | NamedBox
+    | EveryItem
+    | NotEveryItem
+    | CountComparison
+    | BoxComparison
+    | SceneVariety
+    | EqualCounts
     | Parity
-    | Extreme
+    | LargestBox
+    | Compound
 )
-Clause = Simple | Joined
 
 
-def relabelled(part: Part, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Part:
-    """The same meaning of other colours and shapes: said in the same words it has the same form."""
-    return cast("Part", _relabelled(part, colours, shapes))
+def with_values_replaced(node: Node, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Node:
+    """The same tree about other colours and shapes: worded the same way, it gives a statement of the same form."""
+    return cast("Node", _with_values_replaced(node, colours, shapes))
 
 
-def _relabelled(part: Any, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> object:
-    match part:
+def _with_values_replaced(node: Any, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> object:
+    match node:
         case Colour():
-            return colours[part]
+            return colours[node]
         case Shape():
-            return shapes[part]
+            return shapes[node]
         case frozenset():
-            return frozenset(_relabelled(inner, colours, shapes) for inner in cast("frozenset[object]", part))
-        case tuple() if not isinstance(part, Quantity):
-            return tuple(_relabelled(inner, colours, shapes) for inner in cast("tuple[object, ...]", part))
-        case _ if is_dataclass(part):
-            values = (_relabelled(getattr(part, field.name), colours, shapes) for field in fields(part))
-            return type(part)(*values)
+            return frozenset(_with_values_replaced(child, colours, shapes) for child in cast("frozenset[object]", node))
+        case tuple() if not isinstance(node, Quantity):
+            return tuple(_with_values_replaced(child, colours, shapes) for child in cast("tuple[object, ...]", node))
+        case _ if is_dataclass(node):
+            values = (_with_values_replaced(getattr(node, field.name), colours, shapes) for field in fields(node))
+            return type(node)(*values)
         case _:
-            return part
+            return node

@@ -18,45 +18,48 @@ from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
     SOME,
-    AtLevel,
+    AtPosition,
     Attribute,
     AtWall,
-    Beside,
-    BesideLike,
+    BoxComparison,
+    BoxCondition,
     BoxCount,
-    BoxesCompared,
-    BoxIs,
+    BoxVariety,
     Clause,
-    Compared,
-    Condition,
-    Ends,
-    Evenly,
-    Every,
+    Compound,
+    Contains,
+    ContainsOnly,
+    ContainsPartitive,
+    CountComparison,
+    Description,
+    EndColour,
+    EqualCounts,
+    EveryItem,
     EveryTower,
-    Extreme,
-    Has,
-    HasLook,
     InBox,
     InCorner,
     ItemCount,
-    Joined,
-    Level,
-    Look,
-    NotEvery,
-    Noun,
+    LargestBox,
+    Matches,
+    MatchingEnds,
+    NamedBox,
+    NotEveryItem,
+    NounPhrase,
     Order,
     Parity,
-    PictureVaried,
-    Purely,
+    Partitive,
+    PartitiveCount,
+    Predicate,
     Quantity,
+    RelatedByAttribute,
+    RelatedTo,
     Relation,
-    SameEnds,
-    Share,
-    SharedCount,
-    Sharing,
-    Trait,
-    Varied,
+    SceneVariety,
+    TowerPosition,
     Wall,
+    at_least,
+    at_most,
+    exactly,
 )
 from lilgym_mp.scene import Colour, Shape, Size
 
@@ -100,8 +103,8 @@ LEXICON: Mapping[str, Mapping[str, object]] = {
         **dict.fromkeys(("top", "upper"), Wall.TOP),
         **dict.fromkeys(("bottom", "lower"), Wall.BOTTOM),
     },
-    "END": {"top": Level.TOP, **dict.fromkeys(("bottom", "base"), Level.BOTTOM)},
-    "MIDLEVEL": {"second": Level.SECOND, "third": Level.THIRD},
+    "END": {"top": TowerPosition.TOP, **dict.fromkeys(("bottom", "base"), TowerPosition.BOTTOM)},
+    "MIDLEVEL": {"second": TowerPosition.SECOND, "third": TowerPosition.THIRD},
     "EVEN": {"even": True, "odd": False},
 }
 
@@ -127,7 +130,7 @@ def _grammar() -> Grammar:
 
 
 Add = Callable[[str, str, Callable[..., Any]], None]
-Counted = tuple[Quantity, Noun]  # what a QN stands for
+Counted = tuple[Quantity, NounPhrase]  # what a QN stands for
 
 
 def _quantities(add: Add) -> None:
@@ -136,18 +139,18 @@ def _quantities(add: Add) -> None:
     add("Q", "no", lambda: NONE)
     add("Q", "RANGE", lambda q: q)
     for words, least in (("several", 3), ("quite a few", 3), ("many", 4), ("a lot of", 4), ("lots of", 4)):
-        add("Q", words, lambda least=least: Quantity(least, None, soft=True))
-    add("RANGE", "exactly|only|just|precisely? NUM", lambda n: Quantity(n, n))
-    add("RANGE", "a single", lambda: Quantity(1, 1))
-    add("RANGE", "a pair of", lambda: Quantity(2, 2))
-    add("RANGE", "at least NUM", lambda n: Quantity(n, None))
-    add("RANGE", "no fewer than NUM", lambda n: Quantity(n, None))
-    add("RANGE", "NUM or more", lambda n: Quantity(n, None))
-    add("RANGE", "more|greater than NUM", lambda n: Quantity(n + 1, None))
-    add("RANGE", "multiple", lambda: Quantity(2, None))
-    add("RANGE", "at most NUM", lambda n: Quantity(0, n))
-    add("RANGE", "no|not more than NUM", lambda n: Quantity(0, n))
-    add("RANGE", "fewer than NUM", lambda n: Quantity(0, n - 1))
+        add("Q", words, lambda least=least: Quantity(least, None, vague=True))
+    add("RANGE", "exactly|only|just|precisely? NUM", lambda n: exactly(n))
+    add("RANGE", "a single", lambda: exactly(1))
+    add("RANGE", "a pair of", lambda: exactly(2))
+    add("RANGE", "at least NUM", lambda n: at_least(n))
+    add("RANGE", "no fewer than NUM", lambda n: at_least(n))
+    add("RANGE", "NUM or more", lambda n: at_least(n))
+    add("RANGE", "more|greater than NUM", lambda n: at_least(n + 1))
+    add("RANGE", "multiple", lambda: at_least(2))
+    add("RANGE", "at most NUM", lambda n: at_most(n))
+    add("RANGE", "no|not more than NUM", lambda n: at_most(n))
+    add("RANGE", "fewer than NUM", lambda n: at_most(n - 1))
     add("RANGE", "NUM or NUM", lambda low, high: Quantity(low, high))
     add("RANGE", "between NUM and NUM", lambda low, high: Quantity(low, high))
     add("RANGE", "at least NUM but no more than NUM", lambda low, high: Quantity(low, high))
@@ -158,11 +161,11 @@ def _nouns(add: Add) -> None:
     add("COLOURS", "COLOUR or COLOUR", lambda one, other: frozenset({one, other}))
     add("HEAD", "SHAPE", lambda shape: shape)
     add("HEAD", "ITEM", lambda item: item)
-    add("LOOK", "SIZE? COLOURS? HEAD", lambda size, colours, head: Look(head, colours or frozenset(), size))
-    add("NOUN", "LOOK MODIFIERS?", lambda look, traits: Noun(look, traits or ()))
-    add("MODIFIERS", "MODIFIER MODIFIERS?", lambda trait, more: (trait, *(more or ())))
-    add("MODIFIER", "that PREDICATE", lambda trait: trait)
-    add("MODIFIER", "LYING", lambda trait: trait)
+    add("LOOK", "SIZE? COLOURS? HEAD", lambda size, colours, head: Description(head, colours or frozenset(), size))
+    add("NOUN", "LOOK MODIFIERS?", lambda description, predicates: NounPhrase(description, predicates or ()))
+    add("MODIFIERS", "MODIFIER MODIFIERS?", lambda predicate, more: (predicate, *(more or ())))
+    add("MODIFIER", "that PREDICATE", lambda predicate: predicate)
+    add("MODIFIER", "LYING", lambda predicate: predicate)
     add("MODIFIER", "not LYING", _denied)
     add("QN", "Q NOUN", lambda quantity, noun: (quantity, noun))
     add("ANOUN", "a|an|any|another NOUN", lambda noun: noun)
@@ -175,11 +178,11 @@ def _walls(add: Add) -> None:
     add("WALL", "the wall|edge|side on the SIDE", lambda wall: wall)
     add("WALL", "the floor", lambda: Wall.BOTTOM)
     add("LYING", "touching|against WALL", AtWall)
-    add("LYING", "touching or almost touching WALL", lambda wall: AtWall(wall, close=True))
-    add("LYING", "very close to WALL or touching it", lambda wall: AtWall(wall, close=True))
+    add("LYING", "touching or almost touching WALL", lambda wall: AtWall(wall, near=True))
+    add("LYING", "very close to WALL or touching it", lambda wall: AtWall(wall, near=True))
     add("PREDICATE", "touches|touch WALL", AtWall)
-    add("PREDICATE", "does|do not touch WALL", lambda wall: AtWall(wall, holds=False))
-    add("PREDICATE", "touches|touch or almost touches|touch WALL", lambda wall: AtWall(wall, close=True))
+    add("PREDICATE", "does|do not touch WALL", lambda wall: AtWall(wall, positive=False))
+    add("PREDICATE", "touches|touch or almost touches|touch WALL", lambda wall: AtWall(wall, near=True))
     add("LYING", "sitting? in a corner", InCorner)
     add("LYING", "in a corner of a box", InCorner)
     add("LYING", "sitting? in corners", InCorner)
@@ -188,10 +191,10 @@ def _walls(add: Add) -> None:
 
 def _traits(add: Add) -> None:
     add("LYING", "in|inside the NAME box", InBox)
-    add("LYING", "outside the NAME box", lambda index: InBox(index, holds=False))
-    add("LYING", "at the very? END of a|their tower|stack|towers|stacks", AtLevel)
-    add("LYING", "in MIDLEVEL position from the bottom", AtLevel)
-    add("LYING", "MIDLEVEL from the bottom", AtLevel)
+    add("LYING", "outside the NAME box", lambda index: InBox(index, positive=False))
+    add("LYING", "at the very? END of a|their tower|stack|towers|stacks", AtPosition)
+    add("LYING", "in MIDLEVEL position from the bottom", AtPosition)
+    add("LYING", "MIDLEVEL from the bottom", AtPosition)
     for words, relation in (
         ("touching", Relation.TOUCHING),
         ("in contact with", Relation.TOUCHING),
@@ -201,8 +204,8 @@ def _traits(add: Add) -> None:
         ("directly on|above", Relation.ON),
         ("directly|right under|below", Relation.UNDER),
     ):
-        add("LYING", f"{words} ANOUN", lambda noun, relation=relation: Beside(relation, noun))
-        add("LYING", f"{words} LIKE", lambda like, relation=relation: BesideLike(relation, *like))
+        add("LYING", f"{words} ANOUN", lambda noun, relation=relation: RelatedTo(relation, noun))
+        add("LYING", f"{words} LIKE", lambda like, relation=relation: RelatedByAttribute(relation, *like))
     for words, relation in (
         ("somewhere? above", Relation.ABOVE),
         ("higher up than", Relation.ABOVE),
@@ -210,71 +213,79 @@ def _traits(add: Add) -> None:
         ("lower down than", Relation.BELOW),
     ):
         place = "in the same tower|stack|box"
-        add("LYING", f"{words} ANOUN {place}", lambda noun, relation=relation: Beside(relation, noun))
-        add("LYING", f"{words} LIKE {place}", lambda like, relation=relation: BesideLike(relation, *like))
+        add("LYING", f"{words} ANOUN {place}", lambda noun, relation=relation: RelatedTo(relation, noun))
+        add("LYING", f"{words} LIKE {place}", lambda like, relation=relation: RelatedByAttribute(relation, *like))
     add("LIKE", "a|an|another ITEM of the same ATTRIBUTE", lambda _, attribute: (attribute, True))
     add("LIKE", "a|an ITEM of a different ATTRIBUTE", lambda _, attribute: (attribute, False))
     add("LIKE", "a|an ITEM of another ATTRIBUTE", lambda _, attribute: (attribute, False))
-    add("PREDICATE", "touches|touch ANOUN", lambda noun: Beside(Relation.TOUCHING, noun))
-    add("PREDICATE", "is|are|sits|sit|lies|lie|stands|stand|rests|rest LYING", lambda trait: trait)
+    add("PREDICATE", "touches|touch ANOUN", lambda noun: RelatedTo(Relation.TOUCHING, noun))
+    add("PREDICATE", "is|are|sits|sit|lies|lie|stands|stand|rests|rest LYING", lambda predicate: predicate)
     add("PREDICATE", "is|are not LYING", _denied)
-    add("PREDICATE", "is|are BEING", HasLook)
-    add("PREDICATE", "is|are not BEING", lambda look: HasLook(look, holds=False))
-    add("BEING", "either? COLOURS", lambda colours: Look(colours=colours))
-    add("BEING", "SIZE", lambda size: Look(size=size))
-    add("BEING", "SIZE and COLOURS", lambda size, colours: Look(size=size, colours=colours))
-    add("BEING", "a|an? SIZE? COLOURS? SHAPE", lambda size, colours, shape: Look(shape, colours or frozenset(), size))
+    add("PREDICATE", "is|are BEING", Matches)
+    add("PREDICATE", "is|are not BEING", lambda description: Matches(description, positive=False))
+    add("BEING", "either? COLOURS", lambda colours: Description(colours=colours))
+    add("BEING", "SIZE", lambda size: Description(size=size))
+    add("BEING", "SIZE and COLOURS", lambda size, colours: Description(size=size, colours=colours))
+    add(
+        "BEING",
+        "a|an? SIZE? COLOURS? SHAPE",
+        lambda size, colours, shape: Description(shape, colours or frozenset(), size),
+    )
 
 
-def _denied(trait: Trait) -> Trait:
-    match trait:
-        case HasLook(look):
-            return HasLook(look, holds=False)
-        case AtWall(wall, close):
-            return AtWall(wall, close, holds=False)
-        case InCorner(close):
-            return InCorner(close, holds=False)
+def _denied(predicate: Predicate) -> Predicate:
+    match predicate:
+        case Matches(description):
+            return Matches(description, positive=False)
+        case AtWall(wall, near):
+            return AtWall(wall, near, positive=False)
+        case InCorner(near):
+            return InCorner(near, positive=False)
         case InBox(index):
-            return InBox(index, holds=False)
-        case AtLevel(level):
-            return AtLevel(level, holds=False)
-        case Beside(relation, noun):
-            return Beside(relation, noun, holds=False)
-        case BesideLike(relation, attribute, same):
-            return BesideLike(relation, attribute, same, holds=False)
+            return InBox(index, positive=False)
+        case AtPosition(position):
+            return AtPosition(position, positive=False)
+        case RelatedTo(relation, noun):
+            return RelatedTo(relation, noun, positive=False)
+        case RelatedByAttribute(relation, attribute, same):
+            return RelatedByAttribute(relation, attribute, same, positive=False)
 
 
 def _conditions(add: Add) -> None:
     """HAVING is a verb phrase of boxes, THINGS what follows "has", THING one part of it: conditions all."""
-    add("VARIETY", "a single ATTRIBUTE", lambda attribute: (attribute, Quantity(1, 1)))
-    add("VARIETY", "all three ATTRIBUTE", lambda attribute: (attribute, Quantity(3, 3)))
+    add("VARIETY", "a single ATTRIBUTE", lambda attribute: (attribute, exactly(1)))
+    add("VARIETY", "all three ATTRIBUTE", lambda attribute: (attribute, exactly(3)))
     add("VARIETY", "RANGE different? ATTRIBUTE", lambda quantity, attribute: (attribute, quantity))
-    add("THING", "QN", lambda counted: (Has(*counted),))
-    add("THING", "only LOOK", lambda look: (Purely(look),))
-    add("THING", "nothing but NOUN", lambda noun: (Purely(_plain_look(noun)),))
-    add("THING", "only NOUN", lambda noun: (Purely(_plain_look(noun)),))
-    add("THING", "ITEM of VARIETY", lambda _, variety: (Varied(*variety),))
-    add("THING", "QN of VARIETY", lambda counted, variety: (Has(*counted), Varied(*variety)))
-    add("THING", "QN , both|all of them BEING", lambda counted, look: (Has(*counted), Purely(look)))
+    add("THING", "QN", lambda counted: (Contains(*counted),))
+    add("THING", "only LOOK", lambda description: (ContainsOnly(description),))
+    add("THING", "nothing but NOUN", lambda noun: (ContainsOnly(_description_of(noun)),))
+    add("THING", "only NOUN", lambda noun: (ContainsOnly(_description_of(noun)),))
+    add("THING", "ITEM of VARIETY", lambda _, variety: (BoxVariety(*variety),))
+    add("THING", "QN of VARIETY", lambda counted, variety: (Contains(*counted), BoxVariety(*variety)))
+    add(
+        "THING",
+        "QN , both|all of them BEING",
+        lambda counted, description: (Contains(*counted), ContainsOnly(description)),
+    )
     add("THING", "QN , SHARE which PREDICATE", _sharing)
-    add("THING", "QN , which PREDICATE", lambda counted, trait: _sharing(counted, Share.ALL, trait))
-    add("THING", "a|an COLOURS END", lambda colours, end: (Ends(end, colours),))
-    add("THING", "a|an COLOURS block at the END", lambda colours, end: (Ends(end, colours),))
-    add("THING", "a|an COLOURS block on END", lambda colours, end: (Ends(end, colours),))
-    add("THING", "a top|base and a top|base of the same color", lambda: (SameEnds(same=True),))
-    add("THING", "a top|base and a top|base of different colors", lambda: (SameEnds(same=False),))
-    add("SHARE", "both|all of", lambda: Share.ALL)
-    add("SHARE", "none|neither of", lambda: Share.NONE)
-    add("SHARE", "at least one of", lambda: Share.SOME)
-    add("SHARE", "exactly|only|just one of", lambda: Share.ONE)
+    add("THING", "QN , which PREDICATE", lambda counted, predicate: _sharing(counted, Partitive.ALL, predicate))
+    add("THING", "a|an COLOURS END", lambda colours, end: (EndColour(end, colours),))
+    add("THING", "a|an COLOURS block at the END", lambda colours, end: (EndColour(end, colours),))
+    add("THING", "a|an COLOURS block on END", lambda colours, end: (EndColour(end, colours),))
+    add("THING", "a top|base and a top|base of the same color", lambda: (MatchingEnds(same=True),))
+    add("THING", "a top|base and a top|base of different colors", lambda: (MatchingEnds(same=False),))
+    add("SHARE", "both|all of", lambda: Partitive.ALL)
+    add("SHARE", "none|neither of", lambda: Partitive.NONE)
+    add("SHARE", "at least one of", lambda: Partitive.SOME)
+    add("SHARE", "exactly|only|just one of", lambda: Partitive.ONE)
     add("THINGS", "THING", lambda thing: thing)
     add("THINGS", "THING and|but THING", lambda one, other: (*one, *other))
     add("THINGS", "THING , THING and|but THING", lambda one, two, three: (*one, *two, *three))
     add("THINGS", "THING and THING but THING", lambda one, two, three: (*one, *two, *three))
-    add("HAVING", "is|are empty", lambda: (Has(NONE, ANYTHING),))
+    add("HAVING", "is|are empty", lambda: (Contains(NONE, ANYTHING),))
     add("HAVING", "has|have|contains|contain|holds|hold THINGS", lambda things: things)
     add("TALL", "NUM block|blocks tall|high", _height)
-    add("ENDIS", "END block? is COLOURS", lambda end, colours: (Ends(end, colours),))
+    add("ENDIS", "END block? is COLOURS", lambda end, colours: (EndColour(end, colours),))
     add("WITH", "with THINGS", lambda things: things)
     add("WITH", "that HAVING", lambda things: things)
     add("WITH", "of height NUM", _height)
@@ -283,23 +294,23 @@ def _conditions(add: Add) -> None:
     add("WITH", "whose ENDIS and whose ENDIS", lambda one, other: (*one, *other))
 
 
-def _sharing(counted: Counted, share: Share, trait: Trait) -> tuple[Condition, ...]:
-    return (Sharing(*counted, share, trait),)
+def _sharing(counted: Counted, partitive: Partitive, predicate: Predicate) -> tuple[BoxCondition, ...]:
+    return (ContainsPartitive(*counted, partitive, predicate),)
 
 
-def _height(number: int) -> tuple[Condition, ...]:
-    return (Has(Quantity(number, number), ANYTHING),)
+def _height(number: int) -> tuple[BoxCondition, ...]:
+    return (Contains(exactly(number), ANYTHING),)
 
 
-def _plain_look(noun: Noun) -> Look:
-    """A noun without traits, or with the one of not having a colour, as a look."""
+def _description_of(noun: NounPhrase) -> Description:
+    """A noun without predicates, or with the one of not having a colour, as a description."""
     match noun:
-        case Noun(look, ()):
-            return look
-        case Noun(look, (HasLook(Look(None, colours, None), False),)) if not look.colours:
-            return Look(look.shape, frozenset(Colour) - colours, look.size)
+        case NounPhrase(description, ()):
+            return description
+        case NounPhrase(description, (Matches(Description(None, colours, None), False),)) if not description.colours:
+            return Description(description.shape, frozenset(Colour) - colours, description.size)
         case _:
-            return Look(colours=frozenset(Colour))
+            return Description(colours=frozenset(Colour))
 
 
 def _items(add: Add) -> None:
@@ -321,53 +332,69 @@ def _items(add: Add) -> None:
     add("CLAUSE", "the PICTURE does not show|have|contain any NOUN", lambda _, noun: ItemCount(NONE, noun))
     add("CLAUSE", "the number of NOUN is RANGE", lambda noun, quantity: ItemCount(quantity, noun))
     add("CLAUSE", "QN PREDICATE", _counted)
-    add("CLAUSE", "none of the NOUN PREDICATE", lambda noun, trait: _count(NONE, noun, trait))
-    add("CLAUSE", "not a single NOUN PREDICATE", lambda noun, trait: _count(NONE, noun, trait))
+    add("CLAUSE", "none of the NOUN PREDICATE", lambda noun, predicate: _count(NONE, noun, predicate))
+    add("CLAUSE", "not a single NOUN PREDICATE", lambda noun, predicate: _count(NONE, noun, predicate))
     add(
         "CLAUSE",
         "THERE QN ,? and SHARE them PREDICATE",
-        lambda _, counted, share, trait: _shared_count(counted, share, trait),
+        lambda _, counted, partitive, predicate: _shared_count(counted, partitive, predicate),
     )
-    add("CLAUSE", "THERE QN ,? and it PREDICATE", lambda _, counted, trait: _shared_count(counted, Share.ALL, trait))
+    add(
+        "CLAUSE",
+        "THERE QN ,? and it PREDICATE",
+        lambda _, counted, predicate: _shared_count(counted, Partitive.ALL, predicate),
+    )
     add("CLAUSE", "the only NOUN PREDICATE", _only_one)
     add("CLAUSE", "the one and only NOUN PREDICATE", _only_one)
     add("CLAUSE", "the number of NOUN is EVEN", Parity)
     add("CLAUSE", "THERE a|an EVEN number of NOUN", lambda _, even, noun: Parity(noun, even))
 
 
-def _counted(counted: Counted, trait: Trait) -> Clause:
-    return _count(*counted, trait)
+def _counted(counted: Counted, predicate: Predicate) -> Clause:
+    return _count(*counted, predicate)
 
 
-def _count(quantity: Quantity, noun: Noun, trait: Trait) -> Clause:
-    return ItemCount(quantity, noun.also(trait))
+def _count(quantity: Quantity, noun: NounPhrase, predicate: Predicate) -> Clause:
+    return ItemCount(quantity, noun.such_that(predicate))
 
 
-def _shared_count(counted: Counted, share: Share, trait: Trait) -> Clause:
-    return SharedCount(*counted, share, trait)
+def _shared_count(counted: Counted, partitive: Partitive, predicate: Predicate) -> Clause:
+    return PartitiveCount(*counted, partitive, predicate)
 
 
-def _only_one(noun: Noun, trait: Trait) -> Clause:
-    return SharedCount(Quantity(1, 1), noun, Share.ALL, trait)
+def _only_one(noun: NounPhrase, predicate: Predicate) -> Clause:
+    return PartitiveCount(exactly(1), noun, Partitive.ALL, predicate)
 
 
 def _all_items(add: Add) -> None:
     """Clauses about all items of a kind, and about two kinds."""
-    add("CLAUSE", "every|each NOUN PREDICATE", Every)
-    add("CLAUSE", "all of the NOUN PREDICATE", Every)
-    add("CLAUSE", "all the? NOUN PREDICATE", Every)
-    add("CLAUSE", "everything in the PICTURE PREDICATE", lambda _, trait: Every(ANYTHING, trait))
-    add("CLAUSE", "everything that PREDICATE PREDICATE", lambda one, other: Every(Noun(Look(), (one,)), other))
-    add("CLAUSE", "only NOUN PREDICATE", lambda noun, trait: Every(Noun(Look(), (trait,)), _being(noun)))
-    add("CLAUSE", "only NOUN can be seen", lambda noun: Every(ANYTHING, _being(noun)))
-    add("CLAUSE", "nothing but NOUN can be seen", lambda noun: Every(ANYTHING, _being(noun)))
-    add("CLAUSE", "there are only NOUN", lambda noun: Every(ANYTHING, _being(noun)))
-    add("CLAUSE", "the PICTURE has|contains nothing but NOUN", lambda _, noun: Every(ANYTHING, _being(noun)))
-    add("CLAUSE", "not every NOUN PREDICATE", NotEvery)
-    add("CLAUSE", "not all NOUN PREDICATE", NotEvery)
-    add("CLAUSE", "not all of the NOUN PREDICATE", NotEvery)
+    add("CLAUSE", "every|each NOUN PREDICATE", EveryItem)
+    add("CLAUSE", "all of the NOUN PREDICATE", EveryItem)
+    add("CLAUSE", "all the? NOUN PREDICATE", EveryItem)
+    add("CLAUSE", "everything in the PICTURE PREDICATE", lambda _, predicate: EveryItem(ANYTHING, predicate))
+    add(
+        "CLAUSE",
+        "everything that PREDICATE PREDICATE",
+        lambda one, other: EveryItem(NounPhrase(Description(), (one,)), other),
+    )
+    add(
+        "CLAUSE",
+        "only NOUN PREDICATE",
+        lambda noun, predicate: EveryItem(NounPhrase(Description(), (predicate,)), _being(noun)),
+    )
+    add("CLAUSE", "only NOUN can be seen", lambda noun: EveryItem(ANYTHING, _being(noun)))
+    add("CLAUSE", "nothing but NOUN can be seen", lambda noun: EveryItem(ANYTHING, _being(noun)))
+    add("CLAUSE", "there are only NOUN", lambda noun: EveryItem(ANYTHING, _being(noun)))
+    add("CLAUSE", "the PICTURE has|contains nothing but NOUN", lambda _, noun: EveryItem(ANYTHING, _being(noun)))
+    add("CLAUSE", "not every NOUN PREDICATE", NotEveryItem)
+    add("CLAUSE", "not all NOUN PREDICATE", NotEveryItem)
+    add("CLAUSE", "not all of the NOUN PREDICATE", NotEveryItem)
     add("CLAUSE", "THERE ORDER NOUN than OTHER", lambda _, order, one, other: _compared(one, order, other))
-    add("CLAUSE", "THERE ORDER NOUN than there are NOUN", lambda _, order, one, other: Compared(one, order, other))
+    add(
+        "CLAUSE",
+        "THERE ORDER NOUN than there are NOUN",
+        lambda _, order, one, other: CountComparison(one, order, other),
+    )
     add(
         "CLAUSE",
         "THERE exactly NUM ORDER NOUN than OTHER",
@@ -375,8 +402,12 @@ def _all_items(add: Add) -> None:
     )
     add("CLAUSE", "the NOUN outnumber the OTHER", lambda one, other: _compared(one, Order.MORE, other))
     add("CLAUSE", "there are as many NOUN as OTHER", lambda one, other: _compared(one, Order.EQUAL, other))
-    add("CLAUSE", "there are equally many NOUN and NOUN", lambda one, other: Compared(one, Order.EQUAL, other))
-    add("CLAUSE", "the number of NOUN equals the number of NOUN", lambda one, other: Compared(one, Order.EQUAL, other))
+    add("CLAUSE", "there are equally many NOUN and NOUN", lambda one, other: CountComparison(one, Order.EQUAL, other))
+    add(
+        "CLAUSE",
+        "the number of NOUN equals the number of NOUN",
+        lambda one, other: CountComparison(one, Order.EQUAL, other),
+    )
     add("OTHER", "NOUN", lambda noun: noun)
     add("OTHER", "ONES", lambda colours: colours)
     add("CLAUSE", "all of? the? ITEM have the same ATTRIBUTE", _one_value)
@@ -385,26 +416,28 @@ def _all_items(add: Add) -> None:
     add(
         "CLAUSE",
         "all three ATTRIBUTE SHOWN in the PICTURE",
-        lambda attribute, *_: PictureVaried(attribute, Quantity(3, 3)),
+        lambda attribute, *_: SceneVariety(attribute, exactly(3)),
     )
     add("SHOWN", "appear|occur", lambda: None)
     add("SHOWN", "can be seen", lambda: None)
-    add("CLAUSE", "THERE ITEM of VARIETY", lambda there, item, variety: PictureVaried(*variety))
+    add("CLAUSE", "THERE ITEM of VARIETY", lambda there, item, variety: SceneVariety(*variety))
 
 
 def _one_value(_: object, attribute: Attribute) -> Clause:
-    return PictureVaried(attribute, Quantity(1, 1))
+    return SceneVariety(attribute, exactly(1))
 
 
-def _being(noun: Noun) -> HasLook:
-    return HasLook(_plain_look(noun))
+def _being(noun: NounPhrase) -> Matches:
+    return Matches(_description_of(noun))
 
 
-def _compared(one: Noun, order: Order, other: Noun | frozenset[Colour], margin: int | None = None) -> Clause:
+def _compared(
+    one: NounPhrase, order: Order, other: NounPhrase | frozenset[Colour], margin: int | None = None
+) -> Clause:
     """`other` may be colours alone: "black ones", of the shape last named."""
-    if not isinstance(other, Noun):
-        other = Noun(Look(one.look.shape, other))
-    return Compared(one, order, other, margin)
+    if not isinstance(other, NounPhrase):
+        other = NounPhrase(Description(one.description.shape, other))
+    return CountComparison(one, order, other, margin)
 
 
 def _boxes(add: Add) -> None:
@@ -417,7 +450,9 @@ def _boxes(add: Add) -> None:
     add(
         "QB",
         "Q COLOURS BOX WITH?",
-        lambda q, colours, towers, more: BoxCount(q, (Purely(Look(colours=colours)), *(more or ())), towers),
+        lambda q, colours, towers, more: BoxCount(
+            q, (ContainsOnly(Description(colours=colours)), *(more or ())), towers
+        ),
     )
     add("QB", "Q BOX WITH", lambda quantity, towers, conditions: BoxCount(quantity, conditions, towers))
     add("CLAUSE", "THERE QB", lambda _, boxes: boxes)
@@ -427,45 +462,47 @@ def _boxes(add: Add) -> None:
     )
     add("CLAUSE", "none of the BOX HAVING", lambda towers, conditions: BoxCount(NONE, conditions, towers))
     add(
-        "CLAUSE", "in|inside some BOX there is|are QN", lambda towers, counted: BoxCount(SOME, (Has(*counted),), towers)
+        "CLAUSE",
+        "in|inside some BOX there is|are QN",
+        lambda towers, counted: BoxCount(SOME, (Contains(*counted),), towers),
     )
     add("CLAUSE", "every|each BOX HAVING", _each)
     add("CLAUSE", "all of? the? three? BOX HAVING", _each)
-    add("CLAUSE", "the NAME BOX HAVING", lambda index, towers, conditions: BoxIs(index, conditions, towers))
+    add("CLAUSE", "the NAME BOX HAVING", lambda index, towers, conditions: NamedBox(index, conditions, towers))
     add("CLAUSE", "in|inside the NAME BOX there is|are QN", _in_box)
     add("CLAUSE", "there is|are QN in the NAME BOX", lambda counted, index, towers: _in_box(index, towers, counted))
-    add("CLAUSE", "the NAME BOX is TALL", lambda index, towers, conditions: BoxIs(index, conditions, towers))
+    add("CLAUSE", "the NAME BOX is TALL", lambda index, towers, conditions: NamedBox(index, conditions, towers))
     add(
         "CLAUSE",
         "the END of the NAME BOX is COLOURS",
-        lambda end, index, towers, colours: BoxIs(index, (Ends(end, colours),), towers),
+        lambda end, index, towers, colours: NamedBox(index, (EndColour(end, colours),), towers),
     )
-    add("CLAUSE", "the tallest|highest tower|stack HAVING", lambda conditions: Extreme(ANYTHING, conditions))
+    add("CLAUSE", "the tallest|highest tower|stack HAVING", lambda conditions: LargestBox(ANYTHING, conditions))
     add(
         "CLAUSE",
         "the END of the tallest|highest tower|stack is COLOURS",
-        lambda end, colours: Extreme(ANYTHING, (Ends(end, colours),)),
+        lambda end, colours: LargestBox(ANYTHING, (EndColour(end, colours),)),
     )
-    add("CLAUSE", "the box with the most NOUN HAVING", Extreme)
-    add("CLAUSE", "all the? three? boxes have the same number of NOUN", lambda noun: Evenly(noun, same=True))
-    add("CLAUSE", "each box has the same number of NOUN", lambda noun: Evenly(noun, same=True))
-    add("CLAUSE", "there are equally many NOUN in each box", lambda noun: Evenly(noun, same=True))
-    add("CLAUSE", "no two boxes have the same number of NOUN", lambda noun: Evenly(noun, same=False))
-    add("CLAUSE", "each box has a different number of NOUN", lambda noun: Evenly(noun, same=False))
+    add("CLAUSE", "the box with the most NOUN HAVING", LargestBox)
+    add("CLAUSE", "all the? three? boxes have the same number of NOUN", lambda noun: EqualCounts(noun, same=True))
+    add("CLAUSE", "each box has the same number of NOUN", lambda noun: EqualCounts(noun, same=True))
+    add("CLAUSE", "there are equally many NOUN in each box", lambda noun: EqualCounts(noun, same=True))
+    add("CLAUSE", "no two boxes have the same number of NOUN", lambda noun: EqualCounts(noun, same=False))
+    add("CLAUSE", "each box has a different number of NOUN", lambda noun: EqualCounts(noun, same=False))
     _boxes_compared(add)
 
 
-def _each(towers: bool, conditions: tuple[Condition, ...]) -> Clause:
-    return EveryTower(conditions) if towers else BoxCount(Quantity(3, 3), conditions)
+def _each(towers: bool, conditions: tuple[BoxCondition, ...]) -> Clause:
+    return EveryTower(conditions) if towers else BoxCount(exactly(3), conditions)
 
 
 def _in_box(index: int, towers: bool, counted: Counted) -> Clause:
-    return BoxIs(index, (Has(*counted),), towers)
+    return NamedBox(index, (Contains(*counted),), towers)
 
 
 def _boxes_compared(add: Add) -> None:
     def taller(one: int, _: bool, order: Order, other: int) -> Clause:
-        return BoxesCompared(ANYTHING, one, order, other, towers=True)
+        return BoxComparison(ANYTHING, one, order, other, towers=True)
 
     add("CLAUSE", "the NAME BOX is HEIGHT than the NAME one|tower|stack", taller)
     add(
@@ -481,34 +518,34 @@ def _boxes_compared(add: Add) -> None:
     add(
         "CLAUSE",
         "the NAME box has as many NOUN as the NAME one|box",
-        lambda one, noun, other: BoxesCompared(noun, one, Order.EQUAL, other),
+        lambda one, noun, other: BoxComparison(noun, one, Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the NAME box and the NAME box have the same number of NOUN",
-        lambda one, other, noun: BoxesCompared(noun, one, Order.EQUAL, other),
+        lambda one, other, noun: BoxComparison(noun, one, Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the NAME box has ORDER NOUN than the NAME one|box",
-        lambda one, order, noun, other: BoxesCompared(noun, one, order, other),
+        lambda one, order, noun, other: BoxComparison(noun, one, order, other),
     )
     add(
         "CLAUSE",
         "there are ORDER NOUN in the NAME box than in the NAME one|box",
-        lambda order, noun, one, other: BoxesCompared(noun, one, order, other),
+        lambda order, noun, one, other: BoxComparison(noun, one, order, other),
     )
 
 
 def _joined(add: Add) -> None:
     add("STATEMENT", "CLAUSE", lambda clause: clause)
-    add("STATEMENT", "CLAUSE ,? and|while|but CLAUSE", lambda one, other: Joined(True, (one, other)))
-    add("STATEMENT", "either CLAUSE or CLAUSE", lambda one, other: Joined(False, (one, other)))
-    add("STATEMENT", "CLAUSE , or CLAUSE", lambda one, other: Joined(False, (one, other)))
+    add("STATEMENT", "CLAUSE ,? and|while|but CLAUSE", lambda one, other: Compound(True, (one, other)))
+    add("STATEMENT", "either CLAUSE or CLAUSE", lambda one, other: Compound(False, (one, other)))
+    add("STATEMENT", "CLAUSE , or CLAUSE", lambda one, other: Compound(False, (one, other)))
     add("CLAUSE", "THERE both? QN and|but QN", lambda _, one, other: _both_counts(True, one, other))
     add("CLAUSE", "THERE either? QN or QN", lambda _, one, other: _both_counts(False, one, other))
     add("CLAUSE", "there are neither NOUN nor NOUN", lambda one, other: _both_counts(True, (NONE, one), (NONE, other)))
 
 
 def _both_counts(every: bool, one: Counted, other: Counted) -> Clause:
-    return Joined(every, (ItemCount(*one), ItemCount(*other)))
+    return Compound(every, (ItemCount(*one), ItemCount(*other)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 from lilgym_mp.generator.template_conditions import BOX, PLACES, Condition, Family, Said, in_box
 from lilgym_mp.generator.template_items import ItemFrames

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 from lilgym_mp.generator.template_phrases import (
     ANYTHING,

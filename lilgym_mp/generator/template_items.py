@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 from lilgym_mp.generator.template_conditions import Conditions, Said, in_box
 from lilgym_mp.generator.template_phrases import ALL_ITEMS, ANYTHING, Look, Noun, Phrase, exactly, items, numbered
@@ -105,7 +105,7 @@ class ItemFrames(Conditions):
             one = self.of_the(quantity)
             text = f"{one} {self.noun(subject_noun, plural=True)} {self.predicate(last, plural=False)}"
             return Said(text, program)
-        if draw < 0.82 and quantity.low > 1 and not quantity.soft:
+        if draw < 0.82 and quantity.low > 1 and not quantity.vague:
             words = self.determiner(quantity)
             if not words.text.endswith((" of", "total")):
                 of_the = f"{words.text} of the {self.noun(subject_noun, plural=True)}"

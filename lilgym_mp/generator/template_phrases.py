@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from lilgym_mp.generator.phrase_realisation import NUMBER_WORDS, article, conjugated, pluralised
+from lilgym_mp.generator.lexicon import NUMBER_WORDS, article, conjugated, pluralised
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 
 Test = Callable[[str], str]  # program text that tests the variable named
@@ -196,7 +196,7 @@ class Speech:
         if draw < 0.97:
             return Quantity(0, number)
         if draw < 0.985 and most >= 4:
-            return Quantity(self.pick(2, 3, 3, 4), None, soft=True)
+            return Quantity(self.pick(2, 3, 3, 4), None, vague=True)
         return Quantity(number, number + 1)
 
     def few(self, most: int = 4) -> Quantity:
@@ -213,8 +213,8 @@ class Speech:
 
     def determiner(self, quantity: Quantity) -> Phrase:
         """The words before the noun; "a" stands for "a" or "an"."""
-        low, high, soft = quantity
-        if soft:
+        low, high, vague = quantity
+        if vague:
             words = {
                 2: ("multiple",),
                 3: ("several", "several", "a few", "quite a few"),

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.template_boxes import Frames
 from lilgym_mp.generator.template_conditions import TWO_COLOURS, Condition, Family, Said, in_box
 from lilgym_mp.generator.template_phrases import ANYTHING, SHAPES, Look, Noun, Test, Trait, Voice, items

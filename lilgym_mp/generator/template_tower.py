@@ -6,7 +6,7 @@ import random
 from collections.abc import Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.phrase_realisation import pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity
 from lilgym_mp.generator.template_boxes import Frames
 from lilgym_mp.generator.template_conditions import BOX, TWO_COLOURS, Condition, Family, Said, in_box

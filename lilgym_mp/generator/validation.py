@@ -17,8 +17,8 @@ from lilgym_mp.generator.interpretation import ALTERNATIVES, STANDARD, Interpret
 from lilgym_mp.generator.meaning_sampling import random_meaning
 from lilgym_mp.generator.program_realisation import program_source
 from lilgym_mp.generator.scene_sampling import is_legible
-from lilgym_mp.generator.semantics import Clause, relabelled
-from lilgym_mp.generator.sentence_realisation import random_style, statement
+from lilgym_mp.generator.semantics import Clause, with_values_replaced
+from lilgym_mp.generator.sentence_realisation import random_style, realise_statement
 from lilgym_mp.generator.start_selection import ScenePool, StartScene, TruthTable, start_scenes
 from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.programs import compile_program
@@ -58,7 +58,7 @@ def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
         manner = rng.getrandbits(64)
         yield realise(meaning, appearance, level, random.Random(manner))
         for _ in range(OF_ONE_FORM if level <= COMMON_LEVEL else 0):
-            other = relabelled(meaning, _exchange(list(Colour), rng), _exchange(list(Shape), rng))
+            other = with_values_replaced(meaning, _exchange(list(Colour), rng), _exchange(list(Shape), rng))
             if other != meaning:
                 yield realise(other, appearance, level, random.Random(manner))
 
@@ -69,7 +69,7 @@ def _exchange(members: list[Member], rng: random.Random) -> dict[Member, Member]
 
 def realise(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:
     """One of the ways to say a meaning."""
-    return Draft(statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
+    return Draft(realise_statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
 
 
 def validate_draft(draft: Draft, stock: ScenePool, rng: random.Random) -> Entry | None:

@@ -16,22 +16,22 @@ from lilgym_mp.generator.noise import with_typo
 from lilgym_mp.generator.program_realisation import program_source
 from lilgym_mp.generator.semantics import (
     AtWall,
-    Beside,
     BoxCount,
     Clause,
-    Compared,
-    Every,
-    Has,
-    HasLook,
+    Compound,
+    Contains,
+    CountComparison,
+    Description,
+    EveryItem,
     ItemCount,
-    Joined,
-    Look,
-    Noun,
+    Matches,
+    NounPhrase,
     Order,
+    Partitive,
+    PartitiveCount,
     Quantity,
+    RelatedTo,
     Relation,
-    Share,
-    SharedCount,
     Wall,
 )
 from lilgym_mp.generator.statement_grammar import parse_statement
@@ -41,19 +41,21 @@ from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 STOCKS = {appearance: ScenePool.sample(appearance, random.Random(1), 20) for appearance in ("tower", "scatter")}
 APPEARANCE = st.sampled_from(sorted(STOCKS))
 
-BLUE, BLACK = Look(colours=frozenset({Colour.BLUE})), Look(colours=frozenset({Colour.BLACK}))
-CIRCLE, SQUARE = Look(Shape.CIRCLE), Look(Shape.SQUARE)
+BLUE, BLACK = Description(colours=frozenset({Colour.BLUE})), Description(colours=frozenset({Colour.BLACK}))
+CIRCLE, SQUARE = Description(Shape.CIRCLE), Description(Shape.SQUARE)
 MEANINGS: dict[str, Clause] = {
-    "at least two blue": ItemCount(Quantity(2, None), Noun(BLUE)),
-    "no circle": ItemCount(Quantity(0, 0), Noun(CIRCLE)),
-    "circle at the left wall": ItemCount(Quantity(1, None), Noun(CIRCLE, (AtWall(Wall.LEFT),))),
-    "all black items are circles": Every(Noun(BLACK), HasLook(CIRCLE)),
-    "more circles than squares": Compared(Noun(CIRCLE), Order.MORE, Noun(SQUARE)),
-    "two boxes with one circle": BoxCount(Quantity(2, 2), (Has(Quantity(1, 1), Noun(CIRCLE)),)),
-    "circle touching a square": ItemCount(Quantity(1, None), Noun(CIRCLE, (Beside(Relation.TOUCHING, Noun(SQUARE)),))),
-    "two circles, both black": SharedCount(Quantity(2, 2), Noun(CIRCLE), Share.ALL, HasLook(BLACK)),
-    "blue but no circle": Joined(
-        True, (ItemCount(Quantity(1, None), Noun(BLUE)), ItemCount(Quantity(0, 0), Noun(CIRCLE)))
+    "at least two blue": ItemCount(Quantity(2, None), NounPhrase(BLUE)),
+    "no circle": ItemCount(Quantity(0, 0), NounPhrase(CIRCLE)),
+    "circle at the left wall": ItemCount(Quantity(1, None), NounPhrase(CIRCLE, (AtWall(Wall.LEFT),))),
+    "all black items are circles": EveryItem(NounPhrase(BLACK), Matches(CIRCLE)),
+    "more circles than squares": CountComparison(NounPhrase(CIRCLE), Order.MORE, NounPhrase(SQUARE)),
+    "two boxes with one circle": BoxCount(Quantity(2, 2), (Contains(Quantity(1, 1), NounPhrase(CIRCLE)),)),
+    "circle touching a square": ItemCount(
+        Quantity(1, None), NounPhrase(CIRCLE, (RelatedTo(Relation.TOUCHING, NounPhrase(SQUARE)),))
+    ),
+    "two circles, both black": PartitiveCount(Quantity(2, 2), NounPhrase(CIRCLE), Partitive.ALL, Matches(BLACK)),
+    "blue but no circle": Compound(
+        True, (ItemCount(Quantity(1, None), NounPhrase(BLUE)), ItemCount(Quantity(0, 0), NounPhrase(CIRCLE)))
     ),
 }
 
