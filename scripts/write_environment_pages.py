@@ -1,4 +1,4 @@
-"""Writes docs/environments/*.md from the code, a page for each configuration."""
+"""Writes docs/environments/*.md from the code: an index and a page for each configuration."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ FILE_NAMES = {name: f"{appearance}_{start}.md" for name, (appearance, start) in 
 ABOUT = {
     ("tower", "scratch"): "Build towers in three empty boxes until the statement is true, then STOP.",
     ("tower", "flipit"): "Change the towers of a start scene until the statement's truth has flipped, then STOP.",
-    ("scatter", "scratch"): "Put items anywhere into three empty boxes until the statement is true, then STOP.",
+    ("scatter", "scratch"): "Put items anywhere in three empty boxes until the statement is true, then STOP.",
     ("scatter", "flipit"): "Add and remove items of a start scene until the statement's truth has flipped, then STOP.",
 }
 STARTS = {
-    "scratch": "Every episode starts from three empty boxes, and the target is always `True`.",
-    "flipit": "Every episode starts from a scene of the corpus, and the target is the opposite of the statement's "
-    "truth there: `False` where it is true, `True` where it is false. So no start is solved by STOP.",
+    "scratch": "Every episode starts with three empty boxes, and the target is always `True`.",
+    "flipit": "Every episode starts with a scene from the corpus, and the target is the opposite of the statement's "
+    "truth value there, so STOP is never right as the first action.",
 }
 PARTS = {
-    "image": "the scene",
-    "statement": "what is to become true or false, in words",
+    "image": "the scene, RGB",
+    "statement": "the statement, in English",
     "target": "1: make the statement true; 0: make it false",
 }
 KEYWORDS = {
@@ -48,30 +48,30 @@ KEYWORDS = {
     "[a corpus](../corpus.md)",
     "split": '`"train"`, `"dev"` or `"test"`: the tasks to draw from',
     "rules": '`"paper"` or `"release"` ([where they differ](../fidelity.md))',
-    "horizon": "actions an episode; `None`: the rule set's",
-    "grid": 'Scatter\'s columns and rows, or `"native"`: a cell for each pixel; without effect in Tower',
+    "horizon": "maximum number of actions per episode; `None`: the rule set's",
+    "grid": 'columns and rows of Scatter, or `"native"`, one cell per pixel; ignored in Tower',
     "image_size": '`"half"` or `"native"`',
-    "render_mode": '`"human"` (a window; the extra `human`), `"rgb_array"` or `"ansi"`; `None`: no pictures for people',
-    "observation": '`"text"`, or `"arrays"` for learners that take no texts (Stable-Baselines3)',
-    "render_cells": "pictures for people show cells with column and row numbers; in Tower names of boxes",
-    "num_envs": "how many environments",
-    "copy": "`False`: images are valid until the next call only, which saves copying them",
+    "render_mode": '`"human"` (a window; the extra `human`), `"rgb_array"` or `"ansi"`; `None`: no rendering',
+    "observation": '`"text"`, or `"arrays"` for learners that do not accept text (Stable-Baselines3)',
+    "render_cells": "rendered frames show the grid with column and row numbers; in Tower, box names",
+    "num_envs": "number of environments",
+    "copy": "`False`: images are not copied, and valid only until the next call",
     "autoreset_mode": "Gymnasium's `NEXT_STEP`, `SAME_STEP` or `DISABLED`",
-    "evaluation": "`True`: every task of the split once, in file order, instead of at random",
+    "evaluation": "`True`: every task of the split once, in file order, instead of random tasks",
 }
-GIVEN = ("self", "appearance", "start", "settings")  # fixed by the id, or no keyword
+NOT_KEYWORDS = ("self", "appearance", "start", "settings")  # or fixed by the id
 OUTCOMES = {
-    Outcome.SUCCESS: "STOP where the statement has the target value",
-    Outcome.WRONG_STOP: "STOP where it has not",
-    Outcome.INVALID_ACTION: "an illegal action; the scene stays as it was",
-    Outcome.HORIZON: "the last action that the horizon allows, legal and not STOP",
+    Outcome.SUCCESS: "STOP in a scene where the statement has the target value",
+    Outcome.WRONG_STOP: "STOP in any other scene",
+    Outcome.INVALID_ACTION: "an illegal action; the scene does not change",
+    Outcome.HORIZON: "the last action within the horizon, if legal and not STOP",
     Outcome.CONTINUES: "any other legal action; the episode goes on",
 }
 REASONS = {
     InvalidReason.SEPARATOR: "the cell lies on a separator between boxes",
-    InvalidReason.OVERLAP: "the new item finds no free place in the cell",
-    InvalidReason.OUT_OF_BOX: "the new item would reach over the box's right or lower wall",
-    InvalidReason.NOTHING_TO_REMOVE: "nothing overlaps the cell",
+    InvalidReason.OVERLAP: "the new item fits at no pixel of the cell",
+    InvalidReason.OUT_OF_BOX: "the new item would cross the right or bottom wall of the box",
+    InvalidReason.NOTHING_TO_REMOVE: "no item overlaps the cell",
     InvalidReason.FULL_TOWER: "ADD to a tower of four blocks",
     InvalidReason.EMPTY_TOWER: "REMOVE from a box without blocks",
 }
@@ -87,14 +87,14 @@ REASONS_OF = {
 
 
 def page(configuration: str) -> str:
-    """The page of a configuration, in Markdown."""
+    """The Markdown page of a configuration."""
     settings = Settings(configuration)
     sections = (_opening, _tasks, _observations, _actions, _rewards, _infos, _keywords, _versions)
     return "\n\n".join(part for section in sections for part in section(settings)) + "\n"
 
 
 def index() -> str:
-    """The page that lists the others."""
+    """The Markdown page that lists the configurations."""
     rows = [
         (
             f"[{name}]({FILE_NAMES[name]})",
@@ -108,12 +108,12 @@ def index() -> str:
         "\n\n".join(
             [
                 "# The environments",
-                "Four configurations: two appearances of scenes, two ways to start. The films show the agent "
-                "`parse-and-plan`, which comes with the package, on tasks that it was not trained on.",
-                _table(("configuration", "what is to be done", "actions"), rows),
+                "Four configurations: two appearances (Tower, Scatter), each with two kinds of start (Scratch, "
+                "FlipIt). The films show the included agent `parse-and-plan` on tasks that it was not trained on.",
+                _table(("configuration", "task", "actions"), rows),
                 films,
-                "Two agents can share any of them: [a proposer and a verifier](../proposer_verifier.md). These pages "
-                "are written by `scripts/write_environment_pages.py` from the code.",
+                "Two agents can share any of them: [proposer and verifier](../proposer_verifier.md). "
+                "`scripts/write_environment_pages.py` writes these pages from the code.",
             ]
         )
         + "\n"
@@ -130,15 +130,15 @@ def _opening(settings: Settings) -> Iterator[str]:
     yield ABOUT[settings.appearance, settings.start]
     yield _film(name)
     yield f'```python\nimport gymnasium as gym\nimport lilgym_mp\n\nenv = gym.make("{settings.id}")\n```'
-    yield f"![The first scene of the film with names of places](../pictures/{name}.png)"
-    yield 'The second picture is what `render_mode="rgb_array", render_cells=True` gives.'
+    yield f"![The first frame of the film with the grid drawn in](../pictures/{name}.png)"
+    yield 'The second picture was rendered with `render_mode="rgb_array", render_cells=True`.'
 
 
 def _tasks(settings: Settings) -> Iterator[str]:
     yield "## Tasks"
     counts = [len(load_tasks("builtin", settings.appearance, settings.start, split)) for split in SPLITS]
-    told = ", ".join(f"{count:,} in {split}" for split, count in zip(SPLITS, counts, strict=True))
-    yield f"{STARTS[settings.start]} The builtin corpus has {told}."
+    listed = ", ".join(f"{count:,} {split}" for split, count in zip(SPLITS, counts, strict=True))
+    yield f"{STARTS[settings.start]} Tasks in the builtin corpus: {listed}."
 
 
 def _observations(settings: Settings) -> Iterator[str]:
@@ -146,12 +146,12 @@ def _observations(settings: Settings) -> Iterator[str]:
     text, arrays = (_space(settings, observation=form) for form in ("text", "arrays"))
     native = _space(settings, image_size="native")["image"]
     yield _table(
-        ("key", "what", '`observation="text"` (default)', '`observation="arrays"`'),
-        [(f"`{key}`", PARTS[key], _kind(text[key]), _kind(arrays[key])) for key in text],
+        ("key", "contents", '`observation="text"` (default)', '`observation="arrays"`'),
+        [(f"`{key}`", PARTS[key], _space_text(text[key]), _space_text(arrays[key])) for key in text],
     )
     yield (
-        f'Images are red, green and blue, {_kind(native)} with `image_size="native"`. The token ids of `"arrays"` '
-        "are those of the corpus's train split, padded with 0."
+        f'With `image_size="native"`, images are {_space_text(native)}. With `observation="arrays"`, the statement is '
+        "token ids in the vocabulary of the train split, padded with 0."
     )
 
 
@@ -161,9 +161,9 @@ def _space(settings: Settings, **keywords: Any) -> spaces.Dict:
     return space
 
 
-def _kind(space: spaces.Space[Any]) -> str:
+def _space_text(space: spaces.Space[Any]) -> str:
     if isinstance(space, spaces.Text):
-        return "a text"
+        return "str"
     if isinstance(space, spaces.Discrete):
         return f"int, 0 .. {space.n - 1}"
     assert isinstance(space, spaces.Box)
@@ -175,39 +175,40 @@ def _actions(settings: Settings) -> Iterator[str]:
     appearance = settings.dynamics().appearance
     yield "## Actions"
     yield (
-        f"`Discrete({appearance.action_count})`. `env.unwrapped.encode_action(array)` gives the number of an action in "
-        "the array form, `decode_action(number)` the reverse; `lilgym_mp.action_masks(env)` says which are legal now."
+        f"`Discrete({appearance.action_count})`. `env.unwrapped.encode_action(array)` converts the released array form "
+        "to an action index, `decode_action(index)` does the reverse, and `lilgym_mp.action_masks(env)` says which "
+        "actions are legal now."
     )
     yield from _scatter_actions(appearance) if isinstance(appearance, Scatter) else _tower_actions(appearance)
 
 
-def _action_rows(appearance: Appearance, numbers: Iterable[int]) -> list[Sequence[object]]:
-    actions = [(number, appearance.decode(number)) for number in numbers]
-    return [(number, f"`{describe(action)}`", f"`{appearance.to_array(action)}`") for number, action in actions]
+def _action_rows(appearance: Appearance, indices: Iterable[int]) -> list[Sequence[object]]:
+    actions = [(index, appearance.decode(index)) for index in indices]
+    return [(index, f"`{describe(action)}`", f"`{appearance.to_array(action)}`") for index, action in actions]
 
 
 def _tower_actions(appearance: Appearance) -> Iterator[str]:
-    header = ("number", "action", "array form [type, box, colour]")
+    header = ("index", "action", "array form [type, box, colour]")
     yield _table(header, _action_rows(appearance, range(appearance.action_count)))
     yield (
-        "ADD puts a block on top of a box's tower, REMOVE takes the top block away. Where the blocks are, in pixels of "
-        "the native image, 380 x 100:"
+        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. Positions in the native "
+        "image, 380 x 100 pixels:"
     )
     blocks = _full_tower()
     x, side = blocks[0].x, blocks[0].side
     yield _table(
-        ("box", "its pixels", "its blocks"),
+        ("box", "box pixels", "block pixels"),
         [
             (name, f"x {left} .. {left + BOX_SIDE - 1}", f"x {left + x} .. {left + x + side - 1}")
             for name, left in zip(BOX_NAMES, range(0, BOX_COUNT * BOX_PITCH, BOX_PITCH), strict=True)
         ],
     )
     tops = ", ".join(str(block.y) for block in blocks)
-    yield f"Blocks are {side} pixels wide and high; from below, their top edges are at y = {tops}."
+    yield f"Blocks are {side} x {side} pixels; from the bottom up, their top edges are at y = {tops}."
 
 
 def _full_tower() -> Sequence[Item]:
-    """The blocks of a full tower, from below, as the rules put them."""
+    """The blocks of a full tower, bottom first, as placed by the rules."""
     dynamics, scene = make_dynamics(Tower()), Scene.empty()
     for _ in range(Tower().box_capacity):
         scene = dynamics.appearance.apply(scene, dynamics.appearance.decode(1), dynamics.rules.placement).scene
@@ -218,10 +219,10 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     columns, rows = appearance.grid
     width, height = appearance.cell
     cells = columns * rows
-    looks = (appearance.action_count - 1) // cells - 1
-    first_remove = 1 + cells * looks
+    item_types = (appearance.action_count - 1) // cells - 1
+    first_remove = 1 + cells * item_types
     yield _table(
-        ("number", "action", "array form [type, x, y, shape, colour, size]"),
+        ("index", "action", "array form [type, x, y, shape, colour, size]"),
         _action_rows(
             appearance,
             (
@@ -230,8 +231,8 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
                 2,
                 4,
                 10,
-                looks,
-                looks + 1,
+                item_types,
+                item_types + 1,
                 first_remove - 1,
                 first_remove,
                 first_remove + 1,
@@ -241,17 +242,17 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     )
     sizes = ", ".join(str(SIZE_PIXELS[size]) for size in Size)
     yield (
-        f"Cell (column, row) has the number `cell = {rows} * column + row`; `look = 9 * shape + 3 * colour + size`. "
-        f"ADD is `1 + {looks} * cell + look`, REMOVE `{first_remove} + cell`. shape: 0 circle, 1 square, 2 triangle; "
-        f"colour: 0 yellow, 1 black, 2 blue; size: 0 small, 1 medium, 2 large ({sizes} pixels)."
+        f"With `cell = {rows} * column + row` and `item_type = 9 * shape + 3 * colour + size`, the index of ADD is "
+        f"`1 + {item_types} * cell + item_type` and that of REMOVE `{first_remove} + cell`. shape: 0 circle, 1 square, "
+        f"2 triangle; colour: 0 yellow, 1 black, 2 blue; size: 0 small, 1 medium, 2 large ({sizes} pixels)."
     )
-    yield f"Cells are {width} x {height} pixels of the native image, 380 x 100, and lie so:"
-    yield _table(("columns", "where", "pixels"), _column_rows(width))
+    yield f"Cells are {width} x {height} pixels of the native image, which is 380 x 100:"
+    yield _table(("columns", "place", "pixels"), _column_rows(width))
     yield (
-        f"Row r covers y = {height} r .. {height} r + {height - 1}, counted downwards. ADD puts the item's upper left "
-        "corner at the cell's, or, where that is taken, at a free pixel of the cell; then the item snaps to a "
-        "neighbour up to 4 pixels away. REMOVE takes the item that fills the cell most. Other grids: "
-        "`grid=(columns, rows)`."
+        f"Row r covers y = {height} r .. {height} r + {height - 1}, from the top down. ADD puts the item's upper left "
+        "corner at that of the cell, or at a free pixel of the cell if it does not fit there; then the item snaps to a "
+        "neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the cell. Choose another "
+        "grid with `grid=(columns, rows)`."
     )
 
 
@@ -267,7 +268,7 @@ def _column_rows(width: int) -> Iterator[Sequence[object]]:
 
 
 def _rewards(settings: Settings) -> Iterator[str]:
-    yield "## Rewards and ends"
+    yield "## Rewards and termination"
     rows: list[Sequence[object]] = []
     for outcome, when in OUTCOMES.items():
         signals = [rules.signals[outcome] for rules in RULE_SETS.values()]
@@ -275,8 +276,8 @@ def _rewards(settings: Settings) -> Iterator[str]:
     horizons = " or ".join(f"{rules.horizon} under `{rules.name}`" for rules in RULE_SETS.values())
     yield _table(("outcome", "when", *(f'`rules="{name}"`' for name in RULE_SETS)), rows)
     yield (
-        f"The horizon is {horizons}, or `horizon=`. A STOP as the last action is judged as any STOP. "
-        "An illegal action is one of these:"
+        f"The horizon is {horizons}, unless `horizon=` is given. A STOP as the last action counts like any other STOP. "
+        "These actions are illegal:"
     )
     yield _table(
         ("`invalid_reason`", "when"), [(f"`{reason}`", REASONS[reason]) for reason in REASONS_OF[settings.appearance]]
@@ -293,33 +294,33 @@ def _infos(settings: Settings) -> Iterator[str]:
     yield _table(
         ("when", "key", "value"),
         [
-            ("after `reset`", "`task`", 'the task\'s id, which `reset(options={"task": id})` takes'),
+            ("after `reset`", "`task`", 'the id of the task, as accepted by `reset(options={"task": id})`'),
             ("at the end", "`outcome`", ", ".join(f"`{o}`" for o in OUTCOMES if o is not Outcome.CONTINUES)),
             ("at the end", "`is_success`", "`True` or `False`"),
-            ("at the end, with `invalid_action`", "`invalid_reason`", "as above"),
+            ("at the end, if `invalid_action`", "`invalid_reason`", "as above"),
         ],
     )
     yield (
-        "`env.unwrapped` has `task` (statement, program, target, start), `scene`, `goal_reached()` (whether STOP would "
-        "be rewarded +1 now), `action_masks()`, `horizon` (`spec.max_episode_steps` is None: the "
-        "environment ends episodes itself, without a TimeLimit) and `evaluation_tasks()` (every id of the split)."
+        "`env.unwrapped` has `task` (statement, program, target, start scene), `scene`, `goal_reached()` (whether STOP "
+        "would be rewarded +1 now), `action_masks()`, `evaluation_tasks()` (every task id of the split) and `horizon` "
+        "(`spec.max_episode_steps` is None, because the environment ends episodes itself, without a TimeLimit)."
     )
 
 
 def _keywords(settings: Settings) -> Iterator[str]:
-    yield "## Keywords of `gym.make`"
+    yield "## Arguments of `gym.make`"
     single = _parameters(LilGymEnv.__init__)
-    yield _table(("keyword", "default", "meaning"), _keyword_rows(single))
+    yield _table(("argument", "default", "meaning"), _keyword_rows(single))
     batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchSettings.of)}
     more = {name: default for name, default in batch.items() if name not in single}
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
-    yield f"`gym.make_vec` takes them as well, but {missing}, and these ([many environments](../vectorised.md)):"
-    yield _table(("keyword", "default", "meaning"), _keyword_rows(more))
+    yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"
+    yield _table(("argument", "default", "meaning"), _keyword_rows(more))
 
 
 def _parameters(function: Any) -> dict[str, Any]:
     parameters = inspect.signature(function).parameters.values()
-    return {parameter.name: parameter.default for parameter in parameters if parameter.name not in GIVEN}
+    return {parameter.name: parameter.default for parameter in parameters if parameter.name not in NOT_KEYWORDS}
 
 
 def _keyword_rows(parameters: dict[str, Any]) -> list[Sequence[object]]:
@@ -336,8 +337,8 @@ def _default(value: object) -> str:
 def _versions(settings: Settings) -> Iterator[str]:
     yield "## Versions"
     yield (
-        f"`v0`, since lilgym_mp {lilgym_mp.__version__}. A change of the rules, of rewards or of the numbers of "
-        "actions would be a `v1`. Figures of results should tell corpus, split and rule set."
+        f"`v0`, since lilgym_mp {lilgym_mp.__version__}. A change to the rules, rewards or action indices would become "
+        "`v1`. When you publish results, state the corpus, split and rule set."
     )
 
 
@@ -347,7 +348,7 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def documents() -> dict[Path, str]:
-    """Every page by its path."""
+    """Every page, by path."""
     pages = {TARGET / FILE_NAMES[name]: page(name) for name in CONFIGURATIONS}
     return {TARGET / "index.md": index(), **pages}
 

@@ -80,7 +80,7 @@ def test_environment_pages__are_up_to_date(pages: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
-def test_environment_pages__tell_what_play_gives(configuration: str) -> None:
+def test_environment_pages__name_the_infos_and_rewards_of_play(configuration: str) -> None:
     settings = Settings(configuration)
     text = (ROOT / "docs" / "environments" / f"{settings.appearance}_{settings.start}.md").read_text()
     env = gym.make(settings.id).unwrapped
@@ -92,15 +92,22 @@ def test_environment_pages__tell_what_play_gives(configuration: str) -> None:
     assert "**+1**, terminated | **+1**, terminated" in text
 
 
-def test_environment_pages__formula_of_scatters_numbers_is_right(pages: ModuleType) -> None:
+def test_environment_pages__formula_of_scatter_action_indices_is_right(pages: ModuleType) -> None:
     settings = Settings("ScatterFlipIt")
     text = pages.page("ScatterFlipIt")
     appearance = settings.dynamics().appearance
-    assert "`cell = 5 * column + row`; `look = 9 * shape + 3 * colour + size`" in text
-    assert "ADD is `1 + 27 * cell + look`, REMOVE `2566 + cell`" in text
+    assert "`cell = 5 * column + row` and `item_type = 9 * shape + 3 * colour + size`" in text
+    assert "ADD is `1 + 27 * cell + item_type` and that of REMOVE `2566 + cell`" in text
     for column, row, shape, colour, size in [(0, 0, 0, 0, 0), (7, 4, 1, 1, 0), (18, 3, 2, 2, 2)]:
-        cell, look = 5 * column + row, 9 * shape + 3 * colour + size
-        assert appearance.to_array(appearance.decode(1 + 27 * cell + look)) == [1, column, row, shape, colour, size]
+        cell, item_type = 5 * column + row, 9 * shape + 3 * colour + size
+        assert appearance.to_array(appearance.decode(1 + 27 * cell + item_type)) == [
+            1,
+            column,
+            row,
+            shape,
+            colour,
+            size,
+        ]
         assert appearance.to_array(appearance.decode(2566 + cell))[:3] == [2, column, row]
 
 
