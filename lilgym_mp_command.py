@@ -1,4 +1,4 @@
-"""The command `lilgym-mp`. It stands outside of the package so that Ctrl-C is heeded while that is imported."""
+"""The command `lilgym-mp`, outside the package so that Ctrl-C works while the package is being imported."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
+INTERRUPTED = 130  # the shell convention for Ctrl-C
 
 
 def main() -> int:
-    """Runs this process's command line; gives the exit code."""
+    """Runs the command line of this process and returns the exit code."""
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            # Libraries turn a KeyboardInterrupt amid their import into other errors.
+            # Some libraries turn a KeyboardInterrupt during their import into other errors.
             signal.signal(signal.SIGINT, _end)
             from lilgym_mp.cli import main as run
             from lilgym_mp.cli import make_parser
 
-            make_parser()  # which imports every subcommand
+            make_parser()  # imports every subcommand
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        else:  # whoever started this process has Ctrl-C ignored
+        else:  # the parent process disabled Ctrl-C
             from lilgym_mp.cli import main as run
         return run()
     except KeyboardInterrupt:
@@ -30,8 +30,8 @@ def main() -> int:
 
 
 def _end(*_: object) -> NoReturn:
-    """Ends the process at once: nothing has begun that would have to be put in order."""
-    with suppress(OSError):  # nobody is there to be told
+    """Ends the process at once; nothing has started that would need cleaning up."""
+    with suppress(OSError):  # stderr is closed
         os.write(2, b"interrupted\n")
     os._exit(INTERRUPTED)
 

@@ -128,9 +128,9 @@ def test_import_contract__holds(installed_form: Path):
 FORBIDDEN = [  # a module, what it may not import, and the contract that says so
     ("scene", "lilgym_mp.task", "Imports go downwards only"),
     ("task", "lilgym_mp.wrappers", "Imports go downwards only"),
-    ("scene", "gymnasium", "The core needs the standard library and NumPy only"),
+    ("scene", "gymnasium", "The core depends on the standard library and NumPy only"),
     ("wrappers", "torch", "Torch and Stable-Baselines3 from the learning layer on"),
-    ("wrappers", "transformers", "Transformers in learning and in its agent only"),
+    ("wrappers", "transformers", "Transformers in learning and in the language-model agent only"),
     ("wrappers", "pettingzoo", "PettingZoo in the proposer-verifier game only"),
     ("corpus", "shapely", "Shapely in scripts and tests only"),
 ]
