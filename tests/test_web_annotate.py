@@ -186,7 +186,7 @@ def test_program__without_a_value_of_the_empty_scene_is_refused(organiser: Brows
     (ada,) = given(organiser, "Ada")
     answer = submit(ada, first(ada), "is_blue(unique(all_items))")
     assert answer.status_code == 409
-    assert "without items" in answer.json()["message"]
+    assert "fails on a scene without items" in answer.json()["message"]
 
 
 def test_evaluator__ends_a_program_that_takes_too_long_and_goes_on():

@@ -1,4 +1,4 @@
-"""An annotator's work: assignments, drafts, runs on the shown scene, submissions checked on the hidden ones."""
+"""Annotators' side of annotation: assignments, drafts, runs on the shown scene, and checked submissions."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluation, Pr
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 
-ASSIGNMENT_NOT_FOUND = "there is no such assignment of yours"
+ASSIGNMENT_NOT_FOUND = "you have no such assignment"
 STATE_OPEN, STATE_DONE, STATE_SKIPPED = "open", "done", "skipped"
 ACCEPTED, FAILED, SKIPPED = "accepted", "failed", "skipped"
 
 
 class AssignmentSummary(BaseModel):
-    """An assignment in the annotator's list."""
+    """An entry of the annotator's assignment list."""
 
     id: int
     batch: str
@@ -32,7 +32,7 @@ class AssignmentSummary(BaseModel):
 
 
 class SubmissionBody(BaseModel):
-    """A submission as its sender sees it."""
+    """A submission as its author sees it."""
 
     id: int
     assignment: int
@@ -49,7 +49,7 @@ class SubmissionBody(BaseModel):
 
 
 class AssignmentBody(BaseModel):
-    """All that an annotator gets to see of an assignment. Of the hidden scenes only how many there are."""
+    """An assignment as the annotator sees it: of the hidden scenes, only their number."""
 
     id: int
     batch: str
@@ -64,7 +64,7 @@ class AssignmentBody(BaseModel):
 
 
 class RunBody(BaseModel):
-    """What a program says of the shown scene. `truth` is null where it has no value; `fault` says why."""
+    """A program's truth value on the shown scene; null if evaluation failed, with the error in `fault`."""
 
     truth: bool | None
     label: bool
@@ -74,15 +74,15 @@ class RunBody(BaseModel):
 
 
 class VerdictBody(BaseModel):
-    """What came of a submission: accepted, or failed on a hidden scene, which is not told."""
+    """The verdict on a submission: accepted, failed on some hidden scene, or skipped."""
 
     id: int
     verdict: str
     message: str
 
 
-class Found(NamedTuple):
-    """An assignment with what belongs to it."""
+class AssignmentDetails(NamedTuple):
+    """An assignment with its statement, batch and scenes."""
 
     assignment: Assignment
     statement: Statement
@@ -95,13 +95,13 @@ class Found(NamedTuple):
 
 
 VERDICT_MESSAGES = {
-    ACCEPTED: "Accepted: it agrees with every scene of the statement.",
-    FAILED: "It agrees with the shown scene but fails on a hidden one. It is kept; read the statement once more.",
-    SKIPPED: "Skipped. Somebody else may get the statement.",
+    ACCEPTED: "Accepted: your program agrees with every scene of the statement.",
+    FAILED: "Your program agrees with the shown scene but not with a hidden one. It was saved; reread the statement.",
+    SKIPPED: "Skipped. The statement may be assigned to somebody else.",
 }
 
 
-def assignments(session: Session, person: Person) -> list[AssignmentSummary]:
+def list_assignments(session: Session, person: Person) -> list[AssignmentSummary]:
     rows = session.execute(
         select(Assignment.id, Batch.name, Statement.text, Assignment.state)
         .join(Batch, Batch.id == Assignment.batch_id)
@@ -109,11 +109,14 @@ def assignments(session: Session, person: Person) -> list[AssignmentSummary]:
         .where(Assignment.person_id == person.id)
         .order_by(Assignment.id)
     )
-    return [AssignmentSummary(id=found, batch=batch, statement=text, state=state) for found, batch, text, state in rows]
+    return [
+        AssignmentSummary(id=assignment_id, batch=batch, statement=text, state=state)
+        for assignment_id, batch, text, state in rows
+    ]
 
 
-def find(session: Session, person: Person, assignment_id: int) -> Found:
-    """An assignment of this person. Answers 404 where there is none, be it another's or nobody's."""
+def find_assignment(session: Session, person: Person, assignment_id: int) -> AssignmentDetails:
+    """An assignment of this person. Responds with 404 if it does not exist or belongs to somebody else."""
     row = session.execute(
         select(Assignment, Statement, Batch)
         .join(Statement, Statement.id == Assignment.statement_id)
@@ -126,44 +129,44 @@ def find(session: Session, person: Person, assignment_id: int) -> Found:
     scenes = session.scalars(
         select(StatementScene).where(StatementScene.statement_id == statement.id).order_by(StatementScene.position)
     )
-    return Found(assignment, statement, batch, list(scenes))
+    return AssignmentDetails(assignment, statement, batch, list(scenes))
 
 
-def locked(session: Session, person: Person, assignment_id: int) -> Assignment:
-    """An assignment of this person, to be changed. Answers 404 where there is none."""
-    asked = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
-    assignment = session.scalar(asked.with_for_update())
+def lock_assignment(session: Session, person: Person, assignment_id: int) -> Assignment:
+    """An assignment of this person, selected for update. Responds with 404 as `find_assignment` does."""
+    query = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
+    assignment = session.scalar(query.with_for_update())
     if assignment is None:
         raise http_error(404, ASSIGNMENT_NOT_FOUND)
     return assignment
 
 
 def record_first_opening(session: Session, assignment_id: int) -> None:
-    """Notes that the assignment was looked at for the first time."""
+    """Stores the time at which the assignment was first opened."""
     session.execute(
         update(Assignment).where(Assignment.id == assignment_id, Assignment.opened.is_(None)).values(opened=now())
     )
 
 
-def body(session: Session, person: Person, found: Found) -> AssignmentBody:
-    assignment = found.assignment
+def assignment_body(session: Session, person: Person, details: AssignmentDetails) -> AssignmentBody:
+    assignment = details.assignment
     return AssignmentBody(
         id=assignment.id,
-        batch=found.batch.name,
-        statement=found.statement.text,
+        batch=details.batch.name,
+        statement=details.statement.text,
         state=assignment.state,
-        label=found.shown.label,
-        scene=scene_body(Scene.from_json(found.shown.scene)),
-        hidden_scenes=len(found.scenes) - 1,
+        label=details.shown.label,
+        scene=scene_body(Scene.from_json(details.shown.scene)),
+        hidden_scenes=len(details.scenes) - 1,
         draft=assignment.draft,
         draft_version=assignment.draft_version,
-        submissions=history(session, person, assignment.id),
+        submissions=submission_history(session, person, assignment.id),
     )
 
 
-def history(session: Session, person: Person, assignment_id: int | None = None) -> list[SubmissionBody]:
-    """What the person submitted, the latest first, with the latest review of each."""
-    asked = (
+def submission_history(session: Session, person: Person, assignment_id: int | None = None) -> list[SubmissionBody]:
+    """The person's submissions, newest first, each with its latest review."""
+    query = (
         select(Submission, Statement.text)
         .join(Assignment, Assignment.id == Submission.assignment_id)
         .join(Statement, Statement.id == Assignment.statement_id)
@@ -171,8 +174,8 @@ def history(session: Session, person: Person, assignment_id: int | None = None) 
         .order_by(Submission.id.desc())
     )
     if assignment_id is not None:
-        asked = asked.where(Assignment.id == assignment_id)
-    rows = session.execute(asked).all()
+        query = query.where(Assignment.id == assignment_id)
+    rows = session.execute(query).all()
     reviews = latest_reviews(session, [submission.id for submission, _ in rows])
     return [
         SubmissionBody(
@@ -180,13 +183,13 @@ def history(session: Session, person: Person, assignment_id: int | None = None) 
             statement=text,
             review=reviews[submission.id].verdict if submission.id in reviews else None,
             note=reviews[submission.id].note if submission.id in reviews else "",
-            **{name: getattr(submission, name) for name in _SUBMISSION_FIELDS},
+            **{name: getattr(submission, name) for name in _SUBMISSION_COLUMNS},
         )
         for submission, text in rows
     ]
 
 
-_SUBMISSION_FIELDS = ("id", "verdict", "program", "confidence", "reason", "comment", "question", "created")
+_SUBMISSION_COLUMNS = ("id", "verdict", "program", "confidence", "reason", "comment", "question", "created")
 
 
 def latest_reviews(session: Session, submission_ids: Sequence[int]) -> dict[int, Review]:
@@ -198,8 +201,8 @@ def latest_reviews(session: Session, submission_ids: Sequence[int]) -> dict[int,
 
 
 def save_draft(session: Session, person: Person, assignment_id: int, program: str, version: int) -> int:
-    """Keeps the text of the editor; gives its new version. Answers 409 where another tab saved since `version`."""
-    assignment = locked(session, person, assignment_id)
+    """Saves the editor's text; returns its new version. Responds with 409 if another tab has saved since `version`."""
+    assignment = lock_assignment(session, person, assignment_id)
     if assignment.draft == program:
         return assignment.draft_version
     if assignment.draft_version != version:
@@ -211,79 +214,84 @@ def save_draft(session: Session, person: Person, assignment_id: int, program: st
     return assignment.draft_version
 
 
-def evaluated(
+def evaluate_program(
     evaluator: ProgramEvaluator, program: str, scenes: Sequence[Scene], *, traced: bool = False
 ) -> ProgramEvaluation:
-    """What a program says of scenes. Answers 422 for no program and one that takes too long, 503 when all is busy."""
+    """Responds with 422 for an invalid program or one that exceeds a limit, 503 if all workers stay busy."""
     try:
         return evaluator.evaluate(program, scenes, traced=traced)
     except ProgramEvaluationError as fault:
         raise http_error(422, str(fault)) from None
     except EvaluatorBusy:
-        raise http_error(503, "too many programs are being run; your text is kept: try again in a moment") from None
+        raise http_error(503, "too many programs are running; your text is safe: try again in a moment") from None
 
 
-def run(evaluator: ProgramEvaluator, program: str, scene: Scene, *, label: bool) -> RunBody:
-    """What the program says of the shown scene, part by part."""
-    found = evaluated(evaluator, program, [scene], traced=True)
+def run_program(evaluator: ProgramEvaluator, program: str, scene: Scene, *, label: bool) -> RunBody:
+    """Evaluates the program on the shown scene, with the value of each part."""
+    evaluation = evaluate_program(evaluator, program, [scene], traced=True)
     return RunBody(
-        truth=found.truths[0],
+        truth=evaluation.truths[0],
         label=label,
-        agrees=found.truths[0] is label,
-        fault=found.fault,
-        parts=[ProgramPart(**part._asdict()) for part in found.parts],
+        agrees=evaluation.truths[0] is label,
+        fault=evaluation.fault,
+        parts=[ProgramPart(**part._asdict()) for part in evaluation.parts],
     )
 
 
-def judged(evaluator: ProgramEvaluator, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int) -> str:
-    """ACCEPTED or FAILED. Answers 409 where the program disagrees with the shown scene, or has no value of the empty
-    one, which no corpus may have."""
-    truths = evaluated(evaluator, program, [Scene.empty(), *(scene for scene, _ in scenes)]).truths
-    empty, of_scenes = truths[0], truths[1:]
-    if of_scenes[shown] is not scenes[shown][1]:
+def check_program(evaluator: ProgramEvaluator, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int) -> str:
+    """ACCEPTED or FAILED; `shown` is the index of the shown scene.
+
+    Responds with 409 if the program disagrees with the label of the shown scene, or cannot be evaluated on the empty
+    scene, as every program of a corpus must be.
+    """
+    truths = evaluate_program(evaluator, program, [Scene.empty(), *(scene for scene, _ in scenes)]).truths
+    empty_truth, scene_truths = truths[0], truths[1:]
+    if scene_truths[shown] is not scenes[shown][1]:
         raise http_error(409, "the program does not agree with the shown scene; run it, and submit it once it does")
-    if empty is None:
-        fault = evaluated(evaluator, program, [Scene.empty()]).fault
+    if empty_truth is None:
+        fault = evaluate_program(evaluator, program, [Scene.empty()]).fault
         raise http_error(
-            409, f"the program has no value of a scene without items ({fault}); it must have one of any scene"
+            409, f"the program fails on a scene without items ({fault}); it must have a truth value in every scene"
         )
-    agrees = all(truth is label for truth, (_, label) in zip(of_scenes, scenes, strict=True))
+    agrees = all(truth is label for truth, (_, label) in zip(scene_truths, scenes, strict=True))
     return ACCEPTED if agrees else FAILED
 
 
-def labelled_scenes(found: Found) -> list[tuple[Scene, bool]]:
-    return [(Scene.from_json(kept.scene), kept.label) for kept in found.scenes]
+def labelled_scenes(details: AssignmentDetails) -> list[tuple[Scene, bool]]:
+    return [(Scene.from_json(row.scene), row.label) for row in details.scenes]
 
 
-def earlier(session: Session, assignment_id: int, key: str) -> Submission | None:
-    """The submission that was sent with this key already."""
+def find_submission(session: Session, assignment_id: int, key: str) -> Submission | None:
+    """The submission already stored under this idempotency key."""
     return session.scalar(select(Submission).where(Submission.assignment_id == assignment_id, Submission.key == key))
 
 
-def submit(session: Session, person: Person, assignment_id: int, key: str, verdict: str, **said: Any) -> Submission:
-    """Keeps a submission, once for each key."""
-    assignment = locked(session, person, assignment_id)
-    kept = earlier(session, assignment_id, key)
-    if kept is not None:
-        return kept
-    moment = now()
-    seconds = (moment - assignment.opened).total_seconds() if assignment.opened else 0.0
-    kept = Submission(
+def store_submission(
+    session: Session, person: Person, assignment_id: int, key: str, verdict: str, **columns: Any
+) -> Submission:
+    """Inserts a submission, or returns the one already stored under the key."""
+    assignment = lock_assignment(session, person, assignment_id)
+    existing = find_submission(session, assignment_id, key)
+    if existing is not None:
+        return existing
+    created = now()
+    seconds = (created - assignment.opened).total_seconds() if assignment.opened else 0.0
+    submission = Submission(
         assignment_id=assignment_id,
         key=key,
         verdict=verdict,
         seconds=max(0.0, seconds),
-        created=moment,
-        **{"program": "", "reason": "", "comment": "", "question": "", "confidence": None, **said},
+        created=created,
+        **{"program": "", "reason": "", "comment": "", "question": "", "confidence": None, **columns},
     )
-    session.add(kept)
+    session.add(submission)
     if verdict == ACCEPTED:
         assignment.state = STATE_DONE
     elif verdict == SKIPPED and assignment.state == STATE_OPEN:
         assignment.state = STATE_SKIPPED
     session.flush()
-    return kept
+    return submission
 
 
-def verdict_body(kept: Submission) -> VerdictBody:
-    return VerdictBody(id=kept.id, verdict=kept.verdict, message=VERDICT_MESSAGES[kept.verdict])
+def verdict_body(submission: Submission) -> VerdictBody:
+    return VerdictBody(id=submission.id, verdict=submission.verdict, message=VERDICT_MESSAGES[submission.verdict])

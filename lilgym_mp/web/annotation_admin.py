@@ -1,4 +1,4 @@
-"""The organisers' work: people, batches, review with agreement, statistics, export."""
+"""Organisers' side of annotation: people, batches, reviews with inter-annotator agreement, statistics, export."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from lilgym_mp.web.store.models import (
 )
 
 KEPT, DISPUTED, REJECTED = "kept", "disputed", "rejected"
-MAX_COMPARED_SCENES = 300  # scenes on which two programs are compared
+MAX_COMPARED_SCENES = 300  # for inter-annotator agreement
 
 
 class PersonSummary(BaseModel):
-    """A person in the organisers' list."""
+    """A person with assignment counts by state, and the number of tutorial tasks solved."""
 
     id: int
     name: str
@@ -58,7 +58,7 @@ class BatchSummary(BaseModel):
 
 
 class ReviewedSubmission(BaseModel):
-    """A submission as organisers see it."""
+    """A submission as organisers see it, with its latest review."""
 
     id: int
     annotator: str
@@ -75,8 +75,8 @@ class ReviewedSubmission(BaseModel):
 
 
 class StatementReview(BaseModel):
-    """A statement with all that was submitted for it. `agreement`: the share of scenes of which the programs of two
-    annotators have the same truth, the mean over pairs; null where fewer than two were accepted."""
+    """A statement with all of its submissions. `agreement`: the share of scenes on which two annotators' programs have
+    the same truth value, averaged over pairs; null with fewer than two eligible programs."""
 
     id: int
     name: str
@@ -96,7 +96,7 @@ class AnnotatorStatistics(BaseModel):
 
 
 class StatisticsBody(BaseModel):
-    """How far the collection is. `collected`: statements with an accepted program; `kept`: those that are exported."""
+    """Progress of the annotation. `collected`: statements with an accepted program; `kept`: statements to export."""
 
     statements: int
     scenes: int
@@ -110,7 +110,7 @@ class StatisticsBody(BaseModel):
     annotators: list[AnnotatorStatistics]
 
 
-def people(session: Session) -> list[PersonSummary]:
+def list_people(session: Session) -> list[PersonSummary]:
     counts = {
         (person, state): count
         for person, state, count in session.execute(
@@ -119,7 +119,7 @@ def people(session: Session) -> list[PersonSummary]:
             )
         )
     }
-    answered = _pairs(
+    answered = _to_dict(
         session.execute(select(TutorialAnswer.person_id, func.count()).group_by(TutorialAnswer.person_id))
     )
     return [
@@ -137,7 +137,7 @@ def people(session: Session) -> list[PersonSummary]:
     ]
 
 
-def batches(session: Session) -> list[BatchSummary]:
+def list_batches(session: Session) -> list[BatchSummary]:
     rows = session.execute(
         select(
             Batch.id,
@@ -149,29 +149,32 @@ def batches(session: Session) -> list[BatchSummary]:
         .order_by(Batch.id)
     )
     return [
-        BatchSummary(id=found, name=name, open=opened, done=done, skipped=skipped)
-        for found, name, opened, done, skipped in map(tuple[Any, ...], rows)
+        BatchSummary(id=batch_id, name=name, open=open_count, done=done, skipped=skipped)
+        for batch_id, name, open_count, done, skipped in map(tuple[Any, ...], rows)
     ]
 
 
-def make_batch(
+def create_batch(
     session: Session, name: str, person_ids: Sequence[int], statements: int, annotators_each: int
 ) -> tuple[Batch, int]:
-    """Gives statements that nobody has yet, the first imported first, to the people in turn; gives the batch and how
-    many assignments it has. Answers 409 or 422 where that cannot be."""
-    chosen = select(Assignment.statement_id)
-    free = session.scalars(
-        select(Statement.id).where(Statement.id.not_in(chosen)).order_by(Statement.id).limit(statements)
+    """Assigns up to `statements` unassigned statements, in order of import, to the people in turn.
+
+    Returns the batch and its number of assignments. Responds with 409 if there is nothing to assign or the name is
+    taken, 422 for unknown people.
+    """
+    assigned = select(Assignment.statement_id)
+    unassigned = session.scalars(
+        select(Statement.id).where(Statement.id.not_in(assigned)).order_by(Statement.id).limit(statements)
     ).all()
-    if not free:
-        raise http_error(409, "no statement is left that nobody was given; import more")
-    return _assign(session, name, person_ids, [(statement, annotators_each) for statement in free])
+    if not unassigned:
+        raise http_error(409, "every statement has been assigned; import more")
+    return _assign(session, name, person_ids, [(statement, annotators_each) for statement in unassigned])
 
 
 def redistribute(session: Session, name: str, person_ids: Sequence[int]) -> tuple[Batch, int]:
-    """Gives every statement that was skipped by all who had it, or is disputed, to one more of the people.
+    """Assigns every disputed statement, and every one skipped by all of its annotators, to one more person.
 
-    Answers 409 where there is none that any of them could be given.
+    Responds with 409 if there is no such statement, or none that these people have not had yet.
     """
     work = [(statement, 1) for statement in sorted({*_skipped(session), *_disputed(session)})]
     if not work:
@@ -182,41 +185,49 @@ def redistribute(session: Session, name: str, person_ids: Sequence[int]) -> tupl
 def _assign(
     session: Session, name: str, person_ids: Sequence[int], work: Sequence[tuple[int, int]]
 ) -> tuple[Batch, int]:
+    """Creates a batch from `work`, pairs of a statement id and the number of annotators; round-robin over people."""
     known = set(session.scalars(select(Person.id).where(Person.id.in_(person_ids), Person.token_hash.is_not(None))))
     unknown = [person for person in person_ids if person not in known]
-    if unknown or not person_ids:
-        raise http_error(422, f"no such people with a token: {', '.join(map(str, unknown)) or 'none was named'}")
+    if not person_ids:
+        raise http_error(422, "choose at least one person")
+    if unknown:
+        raise http_error(
+            422,
+            f"people without a token or unknown: {', '.join(map(str, unknown))}"
+            if unknown
+            else "choose at least one person",
+        )
     if session.scalar(select(Batch.id).where(Batch.name == name)) is not None:
-        raise http_error(409, f"there is a batch {name!r} already")
+        raise http_error(409, f"a batch named {name!r} already exists")
     taken = {tuple(row) for row in session.execute(select(Assignment.statement_id, Assignment.person_id))}
-    scenes = _pairs(
+    scene_counts = _to_dict(
         session.execute(select(StatementScene.statement_id, func.count()).group_by(StatementScene.statement_id))
     )
     batch = Batch(name=name)
     session.add(batch)
     session.flush()
-    people_in_turn = list(dict.fromkeys(person_ids))
-    made, turn = 0, 0
-    for statement, wanted in work:
-        for _ in range(len(people_in_turn)):
-            if not wanted:
+    people = list(dict.fromkeys(person_ids))
+    created, turn = 0, 0
+    for statement, annotators in work:
+        for _ in range(len(people)):
+            if not annotators:
                 break
-            person = people_in_turn[turn % len(people_in_turn)]
+            person = people[turn % len(people)]
             turn += 1
             if (statement, person) in taken:
                 continue
-            shown = (statement + made) % scenes[statement]
+            shown = (statement + created) % scene_counts[statement]
             session.add(Assignment(batch_id=batch.id, statement_id=statement, person_id=person, shown=shown))
-            made += 1
-            wanted -= 1
-    if not made:
-        raise http_error(409, "these people had all of these statements already; name others")
+            created += 1
+            annotators -= 1
+    if not created:
+        raise http_error(409, "these people have already had all of these statements; choose others")
     session.flush()
-    return batch, made
+    return batch, created
 
 
 def _skipped(session: Session) -> set[int]:
-    """Statements that everybody who was given them skipped."""
+    """Ids of statements skipped by everybody they were assigned to."""
     rows = session.execute(
         select(Assignment.statement_id)
         .group_by(Assignment.statement_id)
@@ -225,8 +236,8 @@ def _skipped(session: Session) -> set[int]:
     return {statement for (statement,) in rows}
 
 
-class _Sent(NamedTuple):
-    """A submission with whose it is and its latest review."""
+class _SubmissionRecord(NamedTuple):
+    """A submission joined with its statement, its annotator and its latest review."""
 
     submission: Submission
     statement_id: int
@@ -234,59 +245,63 @@ class _Sent(NamedTuple):
     review: Review | None
 
     @property
-    def stands(self) -> bool:
-        """Whether it is accepted and no review is against it."""
+    def is_eligible(self) -> bool:
+        """Accepted, and neither disputed nor rejected in review: may be exported."""
         return self.submission.verdict == ACCEPTED and (self.review is None or self.review.verdict == KEPT)
 
 
-def _sent(session: Session, statement_ids: Sequence[int] | None = None) -> list[_Sent]:
-    asked = (
+def _submission_records(session: Session, statement_ids: Sequence[int] | None = None) -> list[_SubmissionRecord]:
+    """All submissions, or those for the statements, in order of submission."""
+    query = (
         select(Submission, Assignment.statement_id, Person.name)
         .join(Assignment, Assignment.id == Submission.assignment_id)
         .join(Person, Person.id == Assignment.person_id)
         .order_by(Submission.id)
     )
     if statement_ids is not None:
-        asked = asked.where(Assignment.statement_id.in_(statement_ids))
-    rows = session.execute(asked).all()
+        query = query.where(Assignment.statement_id.in_(statement_ids))
+    rows = session.execute(query).all()
     reviews = latest_reviews(session, [submission.id for submission, _, _ in rows])
-    return [_Sent(sent, statement, name, reviews.get(sent.id)) for sent, statement, name in rows]
+    return [
+        _SubmissionRecord(submission, statement, name, reviews.get(submission.id))
+        for submission, statement, name in rows
+    ]
 
 
 def _disputed(session: Session) -> set[int]:
-    """Statements with a submission whose latest review disputes it, and none that a review keeps."""
-    sent = _sent(session)
-    disputed = {each.statement_id for each in sent if each.review and each.review.verdict == DISPUTED}
-    return disputed - {each.statement_id for each in sent if each.review and each.review.verdict == KEPT}
+    """Ids of statements with a disputed submission and none kept in review."""
+    records = _submission_records(session)
+    disputed = {record.statement_id for record in records if record.review and record.review.verdict == DISPUTED}
+    return disputed - {record.statement_id for record in records if record.review and record.review.verdict == KEPT}
 
 
-def _standing(sent: Iterable[_Sent]) -> dict[int, dict[str, Submission]]:
-    """For each statement each annotator's latest submission that stands."""
+def _eligible_submissions(records: Iterable[_SubmissionRecord]) -> dict[int, dict[str, Submission]]:
+    """Each annotator's latest eligible submission, by statement id and annotator."""
     found: dict[int, dict[str, Submission]] = {}
-    for each in sent:
-        if each.stands:
-            found.setdefault(each.statement_id, {})[each.annotator] = each.submission
+    for record in records:
+        if record.is_eligible:
+            found.setdefault(record.statement_id, {})[record.annotator] = record.submission
     return found
 
 
 def review_page(session: Session, evaluator: ProgramEvaluator, first: int, most: int) -> list[StatementReview]:
-    """Statements with submissions, from the given one on, with the agreement between annotators."""
-    has_any = select(Assignment.statement_id).join(Submission, Submission.assignment_id == Assignment.id)
+    """At most `most` statements with submissions, from id `first` on, with inter-annotator agreement."""
+    submitted = select(Assignment.statement_id).join(Submission, Submission.assignment_id == Assignment.id)
     statements = session.scalars(
-        select(Statement).where(Statement.id.in_(has_any), Statement.id >= first).order_by(Statement.id).limit(most)
+        select(Statement).where(Statement.id.in_(submitted), Statement.id >= first).order_by(Statement.id).limit(most)
     ).all()
-    sent = _sent(session, [statement.id for statement in statements])
-    standing = _standing(sent)
-    panels: dict[str, list[Scene]] = {}
-    found: list[StatementReview] = []
+    records = _submission_records(session, [statement.id for statement in statements])
+    eligible = _eligible_submissions(records)
+    comparison_scenes: dict[str, list[Scene]] = {}  # by appearance
+    reviews: list[StatementReview] = []
     for statement in statements:
-        programs = [submission.program for submission in standing.get(statement.id, {}).values()]
+        programs = [submission.program for submission in eligible.get(statement.id, {}).values()]
         agreement, compared = None, 0
         if len(programs) > 1:
-            if statement.appearance not in panels:
-                panels[statement.appearance] = _panel(session, statement.appearance)
-            agreement, compared = _agreement(evaluator, programs, panels[statement.appearance])
-        found.append(
+            if statement.appearance not in comparison_scenes:
+                comparison_scenes[statement.appearance] = _comparison_scenes(session, statement.appearance)
+            agreement, compared = _agreement(evaluator, programs, comparison_scenes[statement.appearance])
+        reviews.append(
             StatementReview(
                 id=statement.id,
                 name=statement.name,
@@ -294,17 +309,17 @@ def review_page(session: Session, evaluator: ProgramEvaluator, first: int, most:
                 appearance=statement.appearance,
                 agreement=agreement,
                 compared_scenes=compared,
-                submissions=[_reviewed(each) for each in sent if each.statement_id == statement.id],
+                submissions=[_reviewed(record) for record in records if record.statement_id == statement.id],
             )
         )
-    return found
+    return reviews
 
 
-def _reviewed(each: _Sent) -> ReviewedSubmission:
-    submission = each.submission
+def _reviewed(record: _SubmissionRecord) -> ReviewedSubmission:
+    submission = record.submission
     return ReviewedSubmission(
         id=submission.id,
-        annotator=each.annotator,
+        annotator=record.annotator,
         verdict=submission.verdict,
         program=submission.program,
         confidence=submission.confidence,
@@ -313,13 +328,13 @@ def _reviewed(each: _Sent) -> ReviewedSubmission:
         question=submission.question,
         seconds=round(submission.seconds, 1),
         created=submission.created,
-        review=each.review.verdict if each.review else None,
-        note=each.review.note if each.review else "",
+        review=record.review.verdict if record.review else None,
+        note=record.review.note if record.review else "",
     )
 
 
-def _panel(session: Session, appearance: str) -> list[Scene]:
-    """Scenes of the appearance, those of all statements alike, to compare programs on; the empty one among them."""
+def _comparison_scenes(session: Session, appearance: str) -> list[Scene]:
+    """The empty scene, and up to MAX_COMPARED_SCENES - 1 of the appearance, taken evenly from all statements."""
     rows = session.scalars(
         select(StatementScene.scene)
         .join(Statement, Statement.id == StatementScene.statement_id)
@@ -342,42 +357,44 @@ def _agreement(
 
 
 def add_review(session: Session, reviewer: Person, submission_id: int, verdict: str, note: str) -> None:
-    """Answers 404 for no submission."""
+    """Responds with 404 if there is no such submission."""
     if session.get(Submission, submission_id) is None:
         raise http_error(404, f"there is no submission {submission_id}")
     session.add(Review(submission_id=submission_id, reviewer_id=reviewer.id, verdict=verdict, note=note))
 
 
 def kept_programs(session: Session) -> dict[int, str]:
-    """The program of each statement that is kept: of those that stand, one a review keeps before others, then the most
-    confident, then the shorter, then the later. Disputed statements have none."""
-    sent = _sent(session)
-    disputed = _disputed(session)
-    reviewed = {each.submission.id for each in sent if each.review and each.review.verdict == KEPT}
+    """The program to export for each statement id; disputed statements have none.
 
-    def worth(submission: Submission) -> tuple[bool, int, int, int]:
+    Among eligible submissions, one kept in review wins, then the most confident, the shortest, the latest.
+    """
+    records = _submission_records(session)
+    disputed = _disputed(session)
+    kept = {record.submission.id for record in records if record.review and record.review.verdict == KEPT}
+
+    def priority(submission: Submission) -> tuple[bool, int, int, int]:
         confidence = submission.confidence or 0
-        return submission.id in reviewed, confidence, -len(submission.program), submission.id
+        return submission.id in kept, confidence, -len(submission.program), submission.id
 
     return {
-        statement: max(by_annotator.values(), key=worth).program
-        for statement, by_annotator in _standing(sent).items()
+        statement: max(by_annotator.values(), key=priority).program
+        for statement, by_annotator in _eligible_submissions(records).items()
         if statement not in disputed
     }
 
 
-def export(session: Session) -> bytes:
-    """The kept statements as a corpus file. Answers 409 where there are none."""
+def export_corpus(session: Session) -> bytes:
+    """The kept statements as a corpus file. Responds with 409 if there are none."""
     programs = kept_programs(session)
     if not programs:
-        raise http_error(409, "no statement has a program that is kept")
+        raise http_error(409, "no statement has a program to export")
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
         path = Path(directory) / "corpus.jsonl"
-        write_corpus(path, "annotated statements", "as their sources", _entries(session, programs))
+        write_corpus(path, "annotated statements", "as their sources", _corpus_entries(session, programs))
         return path.read_bytes()
 
 
-def _entries(session: Session, programs: Mapping[int, str]) -> Iterator[dict[str, object]]:
+def _corpus_entries(session: Session, programs: Mapping[int, str]) -> Iterator[dict[str, object]]:
     taken: set[str] = set(session.scalars(select(Statement.name)))
     for statement in session.scalars(select(Statement).where(Statement.id.in_(list(programs))).order_by(Statement.id)):
         scenes = session.scalars(
@@ -396,34 +413,36 @@ def _entries(session: Session, programs: Mapping[int, str]) -> Iterator[dict[str
 
 
 def statistics(session: Session) -> StatisticsBody:
-    sent = _sent(session)
-    accepted = [each for each in sent if each.submission.verdict == ACCEPTED]
-    seconds = [each.submission.seconds for each in accepted]
+    records = _submission_records(session)
+    accepted = [record for record in records if record.submission.verdict == ACCEPTED]
+    seconds = [record.submission.seconds for record in accepted]
     return StatisticsBody(
         statements=_count(session, Statement),
         scenes=_count(session, StatementScene),
         assigned=session.scalar(select(func.count(func.distinct(Assignment.statement_id)))) or 0,
-        collected=len({each.statement_id for each in accepted}),
+        collected=len({record.statement_id for record in accepted}),
         kept=len(kept_programs(session)),
         skipped=len(_skipped(session)),
         disputed=len(_disputed(session)),
         mean_seconds=_rounded(mean, seconds),
         median_seconds=_rounded(median, seconds),
         annotators=[
-            _of_annotator(name, [each.submission for each in sent if each.annotator == name])
-            for name in sorted({each.annotator for each in sent})
+            _annotator_statistics(name, [record.submission for record in records if record.annotator == name])
+            for name in sorted({record.annotator for record in records})
         ],
     )
 
 
-def _of_annotator(name: str, sent: Sequence[Submission]) -> AnnotatorStatistics:
-    counts = Counter(each.verdict for each in sent)
+def _annotator_statistics(name: str, submissions: Sequence[Submission]) -> AnnotatorStatistics:
+    counts = Counter(submission.verdict for submission in submissions)
     return AnnotatorStatistics(
         name=name,
         accepted=counts[ACCEPTED],
         failed=counts[FAILED],
         skipped=counts[SKIPPED],
-        median_seconds=_rounded(median, [each.seconds for each in sent if each.verdict == ACCEPTED]),
+        median_seconds=_rounded(
+            median, [submission.seconds for submission in submissions if submission.verdict == ACCEPTED]
+        ),
     )
 
 
@@ -431,8 +450,7 @@ def _rounded(summary: Callable[[Sequence[float]], float], values: Sequence[float
     return round(summary(values), 1) if values else None
 
 
-def _pairs(rows: Iterable[Sequence[Any]]) -> dict[int, int]:
-    """Rows of two numbers as a table."""
+def _to_dict(rows: Iterable[Sequence[Any]]) -> dict[int, int]:
     return {row[0]: row[1] for row in rows}
 
 

@@ -1,4 +1,4 @@
-"""One module a page: its HTML and the JSON that it asks for."""
+"""One module per page, with its HTML and JSON routes."""
 
 from lilgym_mp.web.routes import annotate, explore, game, home, play, watch
 

@@ -1,4 +1,4 @@
-"""/annotate: statements to write programs for, and the organisers' pages."""
+"""/annotate: write programs for statements; the organisers' page manages the annotation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 MAX_ROW_ID = 2**31 - 1
 RowId = Annotated[int, Path(ge=1, le=MAX_ROW_ID)]
 ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
-Title = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")]
+DisplayName = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")
+]
 SplitName = Literal["train", "dev", "test"]
 SkipReason = Literal["ambiguous", "cannot be expressed", "wrong label", "not English", "too hard", "other"]
 
@@ -37,7 +39,7 @@ class ProgramBody(BaseModel):
 
 
 class DraftBody(BaseModel):
-    """The editor's text, and the version that it was made from."""
+    """The editor's text, and the draft version it is based on."""
 
     program: ProgramText
     version: int = Field(ge=0, le=MAX_ROW_ID)
@@ -48,7 +50,7 @@ class SavedDraft(BaseModel):
 
 
 class NewSubmission(BaseModel):
-    """A program; `key` is the sender's own, so that sending it again after a lost connection keeps one."""
+    """A program; `key` is an idempotency key chosen by the client, so that a retry is stored once."""
 
     key: RandomId
     program: ProgramText
@@ -65,26 +67,26 @@ class NewSkip(BaseModel):
 
 
 class NewPerson(BaseModel):
-    name: Title
+    name: DisplayName
     role: Literal["annotator", "organiser"] = ANNOTATOR
 
 
 class TokenBody(BaseModel):
-    """The path that logs somebody in. It is told this once."""
+    """A person's login path, returned only once."""
 
     name: str
     path: str
 
 
 class NewBatch(BaseModel):
-    name: Title
+    name: DisplayName
     people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
     statements: int = Field(20, ge=1, le=100_000)
     annotators_each: int = Field(1, ge=1, le=100)
 
 
 class NewRedistribution(BaseModel):
-    name: Title
+    name: DisplayName
     people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
 
 
@@ -99,7 +101,7 @@ class NewReview(BaseModel):
 
 
 class ImportBody(BaseModel):
-    """What became of a file: statements read, those that were new, and what is wrong with others."""
+    """Result of an import: number of valid statements, of new ones, and of errors, with the first errors."""
 
     read: int
     added: int
@@ -144,7 +146,7 @@ def organise_page(request: Request, person: CurrentOrganiser) -> Response:
 @router.get("/annotate/{assignment_id}", include_in_schema=False)
 def work_page(request: Request, person: CurrentPerson, services: Services, assignment_id: RowId) -> Response:
     with services.database.read_session() as session:
-        annotation.find(session, person, assignment_id)
+        annotation.find_assignment(session, person, assignment_id)
     reasons = get_args(SkipReason)
     return render_page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
 
@@ -154,45 +156,45 @@ def work_page(request: Request, person: CurrentPerson, services: Services, assig
 
 @api.get("/language")
 def words() -> language.LanguageBody:
-    """Everything that can stand in a program, with signatures and documentation."""
+    """All words of the program language, with signatures and documentation."""
     return language.language()
 
 
 @api.post("/check")
 def check(text: ProgramBody) -> language.CheckBody:
-    """Whether a text is a program, and where not, what is wrong."""
+    """Checks the syntax of a program."""
     return language.check(text.program)
 
 
-# An annotator's own
+# Assignments and submissions of the annotator logged in
 
 
 @api.get("/assignments")
 def assignments(services: Services, person: CurrentPerson) -> list[annotation.AssignmentSummary]:
     with services.database.read_session() as session:
-        return annotation.assignments(session, person)
+        return annotation.list_assignments(session, person)
 
 
 @api.get("/assignments/{assignment_id}")
 async def assignment(services: Services, person: CurrentPerson, assignment_id: RowId) -> annotation.AssignmentBody:
-    """The statement, its shown scene and label, and the program as it was being written."""
+    """The statement, its shown scene and label, and the draft program."""
 
     def read() -> tuple[annotation.AssignmentBody, bool]:
         with services.database.read_session() as session:
-            found = annotation.find(session, person, assignment_id)
-            return annotation.body(session, person, found), found.assignment.opened is None
+            found = annotation.find_assignment(session, person, assignment_id)
+            return annotation.assignment_body(session, person, found), found.assignment.opened is None
 
-    told, is_new = await run_sync(read)
+    body, is_new = await run_sync(read)
     if is_new:
         await services.database.write(
             lambda session: annotation.record_first_opening(session, assignment_id), durable=False
         )
-    return told
+    return body
 
 
 @api.put("/assignments/{assignment_id}/draft")
 async def draft(services: Services, person: CurrentPerson, assignment_id: RowId, written: DraftBody) -> SavedDraft:
-    """Keeps the editor's text, which the browser keeps as well."""
+    """Saves the editor's text."""
     version = await services.database.write(
         lambda session: annotation.save_draft(session, person, assignment_id, written.program, written.version),
         durable=False,
@@ -204,47 +206,48 @@ async def draft(services: Services, person: CurrentPerson, assignment_id: RowId,
 def run(services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody) -> annotation.RunBody:
     """Runs a program on the shown scene."""
     with services.database.read_session() as session:
-        found = annotation.find(session, person, assignment_id)
+        found = annotation.find_assignment(session, person, assignment_id)
     scene = Scene.from_json(found.shown.scene)
-    return annotation.run(services.evaluator, written.program, scene, label=found.shown.label)
+    return annotation.run_program(services.evaluator, written.program, scene, label=found.shown.label)
 
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
 async def submit(
     services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSubmission
 ) -> annotation.VerdictBody:
-    """Submits a program that agrees with the shown scene; it is checked on the hidden ones."""
+    """Submits a program that agrees with the shown scene; it is then checked on the hidden scenes."""
 
-    def judged() -> Submission | str:
+    def check_unless_stored() -> Submission | str:
         with services.database.read_session() as session:
-            found = annotation.find(session, person, assignment_id)
-            kept = annotation.earlier(session, assignment_id, new.key)
+            found = annotation.find_assignment(session, person, assignment_id)
+            stored = annotation.find_submission(session, assignment_id, new.key)
         scenes = annotation.labelled_scenes(found)
-        return kept or annotation.judged(services.evaluator, new.program, scenes, found.assignment.shown)
+        return stored or annotation.check_program(services.evaluator, new.program, scenes, found.assignment.shown)
 
-    kept = await run_sync(judged)
-    if isinstance(kept, str):
-        verdict, said = kept, new.model_dump(exclude={"key"})
-        kept = await services.database.write(
-            lambda session: annotation.submit(session, person, assignment_id, new.key, verdict, **said)
+    submission = await run_sync(check_unless_stored)
+    if isinstance(submission, str):
+        verdict, columns = submission, new.model_dump(exclude={"key"})
+        submission = await services.database.write(
+            lambda session: annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
         )
-    return annotation.verdict_body(kept)
+    return annotation.verdict_body(submission)
 
 
 @api.post("/assignments/{assignment_id}/skip", status_code=201)
 def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
     """Skips the statement, with a reason."""
     with services.database.write_session() as session:
-        said = new.model_dump(exclude={"key"})
-        kept = annotation.submit(session, person, assignment_id, new.key, annotation.SKIPPED, **said)
-    return annotation.verdict_body(kept)
+        columns = new.model_dump(exclude={"key"})
+        verdict = annotation.SKIPPED
+        submission = annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
+    return annotation.verdict_body(submission)
 
 
 @api.get("/history")
 def history(services: Services, person: CurrentPerson) -> list[annotation.SubmissionBody]:
-    """Everything that you submitted, with what reviews say of it."""
+    """Your submissions, with their reviews."""
     with services.database.read_session() as session:
-        return annotation.history(session, person)
+        return annotation.submission_history(session, person)
 
 
 # The tutorial
@@ -271,14 +274,14 @@ def tutorial_tasks(services: Services, person: CurrentPerson) -> list[TutorialTa
 
 def _tutorial_task(name: str) -> tutorial.TutorialTask:
     if name not in tutorial.TASKS_BY_NAME:
-        raise http_error(404, f"no tutorial task {name!r}; there are {', '.join(tutorial.TASKS_BY_NAME)}")
+        raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(tutorial.TASKS_BY_NAME)}")
     return tutorial.TASKS_BY_NAME[name]
 
 
 @api.post("/tutorial/{name}/run")
 def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> annotation.RunBody:
     scene, label = _tutorial_task(name).scenes[0]
-    return annotation.run(services.evaluator, written.program, scene, label=label)
+    return annotation.run_program(services.evaluator, written.program, scene, label=label)
 
 
 @api.post("/tutorial/{name}/submissions", status_code=201)
@@ -286,7 +289,7 @@ def submit_tutorial(
     services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
 ) -> annotation.VerdictBody:
     task = _tutorial_task(name)
-    verdict = annotation.judged(services.evaluator, written.program, task.scenes, 0)
+    verdict = annotation.check_program(services.evaluator, written.program, task.scenes, 0)
     if verdict == annotation.ACCEPTED:
         with services.database.write_session() as session:
             answer = session.get(TutorialAnswer, (person.id, name)) or TutorialAnswer(person_id=person.id, task=name)
@@ -295,38 +298,38 @@ def submit_tutorial(
     return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.VERDICT_MESSAGES[verdict])
 
 
-# The organisers'
+# Administration by organisers
 
 
 @api.post("/imports", openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}})
 async def import_file(
     request: Request, services: Services, person: CurrentOrganiser, split: SplitName = "train"
 ) -> ImportBody:
-    """Adds the statements of a file, the request's body: the corpus format, or NLVR's lines (then in `split`)."""
+    """Imports the file in the request's body: a corpus file, or NLVR's JSON lines, which are added to `split`."""
     data = await request.body()
 
-    def imported() -> ImportBody:
+    def read_and_store() -> ImportBody:
         try:
-            found = statement_import.read_statements(data, split)
+            result = statement_import.read_statements(data, split)
         except CorpusError as fault:
             raise http_error(422, str(fault)) from None
         with services.database.write_session() as session:
-            added = statement_import.store_statements(session, found.statements)
-        first = found.faults[: statement_import.MAX_REPORTED_FAULTS]
-        return ImportBody(read=len(found.statements), added=added, faults=len(found.faults), first_faults=first)
+            added = statement_import.store_statements(session, result.statements)
+        first = result.faults[: statement_import.MAX_REPORTED_FAULTS]
+        return ImportBody(read=len(result.statements), added=added, faults=len(result.faults), first_faults=first)
 
-    return await run_sync(imported)
+    return await run_sync(read_and_store)
 
 
 @api.get("/people")
 def people(services: Services, person: CurrentOrganiser) -> list[annotation_admin.PersonSummary]:
     with services.database.read_session() as session:
-        return annotation_admin.people(session)
+        return annotation_admin.list_people(session)
 
 
 @api.post("/people", status_code=201)
 def add_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> TokenBody:
-    """Gives somebody a token, a new one where there was one."""
+    """Issues a login token for a person, replacing any older one."""
     with services.database.write_session() as session:
         token = issue_token(session, new.name, new.role)
     services.login_cache.invalidate()
@@ -335,13 +338,13 @@ def add_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> 
 
 @api.delete("/people/{person_id}/token", status_code=204)
 def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
-    """Ends somebody's token, and with it every login."""
+    """Revokes a person's token, which ends all of their logins."""
     with services.database.write_session() as session:
         found = session.get(Person, person_id)
         if found is None:
-            raise http_error(404, f"there is nobody with the number {person_id}")
+            raise http_error(404, f"there is no person with id {person_id}")
         if found.id == person.id:
-            raise http_error(409, "you cannot end your own token")
+            raise http_error(409, "you cannot revoke your own token")
         found.token_hash = None
     services.login_cache.invalidate()
 
@@ -349,23 +352,23 @@ def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> No
 @api.get("/batches")
 def batches(services: Services, person: CurrentOrganiser) -> list[annotation_admin.BatchSummary]:
     with services.database.read_session() as session:
-        return annotation_admin.batches(session)
+        return annotation_admin.list_batches(session)
 
 
 @api.post("/batches", status_code=201)
-def make_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
-    """Gives statements that nobody has yet to people, in turn."""
+def create_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
+    """Assigns unassigned statements to people in turn."""
     with services.database.write_session() as session:
-        batch, made = annotation_admin.make_batch(session, new.name, new.people, new.statements, new.annotators_each)
-        return CreatedBatch(id=batch.id, assignments=made)
+        batch, count = annotation_admin.create_batch(session, new.name, new.people, new.statements, new.annotators_each)
+        return CreatedBatch(id=batch.id, assignments=count)
 
 
 @api.post("/redistributions", status_code=201)
 def redistribute(services: Services, person: CurrentOrganiser, new: NewRedistribution) -> CreatedBatch:
-    """Gives skipped and disputed statements to people who had not seen them."""
+    """Assigns skipped and disputed statements to people who have not had them."""
     with services.database.write_session() as session:
-        batch, made = annotation_admin.redistribute(session, new.name, new.people)
-        return CreatedBatch(id=batch.id, assignments=made)
+        batch, count = annotation_admin.redistribute(session, new.name, new.people)
+        return CreatedBatch(id=batch.id, assignments=count)
 
 
 @api.get("/reviews")
@@ -375,14 +378,14 @@ def reviews(
     first: Annotated[int, Query(ge=0, le=MAX_ROW_ID)] = 0,
     most: Annotated[int, Query(ge=1, le=100)] = 20,
 ) -> list[annotation_admin.StatementReview]:
-    """Statements with what was submitted for them, from number `first` on."""
+    """Statements with their submissions, from id `first` on."""
     with services.database.read_session() as session:
         return annotation_admin.review_page(session, services.evaluator, first, most)
 
 
 @api.post("/submissions/{submission_id}/reviews", status_code=204)
 def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
-    """Says what is to become of a submission; its sender sees verdict and note."""
+    """Reviews a submission; its author sees the verdict and the note."""
     with services.database.write_session() as session:
         annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
 
@@ -397,7 +400,7 @@ def statistics(services: Services, person: CurrentOrganiser) -> annotation_admin
 def export(services: Services, person: CurrentOrganiser) -> Response:
     """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
     with services.database.read_session() as session:
-        data = annotation_admin.export(session)
+        data = annotation_admin.export_corpus(session)
     headers = {"Content-Disposition": 'attachment; filename="annotated.jsonl"'}
     return Response(data, media_type="application/jsonl", headers=headers)
 

@@ -1,4 +1,4 @@
-"""The start page, logging in and out, and who the browser is."""
+"""Start page, login and logout, and the current session."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ router = APIRouter()
 
 
 class SessionBody(BaseModel):
-    """Who the browser is, and what it must send with state-changing requests."""
+    """The person logged in, and the CSRF token for state-changing requests."""
 
     csrf_token: str
     person: str | None
@@ -38,7 +38,7 @@ def health() -> dict[str, str]:
 
 @router.get("/api/session", tags=["session"])
 def session(caller: CurrentCaller) -> SessionBody:
-    """The CSRF token of this browser, and who is logged in."""
+    """This browser's CSRF token, and the person logged in."""
     person = caller.person
     return SessionBody(
         csrf_token=caller.csrf_token,
@@ -49,18 +49,18 @@ def session(caller: CurrentCaller) -> SessionBody:
 
 @router.get("/login", include_in_schema=False)
 def login(request: Request, services: Services, token: Annotated[str, Query(max_length=200)] = "") -> Response:
-    """Logs the browser in as the person whose token it is, under a new cookie."""
+    """Logs the browser in as the token's owner, with a new cookie against session fixation."""
     with services.database.write_session() as session:
         person = session.scalar(select(Person).where(Person.token_hash == hash_token(token))) if token else None
         if person is None:
-            raise http_error(401, "this link is not valid, or not any more; ask the organiser for a new one")
+            raise http_error(401, "this link is invalid or has been revoked; ask the organiser for a new one")
         caller = request.scope["caller"]
-        before = session.get(Visitor, caller.id)
+        previous = session.get(Visitor, caller.id)
         visitor = get_or_create_visitor(session, new_visitor_id())
-        visitor.nickname = before.nickname if before else None
+        visitor.nickname = previous.nickname if previous else None
         visitor.person_id = person.id
     services.login_cache.invalidate()
-    caller.id, caller.is_new = visitor.id, True  # the answer gives the browser its new cookie
+    caller.id, caller.is_new = visitor.id, True  # makes the middleware set the new cookie
     return RedirectResponse("/annotate", 303)
 
 
