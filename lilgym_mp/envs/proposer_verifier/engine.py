@@ -30,7 +30,6 @@ from lilgym_mp.render.frames import frame
 from lilgym_mp.rules import State
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
-NO_ILLEGAL_CHOICES = (False, False)
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 
 AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
@@ -156,15 +155,16 @@ class GameEngine:
 
     def infos(self, step: GameStep) -> tuple[Info, Info]:
         """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
-        state, transition, reveals_truth = step.state, step.transition, self.setup.reveals_truth
-        if state.movers and not reveals_truth and step.illegal == NO_ILLEGAL_CHOICES:
+        state, _, terminated, truncated, transition, illegal, _, _ = step
+        is_over, reveals_truth = terminated or truncated, self.setup.reveals_truth
+        if not (is_over or reveals_truth or illegal[0] or illegal[1]):
             return {}, {}
         shared: Info = {}
         if reveals_truth:
             shared = truth_info(self.setup, state.mdp, state.intent, step.judgement)
-        if transition is not None and not state.movers:
+        if transition is not None and is_over:
             shared |= end_info(transition)
-        return agent_infos(shared, step.illegal)
+        return agent_infos(shared, illegal)
 
     def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
         """Both agents' observations, by Role; they share the arrays of parts that both see."""
