@@ -84,9 +84,9 @@ def corrupt_corpora(count: int, seed: int) -> dict[str, int]:
             try:
                 load_tasks(path, "scatter", chance.choice(("scratch", "flipit")), "train")
                 found[f"{misdeed}: harmless"] += 1
-            except CorpusError as fault:
-                if not str(fault).isprintable():
-                    raise AssertionError(f"{misdeed}: {str(fault)!r}") from None
+            except CorpusError as error:
+                if not str(error).isprintable():
+                    raise AssertionError(f"{misdeed}: {str(error)!r}") from None
                 found[f"{misdeed}: told"] += 1
             path.unlink()
     return dict(found)

@@ -125,8 +125,8 @@ def outcome(name: str, *, text: bool) -> tuple[str, float]:
                 fetch_text(url, PATIENCE)
             else:
                 fetch(url, Path(directory) / "part", lambda have, total: None, PATIENCE)
-        except CorpusError as fault:
-            said = str(fault)
+        except CorpusError as error:
+            said = str(error)
             if url not in said:
                 raise AssertionError(f"{name}: {said!r} does not name {url}") from None
     return said, time.monotonic() - begun

@@ -81,8 +81,8 @@ def kill_one(chance: random.Random, sent: signal.Signals) -> str:
                 time.sleep(chance.choice((0.0, 0.0005, 0.003)))
                 os.kill(chance.choice(pids), sent)
             call(env, chance.choice(CALLS))
-    except WorkerError as fault:
-        said = "died" if "died by signal" in str(fault) else "hung" if "not answered" in str(fault) else str(fault)
+    except WorkerError as error:
+        said = "died" if "died by signal" in str(error) else "hung" if "not answered" in str(error) else str(error)
     env.close()
     if still := left_behind(pids):
         raise AssertionError(f"workers {still} are left behind after {sent.name}")

@@ -18,8 +18,8 @@ def new_figure(width: float, height: float) -> Figure:
     """An empty figure of a size in pixels. Raises ImportError saying what to install."""
     try:
         from matplotlib.figure import Figure
-    except ImportError as fault:
-        raise ImportError(f"charts need matplotlib: {install('charts')}", name="matplotlib") from fault
+    except ImportError as error:
+        raise ImportError(f"charts need matplotlib: {install('charts')}", name="matplotlib") from error
     return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
 
 

@@ -66,8 +66,8 @@ def main() -> None:
             answer(play(env, order["episodes"]))
     except BrokenPipeError:
         return
-    except Exception as fault:
-        answer({"error": f"{type(fault).__name__}: {fault}"})
+    except Exception as error:
+        answer({"error": f"{type(error).__name__}: {error}"})
 
 
 if __name__ == "__main__":

@@ -49,30 +49,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parsed(words)
         name = f"{PROGRAM} {args.command}"
         return _with_output(name, int(args.run(args)))
-    except (CommandError, ValueError) as fault:
-        return _refused(str(fault) if name == PROGRAM else f"{name}: {fault}")
-    except ModuleNotFoundError as fault:
-        if fault.name not in TRAINING_PACKAGES:
+    except (CommandError, ValueError) as error:
+        return _refused(str(error) if name == PROGRAM else f"{name}: {error}")
+    except ModuleNotFoundError as error:
+        if error.name not in TRAINING_PACKAGES:
             raise
-        return _refused(f"{name}: needs {fault.name}: {install('sb3')}")
+        return _refused(f"{name}: needs {error.name}: {install('sb3')}")
     except BrokenPipeError:  # whoever read our output has gone, as in `lilgym-mp ... | head`
         _forget_output()
         return FAILED
-    except OSError as fault:
+    except OSError as error:
         _with_output(name, FAILED)
-        place = "cannot write results" if fault.filename is None else fault.filename
-        return _refused(f"{name}: {place}: {fault.strerror or fault}", FAILED)
+        place = "cannot write results" if error.filename is None else error.filename
+        return _refused(f"{name}: {place}: {error.strerror or error}", FAILED)
     except KeyboardInterrupt:
         return _interrupted()
-    except Exception as fault:
-        if not _is_of_interrupt(fault):
+    except Exception as error:
+        if not _is_of_interrupt(error):
             raise
         return _interrupted()
 
 
-def _is_of_interrupt(fault: BaseException) -> bool:
+def _is_of_interrupt(error: BaseException) -> bool:
     """Whether a library made another error of a KeyboardInterrupt, as amid an import."""
-    cause: BaseException | None = fault
+    cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
     return cause is not None
@@ -95,9 +95,9 @@ def _with_output(name: str, code: int) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         raise
-    except OSError as fault:
+    except OSError as error:
         _forget_output()
-        return _refused(f"{name}: cannot write results: {fault.strerror or fault}", FAILED)
+        return _refused(f"{name}: cannot write results: {error.strerror or error}", FAILED)
     return code
 
 

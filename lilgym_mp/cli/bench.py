@@ -114,10 +114,10 @@ def _filled(document: Path, text: str) -> str:
 
     try:
         return in_document(document.read_text(encoding="utf-8"), text)
-    except OSError as fault:
-        raise CommandError(f"cannot read {document}: {fault.strerror or fault}") from None
-    except DocumentError as fault:
-        raise CommandError(f"{document}: {fault}") from None
+    except OSError as error:
+        raise CommandError(f"cannot read {document}: {error.strerror or error}") from None
+    except DocumentError as error:
+        raise CommandError(f"{document}: {error}") from None
 
 
 def _tell(text: str) -> None:

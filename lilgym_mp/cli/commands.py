@@ -102,8 +102,8 @@ def chosen(what: str, word: str, choices: Mapping[str, Value]) -> Value:
     fitting = [word] if word in choices else [name for name in choices if name.startswith(word)]
     if len(fitting) == 1:
         return choices[fitting[0]]
-    fault = f"{word!r} could be {' or '.join(fitting)}" if fitting else f"unknown {what} {word!r}"
-    raise CommandFault(f"{fault}; choose from {', '.join(choices)}")
+    error = f"{word!r} could be {' or '.join(fitting)}" if fitting else f"unknown {what} {word!r}"
+    raise CommandFault(f"{error}; choose from {', '.join(choices)}")
 
 
 def command_of(action: Action) -> str:

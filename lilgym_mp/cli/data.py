@@ -154,9 +154,9 @@ def _download(args: argparse.Namespace) -> int:
     try:
         with DownloadBar() as bar:
             installation = download_official(source, names, target, bar.show)
-    except InterruptionError as fault:
+    except InterruptionError as error:
         raise CommandError(
-            f"{fault}. Nothing was installed; what came is kept, and the same command goes on from there. Without a "
+            f"{error}. Nothing was installed; what came is kept, and the same command goes on from there. Without a "
             "network, get the files some other way and run `lilgym-mp data import DIRECTORY`"
         ) from None
     _tell_installation(installation)
@@ -194,11 +194,11 @@ def _list(args: argparse.Namespace) -> int:
     for corpus in args.corpus or ["builtin", "lilgym"]:
         try:
             found.append((corpus, "", list(load_all_tasks(corpus))))
-        except CorpusError as fault:
+        except CorpusError as error:
             if args.corpus:
                 raise
             found.append((corpus, "not here", []))
-            print(fault, file=sys.stderr)
+            print(error, file=sys.stderr)
     print(listing(found))
     return 0
 
@@ -217,8 +217,8 @@ def _stats(args: argparse.Namespace) -> int:
             written.append(args.json)
     except ImportError as missing:
         raise CommandError(str(missing)) from None
-    except OSError as fault:
-        raise _cannot_write(fault) from None
+    except OSError as error:
+        raise _cannot_write(error) from None
     for path in written:
         print(f"wrote {path}")
     return 0
@@ -246,8 +246,8 @@ def _show(args: argparse.Namespace) -> int:
         try:
             picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
             write_whole(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
-        except OSError as fault:
-            raise _cannot_write(fault) from None
+        except OSError as error:
+            raise _cannot_write(error) from None
         print(f"wrote {args.image}")
     return 0
 
@@ -315,13 +315,13 @@ def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, o
     try:
         write_corpus(partial, name, f"as {args.corpus}", entries)
         partial.replace(path)
-    except OSError as fault:
-        raise _cannot_write(fault) from None
+    except OSError as error:
+        raise _cannot_write(error) from None
     finally:
         with suppress(OSError):
             partial.unlink()
     print(f"wrote {path}")
 
 
-def _cannot_write(fault: OSError) -> CommandError:
-    return CommandError(f"{fault.filename or 'the output'}: cannot be written: {fault.strerror or fault}")
+def _cannot_write(error: OSError) -> CommandError:
+    return CommandError(f"{error.filename or 'the output'}: cannot be written: {error.strerror or error}")

@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
         found = arrays(episodes, dynamics, images=args.images)
         try:
             write_whole(args.out, partial(_write_npz, found, _about(settings, args)))
-        except OSError as fault:
-            raise CommandError(f"cannot write {args.out}: {fault.strerror or fault}") from None
+        except OSError as error:
+            raise CommandError(f"cannot write {args.out}: {error.strerror or error}") from None
         print(f"npz: {args.out}")
     if args.minari is not None:
         _write_minari(episodes, settings, args)
@@ -77,8 +77,8 @@ def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
     sets = action_sets(states, dynamics, {**_about(settings, args), **chosen})
     try:
         write_whole(args.out, partial(write_action_sets, sets=sets))
-    except OSError as fault:
-        raise CommandError(f"cannot write {args.out}: {fault.strerror or fault}") from None
+    except OSError as error:
+        raise CommandError(f"cannot write {args.out}: {error.strerror or error}") from None
     print(f"{len(sets):,} states of {len(sets.task):,} tasks, {int(sets.complete.sum()):,} of their sets complete")
     print(f"npz: {args.out}")
     return 0

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             carry_out_on_ray(made, args.ray, threads, display.update, display.every)
     failed = [attempt for attempt in made if attempt.standing is Standing.FAILED]
     for attempt in failed:
-        print(f"failed: {attempt.planned.name}: {attempt.fault} (log: {attempt.log})")
+        print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
     print(
         f"{len(made) - len(failed)} of {len(made)} runs finished\ntables: lilgym-mp report {place} --out {place}-report"
     )
@@ -93,7 +93,7 @@ class Display:
         self.update()
         return self
 
-    def __exit__(self, *fault: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         if self._live is not None:
             self._live.stop()
 

@@ -53,25 +53,25 @@ class _File:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def fault(self, key: str, message: str) -> CommandError:
+    def error(self, key: str, message: str) -> CommandError:
         return CommandError(f"{self.path}: {key}: {message}")
 
     def known(self, where: str, given: Mapping[str, Any], choices: Sequence[str]) -> None:
         for key in given:
             if key not in choices:
-                raise self.fault(f"{where}{key}", f"unknown key; choose from {', '.join(choices)}")
+                raise self.error(f"{where}{key}", f"unknown key; choose from {', '.join(choices)}")
 
     def some(self, key: str, values: Any, choices: Sequence[Any] | None, kind: type) -> list[Any]:
         """A list that holds something, each once, all of them choices."""
         if not isinstance(values, list) or not values:
-            raise self.fault(key, f"must be a list with something in it, not {values!r}")
+            raise self.error(key, f"must be a list with something in it, not {values!r}")
         for value in values:
             if type(value) is not kind or (choices is not None and value not in choices):
                 named = ", ".join(map(str, choices or ()))
                 offered = f"choose from {named}" if choices else f"must be of type {kind.__name__}"
-                raise self.fault(key, f"unknown value {value!r}; {offered}")
+                raise self.error(key, f"unknown value {value!r}; {offered}")
         if len(set(values)) < len(values):
-            raise self.fault(key, f"the same value twice in {values}")
+            raise self.error(key, f"the same value twice in {values}")
         return values
 
 
@@ -80,10 +80,10 @@ def read_plan(path: Path) -> list[PlannedRun]:
     file = _File(path)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as fault:
-        raise CommandError(f"{path}: cannot be read: {fault.strerror or fault}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise CommandError(f"{path}: no TOML: {fault}") from None
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CommandError(f"{path}: no TOML: {error}") from None
     file.known("", data, KEYS)
     known = list(CONFIGURATIONS)
     common = {
@@ -95,12 +95,12 @@ def read_plan(path: Path) -> list[PlannedRun]:
     evaluated = [*environment, *(["--optimal"] if data.get("optimal", False) else [])]
     learners = data.get("learners", [])
     if not isinstance(learners, list) or not learners or not all(isinstance(one, dict) for one in learners):
-        raise file.fault("learners", "must be one or several tables [[learners]]")
+        raise file.error("learners", "must be one or several tables [[learners]]")
     runs: list[PlannedRun] = []
     for index, learner in enumerate(learners):
         runs += _learner_runs(file, f"learners[{index}].", learner, common, environment, evaluated)
     if len({run.name for run in runs}) < len(runs):
-        raise file.fault("learners", "two have the same name; give each a name of its own")
+        raise file.error("learners", "two have the same name; give each a name of its own")
     if "policies" in data:
         policies = file.some("policies", data["policies"], sorted(BUILT_IN), str)
         words = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluated)
@@ -111,7 +111,7 @@ def read_plan(path: Path) -> list[PlannedRun]:
 def _seeds(file: _File, key: str, values: Any) -> list[int]:
     seeds = file.some(key, values, None, int)
     if min(seeds) < 0:
-        raise file.fault(key, f"must be at least 0, not {min(seeds)}")
+        raise file.error(key, f"must be at least 0, not {min(seeds)}")
     return seeds
 
 
@@ -119,17 +119,17 @@ def _environment(file: _File, data: Mapping[str, Any], configurations: Sequence[
     """The environment as options, once it can be made."""
     corpus = data.get("corpus", "builtin")
     if not isinstance(corpus, str):
-        raise file.fault("corpus", f"must be a text, not {corpus!r}")
+        raise file.error("corpus", f"must be a text, not {corpus!r}")
     if not isinstance(data.get("optimal", False), bool):
-        raise file.fault("optimal", f"must be true or false, not {data['optimal']!r}")
+        raise file.error("optimal", f"must be true or false, not {data['optimal']!r}")
     given = {key: data[key] for key in ENVIRONMENT if key in data}
     grid = given.get("grid")
     settings = {**given, **({"grid": tuple(grid)} if isinstance(grid, list) else {})}
     try:
         for name in configurations:
             Settings(name, corpus, **settings).make("dev")
-    except (ValueError, TypeError) as fault:
-        raise file.fault(", ".join(["corpus", *given]), str(fault)) from None
+    except (ValueError, TypeError) as error:
+        raise file.error(", ".join(["corpus", *given]), str(error)) from None
     shown = {**given, **({"grid": "x".join(map(str, grid))} if isinstance(grid, list) else {})}
     return ["--corpus", corpus, *(word for key, value in shown.items() for word in (f"--{key}", str(value)))]
 
@@ -144,16 +144,16 @@ def _learner_runs(
 ) -> Iterator[PlannedRun]:
     kind = learner.get("learner")
     if not isinstance(kind, str) or kind not in RECIPES:
-        raise file.fault(f"{where}learner", f"unknown learner {kind!r}; choose from {', '.join(RECIPES)}")
+        raise file.error(f"{where}learner", f"unknown learner {kind!r}; choose from {', '.join(RECIPES)}")
     recipe = [field.name for field in fields(RECIPES[kind]) if field.name != "seed"]
     file.known(where, learner, (*LEARNER_KEYS, *BUDGETS[kind], *TEXTS.get(kind, ()), *recipe))
     name = learner.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
-        raise file.fault(f"{where}name", f"must be of letters, digits and -, _, +, not {name!r}")
+        raise file.error(f"{where}name", f"must be of letters, digits and -, _, +, not {name!r}")
     every = common["configurations"]
     configurations = file.some(f"{where}configurations", learner.get("configurations", every), every, str)
     if kind == PARSE_AND_PLAN and "configurations" in learner:
-        raise file.fault(f"{where}configurations", "one agent plays all configurations here; leave the key out")
+        raise file.error(f"{where}configurations", "one agent plays all configurations here; leave the key out")
     seeds = _seeds(file, f"{where}seeds", learner.get("seeds", common["seeds"]))
     manners = file.some(f"{where}actions", learner.get("actions", ["greedy"]), ["greedy", "sampled"], str)
     options = {key: value for key, value in learner.items() if key not in LEARNER_KEYS}
@@ -179,13 +179,13 @@ def _training_corpus(
     """What the learner is trained on: the experiment's corpus unless it names its own, once that is there."""
     corpus = learner.get("corpus", default)
     if not isinstance(corpus, str):
-        raise file.fault(key, f"must be a text, not {corpus!r}")
+        raise file.error(key, f"must be a text, not {corpus!r}")
     if corpus != default:
         try:
             for name in configurations:
                 Settings(name, corpus).make("train")
-        except ValueError as fault:
-            raise file.fault(key, str(fault)) from None
+        except ValueError as error:
+            raise file.error(key, str(error)) from None
     return corpus
 
 
@@ -207,17 +207,17 @@ def _checked_options(
     for key, value in budgets.items():
         kinds = int if key == "evaluate_every" else int | float
         if key in options and (isinstance(value, bool) or not isinstance(value, kinds) or value <= 0):
-            raise file.fault(f"{where}{key}", f"must be a number above 0, not {value!r}")
+            raise file.error(f"{where}{key}", f"must be a number above 0, not {value!r}")
     texts = TEXTS.get(kind, ())
     rest = {key: value for key, value in options.items() if key not in budgets and key not in texts}
     defaults = {field.name: field.default for field in fields(RECIPES[kind])}
     for key in texts:
         if not isinstance(options.get(key, ""), str):
-            raise file.fault(f"{where}{key}", f"must be of type str, not {options[key]!r}")
+            raise file.error(f"{where}{key}", f"must be of type str, not {options[key]!r}")
     for key, value in rest.items():
         wanted = type(defaults[key])
         if type(value) is not wanted and not (wanted is float and type(value) is int):
-            raise file.fault(f"{where}{key}", f"must be of type {wanted.__name__}, not {value!r}")
+            raise file.error(f"{where}{key}", f"must be of type {wanted.__name__}, not {value!r}")
     try:
         if kind == IMITATION and configuration:
             made = default_recipe(CONFIGURATIONS[configuration][0], **rest)
@@ -225,8 +225,8 @@ def _checked_options(
             made = make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **rest)
         else:
             made = RECIPES[kind](**rest)
-    except ValueError as fault:
-        raise file.fault(where.rstrip("."), str(fault)) from None
+    except ValueError as error:
+        raise file.error(where.rstrip("."), str(error)) from None
     if kind == IMITATION:
         return ("cpu_seconds", 60 * budgets["minutes"]), made
     budget = ("steps", budgets["steps"]) if kind == PPO else ("step", options.get("steps", defaults["steps"]))

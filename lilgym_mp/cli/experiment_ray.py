@@ -39,7 +39,7 @@ class Outcome:
     """What a run left."""
 
     standing: Standing
-    fault: str
+    error: str
     seconds: float
     files: bytes  # `packed`
 
@@ -92,8 +92,8 @@ def _connected(address: str) -> Any:
         raise CommandError(f"--ray needs ray: {install('ray')}") from None
     try:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, RuntimeError, ValueError) as fault:
-        reason = str(fault).strip().splitlines()[0]
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[0]
         raise CommandError(f"--ray {address}: no cluster could be joined there: {reason}") from None
     return ray
 
@@ -155,11 +155,11 @@ def _bring_back(ray: Any, ended: Any, attempt: Attempt) -> None:
     attempt.remote_share, attempt.where = None, ""
     try:
         outcome: Outcome = ray.get(ended)
-    except (ray.exceptions.RayError, OSError) as fault:
-        attempt.standing, attempt.fault = Standing.FAILED, str(fault).strip().splitlines()[0]
+    except (ray.exceptions.RayError, OSError) as error:
+        attempt.standing, attempt.error = Standing.FAILED, str(error).strip().splitlines()[0]
         return
     unpack(outcome.files, attempt)
-    attempt.fault, attempt.seconds = outcome.fault, outcome.seconds
+    attempt.error, attempt.seconds = outcome.error, outcome.seconds
     if outcome.standing is Standing.FINISHED:
         mark_finished(attempt)
     attempt.standing = outcome.standing
@@ -186,7 +186,7 @@ def run_on_node(keeper: Any, planned: PlannedRun, named: Path, threads: int, fil
         attempt.carry_out()
         ended.set()
         telling.join()
-        return Outcome(attempt.standing, attempt.fault, attempt.seconds, packed(attempt))
+        return Outcome(attempt.standing, attempt.error, attempt.seconds, packed(attempt))
 
 
 def packed(attempt: Attempt) -> bytes:

@@ -54,7 +54,7 @@ class Attempt:
         self.remote_share: float | None = None  # of its training, as told from there
         self.began: float | None = None
         self.seconds = 0.0
-        self.fault = ""
+        self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
 
@@ -65,8 +65,8 @@ class Attempt:
         try:
             made = json.loads(self.marker.read_text(encoding="utf-8"))
             commands, seconds = list(made["commands"]), float(made["seconds"])
-        except (ValueError, KeyError, TypeError) as fault:
-            raise CommandError(f"{self.marker}: damaged: {fault!r}; delete it to evaluate the run again") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise CommandError(f"{self.marker}: damaged: {error!r}; delete it to evaluate the run again") from None
         if commands != self.planned.commands:
             pairs = zip_longest(commands, self.planned.commands)
             made_by, wanted = next((made, wanted) for made, wanted in pairs if made != wanted)
@@ -84,11 +84,11 @@ class Attempt:
             if self.planned.train:
                 self._train()
             self._evaluate()
-        except _Failed as fault:
-            self.fault = str(fault)
+        except _Failed as error:
+            self.error = str(error)
             self.standing = Standing.INTERRUPTED if self._stopped.is_set() else Standing.FAILED
-        except OSError as fault:
-            self.fault, self.standing = f"{fault.filename}: {fault.strerror}", Standing.FAILED
+        except OSError as error:
+            self.error, self.standing = f"{error.filename}: {error.strerror}", Standing.FAILED
         else:
             self.seconds = round(time.monotonic() - self.began, 1)
             mark_finished(self)

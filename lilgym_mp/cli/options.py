@@ -99,8 +99,8 @@ def parsed_grid(text: str) -> tuple[int, int] | str:
         raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or such as 38x10") from None
     try:
         return checked_grid((columns, rows))
-    except GridError as fault:
-        raise argparse.ArgumentTypeError(str(fault)) from None
+    except GridError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def task_with_id(corpus: str, task_id: str) -> Task:

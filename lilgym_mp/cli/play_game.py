@@ -54,8 +54,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     try:
         from lilgym_mp.envs.proposer_verifier import SCRIPTED, parallel_env
-    except ImportError as fault:
-        raise CommandError(str(fault)) from None
+    except ImportError as error:
+        raise CommandError(str(error)) from None
     settings = said_settings(args)
     configuration = Settings(settings.pop("configuration"))
     named = args.partner or PARTNERS[args.side]
@@ -119,8 +119,8 @@ def _asked(game: ProposerVerifierParallel, agent: str, legal: list[int], lines: 
             continue
         try:
             number = game.read_action(agent, said)
-        except ActionError as fault:
-            print(fault)
+        except ActionError as error:
+            print(error)
             continue
         if number in legal:
             return number

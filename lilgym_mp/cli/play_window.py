@@ -126,8 +126,8 @@ def play(session: Session, desk: Desk) -> None:
             if command is not None:
                 desk.message = ""
                 session.answer(command)
-    except pygame.error as fault:
-        raise CommandError(f"no window can be opened: {fault}; play without --window") from None
+    except pygame.error as error:
+        raise CommandError(f"no window can be opened: {error}; play without --window") from None
     finally:
         window.close()
 
@@ -136,5 +136,5 @@ def opened() -> Window:
     """A window, which appears with its first picture. Raises CommandError without pygame."""
     try:
         return Window(FPS)
-    except gym.error.DependencyNotInstalled as fault:
-        raise CommandError(str(fault).replace('render_mode="human"', "--window")) from None
+    except gym.error.DependencyNotInstalled as error:
+        raise CommandError(str(error).replace('render_mode="human"', "--window")) from None

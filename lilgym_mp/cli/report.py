@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
                 places.append(Path(played))
             command = " ".join(["lilgym-mp", *args.words])
             page = make_report(places, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
-    except ImportError as fault:
-        raise CommandError(str(fault)) from None
+    except ImportError as error:
+        raise CommandError(str(error)) from None
     print(f"report: {page}")
     if args.document is not None:
         print(f"page:   {args.document}")

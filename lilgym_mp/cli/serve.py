@@ -60,10 +60,10 @@ def run(args: argparse.Namespace) -> int:
     try:
         from lilgym_mp.web import ServeOptions, create_app
         from lilgym_mp.web.serve_options import LOOPBACK_HOSTS, database_url
-    except ModuleNotFoundError as fault:
-        if fault.name not in WEB_PACKAGES:
+    except ModuleNotFoundError as error:
+        if error.name not in WEB_PACKAGES:
             raise
-        raise CommandError(f"needs {fault.name}: {install('web')}") from None
+        raise CommandError(f"needs {error.name}: {install('web')}") from None
     if args.runs is not None and not args.runs.is_dir():
         raise CommandError(f"--runs {args.runs}: there is no such directory")
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
@@ -88,18 +88,18 @@ def _listening(host: str, port: int) -> socket.socket:
         raise CommandError(f"--port must be in 0 .. 65535, not {port}")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except socket.gaierror as fault:
-        raise CommandError(f"--host {host}: {fault.strerror}") from None
+    except socket.gaierror as error:
+        raise CommandError(f"--host {host}: {error.strerror}") from None
     listening = socket.socket(family, kind, protocol)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind(address)
         listening.listen(2048)
-    except OSError as fault:
+    except OSError as error:
         listening.close()
-        if fault.errno == errno.EADDRINUSE:
+        if error.errno == errno.EADDRINUSE:
             raise CommandError(f"port {port} is taken; choose another with --port, or 0 for any") from None
-        raise CommandError(f"cannot listen at {host}, port {port}: {fault.strerror}") from None
+        raise CommandError(f"cannot listen at {host}, port {port}: {error.strerror}") from None
     return listening
 
 

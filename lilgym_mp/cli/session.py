@@ -60,8 +60,8 @@ class Session:
                 raise CommandFault(f"{name} takes no more words; did you mean add or remove?")
             else:
                 self._others[name]()
-        except CommandFault as fault:
-            self._say(f"{fault}")
+        except CommandFault as error:
+            self._say(f"{error}")
 
     def _act(self, words: list[str]) -> None:
         if self._episode_over:

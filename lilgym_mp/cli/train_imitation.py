@@ -98,8 +98,8 @@ class ImitationDisplay:
     def __enter__(self) -> ImitationDisplay:
         return self
 
-    def __exit__(self, *fault: object) -> None:
-        self._progress.__exit__(*fault)
+    def __exit__(self, *exception: object) -> None:
+        self._progress.__exit__(*exception)
 
     def __call__(self, progress: TrainingProgress) -> None:
         if progress.actions is None or progress.truth_accuracy is None:

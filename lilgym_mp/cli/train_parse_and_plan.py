@@ -77,8 +77,8 @@ class ParserDisplay:
     def __enter__(self) -> ParserDisplay:
         return self
 
-    def __exit__(self, *fault: object) -> None:
-        self._progress.__exit__(*fault)
+    def __exit__(self, *exception: object) -> None:
+        self._progress.__exit__(*exception)
 
     def __call__(self, progress: TrainingProgress) -> None:
         note = f"loss {progress.loss:.3f}, {progress.cpu_seconds / 60:.1f} CPU minutes"

@@ -139,9 +139,9 @@ class _Display:
     def __enter__(self) -> _Display:
         return self
 
-    def __exit__(self, *fault: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         if self._progress is not None:
-            self._progress.__exit__(*fault)
+            self._progress.__exit__(*exception)
 
     def begin(self, run: Run) -> None:
         recipe, model = run.recipe, run.model

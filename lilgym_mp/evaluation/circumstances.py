@@ -58,8 +58,8 @@ class Circumstances:
             return None
         except EpisodesError:
             raise
-        except (OSError, ValueError, TypeError, AttributeError) as fault:
-            raise EpisodesError(f"{file}: damaged, or not of a recording: {fault}") from None
+        except (OSError, ValueError, TypeError, AttributeError) as error:
+            raise EpisodesError(f"{file}: damaged, or not of a recording: {error}") from None
 
 
 def _file(recording: Path) -> Path:

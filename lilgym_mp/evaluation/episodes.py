@@ -204,10 +204,10 @@ def read_header(path: Path) -> Header | None:
 def _read(path: Path, number: int, of: Callable[[Any], Any], data: Any) -> Any:
     try:
         return of(data)
-    except KeyError as fault:
-        raise EpisodesError(f"{path}, line {number}: lacks the key {fault}") from None
-    except (ActionError, SceneError, ValueError, TypeError) as fault:
-        raise EpisodesError(f"{path}, line {number}: {fault}") from None
+    except KeyError as error:
+        raise EpisodesError(f"{path}, line {number}: lacks the key {error}") from None
+    except (ActionError, SceneError, ValueError, TypeError) as error:
+        raise EpisodesError(f"{path}, line {number}: {error}") from None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, Any]]:
@@ -218,7 +218,7 @@ def _lines(path: Path) -> Iterator[tuple[int, Any]]:
                 yield number, json.loads(line)
     except EOFError:
         raise EpisodesError(f"{path}: cut short: its compressed data end too early") from None
-    except (gzip.BadGzipFile, zlib.error, UnicodeDecodeError, json.JSONDecodeError) as fault:
-        raise EpisodesError(f"{path}: damaged, or no file of recorded episodes: {fault}") from None
-    except OSError as fault:
-        raise EpisodesError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    except (gzip.BadGzipFile, zlib.error, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise EpisodesError(f"{path}: damaged, or no file of recorded episodes: {error}") from None
+    except OSError as error:
+        raise EpisodesError(f"{path}: cannot be read: {error.strerror or error}") from None

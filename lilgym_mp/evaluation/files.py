@@ -20,8 +20,8 @@ def writable_directory(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
-    except OSError as fault:
-        raise OutputError(f"cannot write results to {path}: {fault.strerror or fault}") from None
+    except OSError as error:
+        raise OutputError(f"cannot write results to {path}: {error.strerror or error}") from None
     return path
 
 
