@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from lilgym_mp.cli.solve import replayed
+from lilgym_mp.cli.solve import replay
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver.demonstrations import arrays, demonstrations, write_npz
@@ -45,7 +45,7 @@ def report_on(corpus: str, rules: str, jobs: int) -> None:
             reports = solved(settings, split, jobs)
             name = f"{configuration} {split}"
             summaries[name] = summarise(reports)
-            replays[name] = replayed(settings, split, reports)
+            replays[name] = replay(settings, split, reports)
             for task, solution, _ in reports:
                 if not solution.solved:
                     print(f"  {name} {task.id}: {solution.status}, {solution.reason}")

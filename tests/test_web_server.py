@@ -190,7 +190,7 @@ def test_command__a_port_that_is_taken_is_told_in_a_line(tmp_path: Path, capsys:
         port = taken.getsockname()[1]
         assert main(["serve", "--port", str(port), "--database", str(tmp_path / "a")]) == USAGE_ERROR
     assert capsys.readouterr().err == (
-        f"lilgym-mp serve: port {port} is taken; choose another with --port, or 0 for any\n"
+        f"lilgym-mp serve: port {port} is in use; choose another with --port, or 0 for any free one\n"
     )
 
 

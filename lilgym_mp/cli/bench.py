@@ -1,4 +1,4 @@
-"""`lilgym-mp bench`: steps per second of every way to run the environments, side by side."""
+"""`lilgym-mp bench`: compares the steps per second of all ways to run the environments."""
 
 from __future__ import annotations
 
@@ -11,38 +11,50 @@ from typing import Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, add_corpus
 from lilgym_mp.evaluation.files import writable_directory, write_json, write_text, write_whole
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.terminal import Progress
 
-OUTPUT = Path("runs", "bench")
+OUTPUT = RUNS / "bench"
 QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
 CHART = "benchmark_scaling.png"
-PICTURES = "pictures"  # beside the document that shows them
-INTERRUPTED = 130
+PICTURES = "pictures"  # in the directory of the document that shows them
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "bench",
-        help="steps per second of every way to run the environments",
-        description="Plays the same recorded actions in every way there is, in turns, and compares them with copying.",
-    )
-    parser.add_argument("--only", nargs="+", metavar="GROUP", help="single, batched, workers, sb3, pettingzoo, parts")
-    parser.add_argument(
-        "--configurations", nargs="+", metavar="NAME", help=f"any of {', '.join(CONFIGURATIONS)} (default: all)"
+        help="measure the steps per second of all ways to run the environments",
+        description="Plays the same recorded actions in all ways to run the environments, alternating between them, "
+        "and compares their speed with that of copying the observations.",
     )
     parser.add_argument(
-        "--quick", action="store_true", help=f"about a minute: fewer rounds, and {' and '.join(QUICK_CONFIGURATIONS)}"
-    )
-    parser.add_argument("--corpus", default="builtin", help='"builtin" (default), "lilgym" (official), or a path')
-    parser.add_argument("--output", type=Path, default=OUTPUT, metavar="DIR", help=f"default: {OUTPUT}")
-    parser.add_argument("--write-docs", type=Path, metavar="FILE", help="put the tables and the chart into a document")
-    parser.add_argument(
-        "--against", type=Path, metavar="PATH", help="a checkout of the lilGym release, to compare with"
+        "--only",
+        nargs="+",
+        metavar="GROUP",
+        help="any of single, batched, workers, sb3, pettingzoo, parts (default: all)",
     )
     parser.add_argument(
-        "--against-options", type=_json_object, default={}, metavar="JSON", help="keywords for the release's make"
+        "--configurations", nargs="+", metavar="NAME", help=f"any of {CONFIGURATIONS_HELP} (default: all)"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help=f"take only about a minute: fewer rounds, and only {' and '.join(QUICK_CONFIGURATIONS)}",
+    )
+    add_corpus(parser)
+    parser.add_argument(
+        "--output", type=Path, default=OUTPUT, metavar="DIR", help="directory of the results (default: %(default)s)"
+    )
+    parser.add_argument("--write-docs", type=Path, metavar="FILE", help="update the tables and the chart of a document")
+    parser.add_argument("--against", type=Path, metavar="PATH", help="also measure this checkout of the lilGym release")
+    parser.add_argument(
+        "--against-options",
+        type=_json_object,
+        default={},
+        metavar="JSON",
+        help="keyword arguments of the release's gym.make",
     )
     parser.set_defaults(run=run)
 
@@ -69,10 +81,10 @@ def run(args: argparse.Namespace) -> int:
         chosen.append(release_subject(args.against, args.against_options))
     output = writable_directory(args.output)
     if args.write_docs is not None:
-        _filled(args.write_docs, "")  # finds out now when the tables have no place
+        _with_tables(args.write_docs, "")  # fails now if the document has no place for tables
     effort = EFFORTS["quick" if args.quick else "full"]
     bench = Bench(effort)
-    # A bar that a thread redraws would take time from what is measured.
+    # A thread that redraws the bar would disturb the measurements.
     with Progress(len(names) * effort.repeats, "rounds", redraws_by_itself=False) as progress:
         for name in names:
             if not bench.is_interrupted:
@@ -84,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(bench: Any, output: Path, document: Path | None) -> None:
-    """Prints the tables, and writes tables, JSON and chart: into `output`, and into the document."""
+    """Prints the tables, and writes tables, JSON and chart to `output` and the document."""
     from lilgym_mp.benchmark.chart import scaling_chart
     from lilgym_mp.benchmark.report import report_json, report_text
     from lilgym_mp.plotting import save
@@ -96,20 +108,20 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
     try:
         chart = scaling_chart(bench)
     except ImportError as missing:
-        _tell(f"no chart: {missing}")
+        _log(f"no chart: {missing}")
         chart = None
     if chart is not None:
         write_whole(output / CHART, lambda path: save(chart, path, "png"))
     if document is not None:
-        write_text(document, _filled(document, text))
+        write_text(document, _with_tables(document, text))
         if chart is not None:
             pictures = writable_directory(document.parent / PICTURES)
             write_whole(pictures / CHART, lambda path: save(chart, path, "png"))
-    _tell(f"results: {output}" + (f", {document}" if document else ""))
+    _log(f"results: {output}" + (f", {document}" if document else ""))
 
 
-def _filled(document: Path, text: str) -> str:
-    """The document with the tables in it."""
+def _with_tables(document: Path, text: str) -> str:
+    """The document's text with its tables replaced."""
     from lilgym_mp.benchmark.report import DocumentError, in_document
 
     try:
@@ -120,5 +132,5 @@ def _filled(document: Path, text: str) -> str:
         raise CommandError(f"{document}: {error}") from None
 
 
-def _tell(text: str) -> None:
+def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)

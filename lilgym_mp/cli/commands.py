@@ -1,4 +1,4 @@
-"""Actions as people type them: "add left blue", "remove 3 4", "stop"."""
+"""Text commands for actions: "add left blue", "remove 3 4", "stop"."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ Value = TypeVar("Value")
 Words = Sequence[str]
 
 
-class CommandFault(ValueError):
-    """Something typed that is no command; says what would be."""
+class CommandSyntaxError(ValueError):
+    """A line that is not a command; the message says what would be."""
 
 
 def _names(members: type[IntEnum]) -> dict[str, Any]:
     return {member.name.lower(): member for member in members}
 
 
-BOXES = {name.lower(): number for number, name in enumerate(BOX_NAMES)}
+BOXES = {name.lower(): index for index, name in enumerate(BOX_NAMES)}
 COLOURS, SHAPES, SIZES = _names(Colour), _names(Shape), _names(Size)
 VERBS = {"add": "add", "remove": "remove", "stop": "stop"}
 
 
 def command_help(appearance: Appearance) -> list[str]:
-    """Lines that say how to act."""
+    """Lines that describe the commands for actions."""
     if isinstance(appearance, Scatter):
         columns, rows = appearance.grid
         return [
             f"add COLUMN ROW SIZE COLOUR SHAPE   such as: add 3 4 small blue circle  (0..{columns - 1}, 0..{rows - 1})",
-            "remove COLUMN ROW                  take away what fills that cell most",
+            "remove COLUMN ROW                  remove the item that covers most of that cell",
         ]
     return [
         "add BOX COLOUR   such as: add left blue",
-        "remove BOX       take away the top block, such as: remove middle",
+        "remove BOX       remove the top block, such as: remove middle",
     ]
 
 
-def parsed(words: Words, appearance: Appearance) -> Action:
-    """The action that the words name; names may be cut short. Raises CommandFault."""
+def parse_command(words: Words, appearance: Appearance) -> Action:
+    """The action of a command; words may be abbreviated. Raises CommandSyntaxError."""
     verb, *rest = words
-    match chosen("command", verb, VERBS):
+    match match_choice("command", verb, VERBS):
         case "stop":
             _expect(rest, 0, "stop")
             return STOP
@@ -56,24 +56,26 @@ def parsed(words: Words, appearance: Appearance) -> Action:
 
 def _add_block(words: Words) -> Action:
     _expect(words, 2, "add BOX COLOUR, such as: add left blue")
-    return AddBlock(chosen("box", words[0], BOXES), chosen("colour", words[1], COLOURS))
+    return AddBlock(match_choice("box", words[0], BOXES), match_choice("colour", words[1], COLOURS))
 
 
 def _remove_block(words: Words) -> Action:
     _expect(words, 1, "remove BOX, such as: remove left")
-    return RemoveBlock(chosen("box", words[0], BOXES))
+    return RemoveBlock(match_choice("box", words[0], BOXES))
 
 
 def _add_item(words: Words, appearance: Scatter) -> Action:
     _expect(words, 5, "add COLUMN ROW SIZE COLOUR SHAPE, such as: add 3 4 small blue circle")
     column, row = _cell(words, appearance)
-    found: dict[type[IntEnum], IntEnum] = {}
+    values: dict[type[IntEnum], IntEnum] = {}
     for word in words[2:]:
-        value = chosen("size, colour or shape", word, {**SIZES, **COLOURS, **SHAPES})
-        if type(value) in found:
-            raise CommandFault(f"{word!r} is a second {type(value).__name__.lower()}; give one size, colour and shape")
-        found[type(value)] = value
-    return AddItem(column, row, Shape(found[Shape]), Colour(found[Colour]), Size(found[Size]))
+        value = match_choice("size, colour or shape", word, {**SIZES, **COLOURS, **SHAPES})
+        if type(value) in values:
+            raise CommandSyntaxError(
+                f"{word!r} is a second {type(value).__name__.lower()}; give one size, colour and shape"
+            )
+        values[type(value)] = value
+    return AddItem(column, row, Shape(values[Shape]), Colour(values[Colour]), Size(values[Size]))
 
 
 def _remove_item(words: Words, appearance: Scatter) -> Action:
@@ -83,31 +85,31 @@ def _remove_item(words: Words, appearance: Scatter) -> Action:
 
 def _cell(words: Words, appearance: Scatter) -> tuple[int, int]:
     columns, rows = appearance.grid
-    return _place("column", words[0], columns), _place("row", words[1], rows)
+    return _coordinate("column", words[0], columns), _coordinate("row", words[1], rows)
 
 
-def _place(what: str, word: str, count: int) -> int:
+def _coordinate(axis: str, word: str, count: int) -> int:
     if not word.isdecimal() or int(word) >= count:
-        raise CommandFault(f"{what} {word!r} must be one of 0 .. {count - 1}")
+        raise CommandSyntaxError(f"{axis} {word!r} must be one of 0 .. {count - 1}")
     return int(word)
 
 
-def _expect(words: Words, count: int, form: str) -> None:
+def _expect(words: Words, count: int, usage: str) -> None:
     if len(words) != count:
-        raise CommandFault(f"{form.split()[0]} takes {count} words, not {len(words)}; say: {form}")
+        raise CommandSyntaxError(f"{usage.split()[0]} takes {count} words, not {len(words)}; usage: {usage}")
 
 
-def chosen(what: str, word: str, choices: Mapping[str, Value]) -> Value:
-    """The choice called `word` or the only one that begins so. Raises CommandFault naming the choices."""
-    fitting = [word] if word in choices else [name for name in choices if name.startswith(word)]
-    if len(fitting) == 1:
-        return choices[fitting[0]]
-    error = f"{word!r} could be {' or '.join(fitting)}" if fitting else f"unknown {what} {word!r}"
-    raise CommandFault(f"{error}; choose from {', '.join(choices)}")
+def match_choice(what: str, word: str, choices: Mapping[str, Value]) -> Value:
+    """The choice named `word`, or the only one that begins with it. Raises CommandSyntaxError naming the choices."""
+    matches = [word] if word in choices else [name for name in choices if name.startswith(word)]
+    if len(matches) == 1:
+        return choices[matches[0]]
+    error = f"{word!r} could be {' or '.join(matches)}" if matches else f"unknown {what} {word!r}"
+    raise CommandSyntaxError(f"{error}; choose from {', '.join(choices)}")
 
 
-def command_of(action: Action) -> str:
-    """What to type for an action."""
+def format_command(action: Action) -> str:
+    """The command for an action; the inverse of `parse_command`."""
     match action:
         case Stop():
             return "stop"
@@ -122,10 +124,10 @@ def command_of(action: Action) -> str:
 
 
 def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
-    """The legal actions, by number, in lines for a person: those of a grid by cell, what is alike together."""
-    actions = [appearance.decode(number) for number in legal]
+    """Lines that list the legal actions, given by index; Scatter's ADDs are counted by size and shape."""
+    actions = [appearance.decode(index) for index in legal]
     if not isinstance(appearance, Scatter):
-        yield from map(command_of, actions)
+        yield from map(format_command, actions)
         return
     yield "stop"
     removable = [f"{action.column} {action.row}" for action in actions if isinstance(action, RemoveItem)]

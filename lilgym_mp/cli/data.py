@@ -1,4 +1,4 @@
-"""`lilgym-mp data ...`: get the official corpus, look into any corpus, make start scenes."""
+"""`lilgym-mp data ...`: installs the official corpus, inspects any corpus, and makes start scenes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import CORPUS_HELP, add_corpus, add_seed, check_at_least, task_sets_with_id
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 from lilgym_mp.terminal import DownloadBar, table
 
@@ -26,7 +26,7 @@ SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": 
 
 
 def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser("data", help="get, check, count, show and extend corpora")
+    parser = subparsers.add_parser("data", help="install, check, summarise, show and extend corpora")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for add in (
         _add_download,
@@ -45,9 +45,9 @@ def _add_download(actions: Any) -> None:
     parser = actions.add_parser("download", help="download the official corpus into the user's cache")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--revision", help="commit, branch or tag of the repository (default: its newest commit)")
-    source.add_argument("--url", help="a directory on a web server that has the released files, instead of GitHub")
+    source.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
     _add_splits(parser)
-    parser.add_argument("--force", action="store_true", help="download although it is installed")
+    parser.add_argument("--force", action="store_true", help="download even if it is installed")
     parser.set_defaults(run=_download)
 
 
@@ -59,64 +59,66 @@ def _add_import(actions: Any) -> None:
 
 
 def _add_list(actions: Any) -> None:
-    parser = actions.add_parser("list", help="list corpora and how much they hold")
-    parser.add_argument("corpus", nargs="*", help="default: builtin and lilgym")
+    parser = actions.add_parser("list", help="list corpora with their task sets")
+    parser.add_argument("corpus", nargs="*", help="names or paths (default: builtin and lilgym)")
     parser.set_defaults(run=_list)
 
 
 def _add_stats(actions: Any) -> None:
-    parser = actions.add_parser("stats", help="count tasks, words, forms, phenomena, program words")
-    _add_corpus(parser)
-    parser.add_argument("--charts", type=Path, metavar="DIRECTORY", help="write charts there, as SVG")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts there")
+    parser = actions.add_parser("stats", help="count tasks, words, sentence forms, phenomena and program words")
+    _add_corpus_argument(parser)
+    parser.add_argument("--charts", type=Path, metavar="DIR", help="write charts to DIR as SVG")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
     parser.set_defaults(run=_stats)
 
 
 def _add_check(actions: Any) -> None:
-    parser = actions.add_parser("check", help=f"check every entry; exit code {FAULTS_FOUND} when there are faults")
-    _add_corpus(parser)
+    parser = actions.add_parser("check", help=f"check every entry; the exit code is {FAULTS_FOUND} if any is invalid")
+    _add_corpus_argument(parser)
     parser.set_defaults(run=_check)
 
 
 def _add_show(actions: Any) -> None:
-    parser = actions.add_parser("show", help="show a task: picture, statement, program, truth")
+    parser = actions.add_parser("show", help="show a task with its start scene, statement, program and truth value")
     parser.add_argument("id", help="id of the task")
-    parser.add_argument("--corpus", default="builtin", help="as for gym.make (default: %(default)s)")
+    add_corpus(parser)
     for name, choices in SET_CHOICES.items():
-        parser.add_argument(f"--{name}", choices=choices, help="needed where several tasks have the id")
-    parser.add_argument("--image", type=Path, metavar="FILE", help="write the picture there, as PNG")
-    parser.add_argument("--plain", action="store_true", help="letters instead of colours")
+        parser.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
+    parser.add_argument("--image", type=Path, metavar="FILE", help="write the picture to FILE as PNG")
+    parser.add_argument("--plain", action="store_true", help="draw with letters instead of colours")
     parser.set_defaults(run=_show)
 
 
 def _add_synthesize(actions: Any) -> None:
     parser = actions.add_parser("synthesize", help="make FlipIt start scenes for every statement of a corpus")
-    _add_corpus(parser)
+    _add_corpus_argument(parser)
     _add_output(parser)
     _add_appearances_and_splits(parser)
-    parser.add_argument("--starts", type=int, default=4, help="start scenes a statement (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    parser.add_argument(
+        "--starts", type=int, default=4, metavar="N", help="start scenes per statement (default: %(default)s)"
+    )
+    add_seed(parser, "of the scenes")
     parser.set_defaults(run=_synthesize)
 
 
 def _add_permute(actions: Any) -> None:
-    parser = actions.add_parser("permute", help="extend FlipIt start scenes by every order of their boxes")
-    _add_corpus(parser)
+    parser = actions.add_parser("permute", help="augment FlipIt start scenes with all permutations of their boxes")
+    _add_corpus_argument(parser)
     _add_output(parser)
     _add_appearances_and_splits(parser)
     parser.set_defaults(run=_permute)
 
 
-def _add_corpus(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("corpus", nargs="?", default="builtin", help="as for gym.make (default: %(default)s)")
+def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("corpus", nargs="?", default="builtin", help=CORPUS_HELP)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="corpus file to write (.jsonl[.gz])")
-    parser.add_argument("--force", action="store_true", help="replace the file")
+    parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
 
 
-class _Distinct(argparse.Action):
+class _UniqueValues(argparse.Action):
     """Keeps each value once, in the order given."""
 
     def __call__(
@@ -126,7 +128,7 @@ class _Distinct(argparse.Action):
 
 
 def _add_several(parser: argparse.ArgumentParser, flag: str, choices: list[str]) -> None:
-    parser.add_argument(flag, nargs="+", action=_Distinct, choices=choices, default=choices, help="default: all")
+    parser.add_argument(flag, nargs="+", action=_UniqueValues, choices=choices, default=choices, help="default: all")
 
 
 def _add_splits(parser: argparse.ArgumentParser) -> None:
@@ -147,19 +149,19 @@ def _download(args: argparse.Namespace) -> int:
 
     target, names = installed_directory(), official_names(args.splits)
     source = WebDirectory(args.url) if args.url else GitHub(args.revision or NEWEST)
-    wanted = str(source) if args.url or args.revision else None
-    if not args.force and (there := intact_installation(target, names, wanted)) is not None:
-        print(f"installed already, from {there.source}: {target} (--force downloads it again)")
+    requested = str(source) if args.url or args.revision else None
+    if not args.force and (installed := intact_installation(target, names, requested)) is not None:
+        print(f"already installed from {installed.source}: {target} (--force downloads it again)")
         return 0
     try:
         with DownloadBar() as bar:
             installation = download_official(source, names, target, bar.show)
     except InterruptionError as error:
         raise CommandError(
-            f"{error}. Nothing was installed; what came is kept, and the same command goes on from there. Without a "
+            f"{error}. Nothing was installed; run the same command again to resume the download. Without a "
             "network, get the files some other way and run `lilgym-mp data import DIRECTORY`"
         ) from None
-    _tell_installation(installation)
+    _print_installation(installation)
     return 0
 
 
@@ -168,21 +170,21 @@ def _import(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.official.release import official_names
     from lilgym_mp.corpus.places import installed_directory
 
-    _tell_installation(import_official(args.path, official_names(args.splits), installed_directory()))
+    _print_installation(import_official(args.path, official_names(args.splits), installed_directory()))
     return 0
 
 
-def _tell_installation(installation: Installation) -> None:
+def _print_installation(installation: Installation) -> None:
     from lilgym_mp.corpus.places import DATA_VARIABLE
 
     rows = [(file.name, file.bytes, file.tasks, file.contexts, file.proof) for file in installation.files]
-    print(table(["file", "bytes", "tasks", "contexts", "known by"], rows))
+    print(table(["file", "bytes", "tasks", "contexts", "verified by"], rows))
     for remark in installation.remarks:
         print(f"note: {remark}")
     revision = f", commit {installation.revision}" if installation.revision else ""
     print(f"installed in {installation.directory} from {installation.source}{revision}")
     if named := os.environ.get(DATA_VARIABLE):
-        print(f'note: {DATA_VARIABLE} is set: corpus "lilgym" is read from {named}, not from there')
+        print(f'note: {DATA_VARIABLE} is set, so the corpus "lilgym" is read from {named} instead')
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -197,7 +199,7 @@ def _list(args: argparse.Namespace) -> int:
         except CorpusError as error:
             if args.corpus:
                 raise
-            found.append((corpus, "not here", []))
+            found.append((corpus, "not installed", []))
             print(error, file=sys.stderr)
     print(listing(found))
     return 0
@@ -253,27 +255,22 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _task_set_with(args: argparse.Namespace) -> TaskSet:
-    """The one task set that has the task asked for."""
+    """The only task set that contains the task. Raises CommandError if there is none, or more than one."""
     from lilgym_mp.corpus.loading import load_all_tasks
 
-    asked = {name: [value] if (value := getattr(args, name)) else all_ for name, all_ in SET_CHOICES.items()}
-    sets = list(load_all_tasks(args.corpus, asked["appearance"], asked["start"], asked["split"]))
-    having = [tasks for tasks in sets if args.id in tasks.ids]
-    if len(having) > 1:
-        origins = "; ".join(str(tasks.provenance) for tasks in having)
-        raise CommandError(f"several tasks are called {args.id!r}: {origins}. Add --appearance, --start or --split")
-    if not having:
-        ids = [task_id for tasks in sets for task_id in tasks.ids]
-        examples = ", ".join(get_close_matches(args.id, ids) or ids[:3])
-        raise CommandError(f"no task {args.id!r} in corpus {args.corpus!r}; there are for example {examples}")
-    return having[0]
+    choices = {name: [value] if (value := getattr(args, name)) else values for name, values in SET_CHOICES.items()}
+    sets = list(load_all_tasks(args.corpus, choices["appearance"], choices["start"], choices["split"]))
+    matches = task_sets_with_id(sets, args.corpus, args.id)
+    if len(matches) > 1:
+        origins = "; ".join(str(tasks.provenance) for tasks in matches)
+        raise CommandError(f"several tasks have the id {args.id!r}: {origins}. Add --appearance, --start or --split")
+    return matches[0]
 
 
 def _synthesize(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.synthesis import Settings, synthesize
 
-    if args.starts < 1:
-        raise CommandError(f"--starts must be at least 1, not {args.starts}")
+    check_at_least(args, 1, "starts")
     settings = Settings(args.appearances, args.splits, args.starts, args.seed)
     entries = list(synthesize(args.corpus, settings))
     _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", [entry.to_json() for entry in entries])
@@ -283,8 +280,8 @@ def _synthesize(args: argparse.Namespace) -> int:
     for entry in entries:
         values = {start.label for start in entry.starts}
         if len(values) < 2 <= args.starts:
-            met = f"only {values.pop()}".lower() if values else "no truth value"
-            print(f"note: {met} was met for {entry.id!r}: {entry.statement}")
+            found = f"only {values.pop()}".lower() if values else "no"
+            print(f"note: {found} start scenes found for {entry.id!r}: {entry.statement}")
     return 0
 
 
@@ -300,17 +297,17 @@ def _permute(args: argparse.Namespace) -> int:
         before, after = before + len(tasks), after + len(permuted)
         entries += flipit_entries(permuted)
     _write(args, f"{args.corpus}, boxes in every order", entries)
-    print(f"{len(entries)} statements, {before} start scenes made {after}")
+    print(f"{len(entries)} statements, {before} start scenes permuted into {after}")
     return 0
 
 
 def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
-    """Writes a corpus file, whole or not at all."""
+    """Writes a corpus file atomically."""
     from lilgym_mp.corpus import write_corpus
 
     path: Path = args.output
     if path.exists() and not args.force:
-        raise CommandError(f"{path} exists; --force replaces it")
+        raise CommandError(f"{path} exists; --force overwrites it")
     partial = path.with_name(f".partial-{path.name}")
     try:
         write_corpus(partial, name, f"as {args.corpus}", entries)

@@ -1,4 +1,4 @@
-"""What `lilgym-mp data` shows of corpora and tasks, as text and as JSON."""
+"""Corpora, their statistics and tasks as text and JSON, for `lilgym-mp data`."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.task import Task
 from lilgym_mp.terminal import table
 
-SHOWN_WORDS = 20  # program words in the table
+SHOWN_WORDS = 20  # most frequent program words in the table
 
 
 def configuration(appearance: str, start: str) -> str:
-    """The name the paper gives: TowerScratch, ScatterFlipIt, ..."""
+    """The configuration's name: TowerScratch, ScatterFlipIt, ..."""
     return appearance.capitalize() + START_TITLES[start]
 
 
 def listing(corpora: Sequence[tuple[str, str, Sequence[TaskSet]]]) -> str:
-    """A table of corpora: name, what there is of it or why there is nothing, and its task sets."""
+    """A table of corpora, each given as name, remark if it has no task sets, and task sets."""
     rows: list[tuple[object, ...]] = []
     for name, remark, sets in corpora:
         for tasks in sets:
@@ -112,13 +112,16 @@ def _statements_table(statistics: CorpusStatistics) -> str:
     return table(header, rows)
 
 
-def _shares_table(what: str, groups: Sequence[StatementStatistics], counts: Sequence[tuple[str, Sequence[int]]]) -> str:
-    header = [what, *(f"{group.appearance} {group.split}" for group in groups)]
-    rows = [
-        [str(name), *(100 * number / len(group.programs) for number, group in zip(numbers, groups, strict=True))]
-        for name, numbers in counts
-    ]
-    return table(header, rows)
+def _shares_table(title: str, groups: Sequence[StatementStatistics], rows: Sequence[tuple[str, Sequence[int]]]) -> str:
+    """Percentages of each group; each row is a name and its counts by group."""
+    header = [title, *(f"{group.appearance} {group.split}" for group in groups)]
+    return table(
+        header,
+        [
+            [str(name), *(100 * count / len(group.programs) for count, group in zip(counts, groups, strict=True))]
+            for name, counts in rows
+        ],
+    )
 
 
 def _commonest_words(statistics: CorpusStatistics) -> Iterator[tuple[str, Sequence[int]]]:
@@ -132,7 +135,7 @@ def _commonest_words(statistics: CorpusStatistics) -> Iterator[tuple[str, Sequen
 
 
 def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
-    """The statistics for programs to read: counts only, no statement."""
+    """The statistics as JSON: counts only, without statements."""
     return {
         "corpus": statistics.corpus,
         "statements": statistics.statement_count,
@@ -160,7 +163,7 @@ def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
 
 
 def task_lines(task: Task, tasks: TaskSet) -> list[str]:
-    """What a task is, but for its picture."""
+    """Everything about a task except its picture."""
     shown = sorted((*phenomena(task.program), *syntactic_phenomena(task.statement)), key=PHENOMENA.index)
     truth = task.truth(task.start)
     return [

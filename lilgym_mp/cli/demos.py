@@ -1,9 +1,9 @@
-"""`lilgym-mp demos`: the expert's solutions as demonstrations, in an npz file or a Minari dataset."""
+"""`lilgym-mp demos`: writes the expert's solutions as demonstrations, to an npz file or a Minari dataset."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,8 +11,15 @@ from typing import Any
 
 from lilgym_mp import __version__
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
-from lilgym_mp.cli.solve import add_solving, dynamics_of, solve_split
+from lilgym_mp.cli.options import (
+    add_configuration,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_settings,
+)
+from lilgym_mp.cli.solve import add_solving, solve_split
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_whole
@@ -24,23 +31,33 @@ from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstration
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "demos",
-        help="demonstrations of the expert, as npz or Minari dataset",
-        description="Writes a shortest solution of each task, with statement, program and target. Equal settings and"
-        " seed give equal files.",
+        help="write demonstrations of the expert, as npz or Minari dataset",
+        description="Writes a shortest solution of each task, with its statement, program and target. Equal settings "
+        "and seeds give equal files.",
     )
     add_configuration(parser)
     add_split(parser, "train")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="an npz file; docs/solver.md lists its arrays")
-    parser.add_argument("--force", action="store_true", help="overwrite what --out names")
-    parser.add_argument("--minari", metavar="NAME", help='a Minari dataset, such as "lilgym/tower-expert-v0"')
-    parser.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the draws (default: 0)")
-    parser.add_argument("--images", action="store_true", help="put the images into the npz file as well (large)")
-    parser.add_argument("--sets", action="store_true", help="write states with all their good first actions instead")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="npz file to write; docs/solver.md lists its arrays")
+    parser.add_argument("--force", action="store_true", help="overwrite the file named by --out")
+    parser.add_argument("--minari", metavar="NAME", help='Minari dataset to write, such as "lilgym/tower-expert-v0"')
+    parser.add_argument("--episodes", type=int, metavar="N", help="sample N tasks (default: each task once)")
+    add_seed(parser, "of the sampling")
+    parser.add_argument("--images", action="store_true", help="include images in the npz file (large)")
+    parser.add_argument("--sets", action="store_true", help="write states with their sets of optimal actions instead")
     parser.add_argument(
-        "--exploration", type=float, default=0.25, metavar="P", help="with --sets: how often an edit is random"
+        "--exploration",
+        type=float,
+        default=0.25,
+        metavar="P",
+        help="with --sets: probability of a random edit (default: %(default)s)",
     )
-    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="with --sets: episodes from each start")
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=1,
+        metavar="N",
+        help="with --sets: episodes from each start scene (default: %(default)s)",
+    )
     add_solving(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -48,8 +65,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     _check(args)
-    settings = Settings(**said_settings(args))
-    dynamics = dynamics_of(settings)
+    settings = Settings(**given_settings(args))
+    dynamics = settings.dynamics()
     if args.sets:
         return _run_sets(settings, args)
     reports = solve_split(settings, args.split, args)
@@ -57,12 +74,8 @@ def run(args: argparse.Namespace) -> int:
     unsolved = sum(not report.solution.solved for report in reports)
     print(f"{len(episodes):,} demonstrations of {len(reports):,} tasks, {unsolved:,} of them without a solution")
     if args.out is not None:
-        found = arrays(episodes, dynamics, images=args.images)
-        try:
-            write_whole(args.out, partial(_write_npz, found, _about(settings, args)))
-        except OSError as error:
-            raise CommandError(f"cannot write {args.out}: {error.strerror or error}") from None
-        print(f"npz: {args.out}")
+        data, metadata = arrays(episodes, dynamics, images=args.images), _metadata(settings, args)
+        _write_npz(args.out, lambda path: write_npz(path, data, metadata))
     if args.minari is not None:
         _write_minari(episodes, settings, args)
         print(f"Minari: {args.minari}")
@@ -70,36 +83,26 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
-    dynamics = dynamics_of(settings)
+    dynamics = settings.dynamics()
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, args.split)
-    chosen = {"exploration": args.exploration, "repeats": args.repeats, "seed": args.seed}
-    states = explored(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **chosen)
-    sets = action_sets(states, dynamics, {**_about(settings, args), **chosen})
-    try:
-        write_whole(args.out, partial(write_action_sets, sets=sets))
-    except OSError as error:
-        raise CommandError(f"cannot write {args.out}: {error.strerror or error}") from None
+    exploration = {"exploration": args.exploration, "repeats": args.repeats, "seed": args.seed}
+    states = explored(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **exploration)
+    sets = action_sets(states, dynamics, {**_metadata(settings, args), **exploration})
     print(f"{len(sets):,} states of {len(sets.task):,} tasks, {int(sets.complete.sum()):,} of their sets complete")
-    print(f"npz: {args.out}")
+    _write_npz(args.out, partial(write_action_sets, sets=sets))
     return 0
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raises CommandError or OutputError for what would fail after all the work."""
+    """Raises CommandError or OutputError for what would otherwise fail only after the tasks are solved."""
     if args.sets and (args.out is None or args.minari is not None or args.images or args.episodes is not None):
-        raise CommandError("--sets needs --out and takes no --minari, --images or --episodes")
+        raise CommandError("--sets needs --out and excludes --minari, --images and --episodes")
     if not 0 <= args.exploration <= 1:
         raise CommandError(f"--exploration must be a probability from 0 to 1, not {args.exploration}")
-    if args.repeats < 1:
-        raise CommandError(f"--repeats must be at least 1, not {args.repeats}")
-    if args.jobs < 1:
-        raise CommandError(f"--jobs must be at least 1, not {args.jobs}")
+    check_at_least(args, 1, "repeats", "jobs", "episodes")
+    check_at_least(args, 0, "seed")
     if args.out is None and args.minari is None:
-        raise CommandError("say where to write: --out FILE, --minari NAME, or both")
-    if args.episodes is not None and args.episodes < 1:
-        raise CommandError(f"--episodes must be at least 1, not {args.episodes}")
-    if args.seed < 0:
-        raise CommandError(f"--seed must be at least 0, not {args.seed}")
+        raise CommandError("name an output: --out FILE, --minari NAME, or both")
     if args.minari is not None and find_spec("minari") is None:
         raise CommandError(f"--minari needs Minari, --out does not: {install('minari')}")
     if args.out is not None:
@@ -108,12 +111,16 @@ def _check(args: argparse.Namespace) -> None:
         fresh_file(args.out, force=args.force)
 
 
-def _write_npz(found: dict[str, Any], about: dict[str, Any], path: Path) -> None:
-    write_npz(path, found, about)
+def _write_npz(path: Path, write: Callable[[Path], object]) -> None:
+    try:
+        write_whole(path, write)
+    except OSError as error:
+        raise CommandError(f"cannot write {path}: {error.strerror or error}") from None
+    print(f"npz: {path}")
 
 
-def _about(settings: Settings, args: argparse.Namespace) -> dict[str, Any]:
-    """What the demonstrations are of and how to make them again."""
+def _metadata(settings: Settings, args: argparse.Namespace) -> dict[str, Any]:
+    """The tasks of the demonstrations, and all that is needed to reproduce them."""
     provenance = load_tasks(settings.corpus, settings.appearance, settings.start, args.split).provenance
     return {
         "lilgym_mp": __version__,
@@ -131,6 +138,6 @@ def _write_minari(episodes: Sequence[Demonstration], settings: Settings, args: a
 
     env = settings.make(args.split)
     assert env.spec is not None
-    about = ", ".join(f"{name} {value}" for name, value in _about(settings, args).items() if value is not None)
-    write_minari(args.minari, episodes, dynamics_of(settings), env.spec, f"Shortest solutions. {about}")
+    metadata = ", ".join(f"{name} {value}" for name, value in _metadata(settings, args).items() if value is not None)
+    write_minari(args.minari, episodes, settings.dynamics(), env.spec, f"Shortest solutions. {metadata}")
     env.close()

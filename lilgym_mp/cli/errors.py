@@ -1,7 +1,7 @@
-"""The one exception that a command raises for a person to read."""
+"""The exception that commands raise for errors of the user."""
 
 from __future__ import annotations
 
 
 class CommandError(Exception):
-    """Something a user can put right; its text is printed alone, without a traceback."""
+    """An error that the user can correct; only its message is printed, without a traceback."""

@@ -1,4 +1,4 @@
-"""`lilgym-mp evaluate`: agents and simple policies on every task of a split, in one or several configurations."""
+"""`lilgym-mp evaluate`: evaluates agents and baseline policies on a split, in one or more configurations."""
 
 from __future__ import annotations
 
@@ -10,12 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_device, add_settings, add_split, said_settings
+from lilgym_mp.cli.options import (
+    CONFIGURATIONS_HELP,
+    add_device,
+    add_recording,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_environment,
+)
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playing, training_statements
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
-from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_json
+from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN, NamedPolicy, built_in
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
@@ -28,86 +37,83 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.model_file import ModelDescription
 
 AS_TRAINED, OFF = "as-trained", "off"
-_MANNERS = {"ppo": [GREEDY, SAMPLED]}  # by kind of agent, unless --actions says otherwise
+DEFAULT_ACTION_MODES = {"ppo": [GREEDY, SAMPLED]}  # by learner; GREEDY for all others
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "evaluate",
-        help="agents and simple policies on every task of a split",
-        description="Visits every task of a split once a pass; stopping is never forced, and illegal actions are not "
-        "masked. Without --policy, random play is shown beside the agents.",
+        help="evaluate agents and baseline policies on a split",
+        description="Plays every task of a split once per pass, without stop forcing; only agents trained with a mask "
+        "of legal actions get one. Random policies are evaluated too, for comparison, unless --policy or --alone is "
+        "given.",
     )
     parser.add_argument(
-        "agents", nargs="*", type=Path, metavar="RUN", help="directories that `lilgym-mp train` wrote, or model files"
+        "agents",
+        nargs="*",
+        type=Path,
+        metavar="RUN",
+        help="run directories written by `lilgym-mp train`, or model files",
     )
     parser.add_argument(
-        "--policy", nargs="+", default=[], metavar="NAME", help=f"also these: {', '.join(sorted(BUILT_IN))}"
+        "--policy", nargs="+", default=[], metavar="NAME", help=f"built-in policies: {', '.join(sorted(BUILT_IN))}"
     )
-    add_configuration(
-        parser, "--configuration", nargs="+", help="play these only (default: all that the agents can play)"
+    parser.add_argument(
+        "--configuration",
+        nargs="+",
+        metavar="NAME",
+        help=f"any of {CONFIGURATIONS_HELP} (default: all that the agents can play)",
     )
     add_split(parser, "dev")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of what policies draw (default: 0)")
-    parser.add_argument("--passes", type=int, default=1, metavar="N", help="visits to each task (default: 1)")
-    parser.add_argument("--sampled", action="store_true", help="the same as --actions sampled")
+    add_seed(parser, "of the policies")
+    parser.add_argument("--passes", type=int, default=1, metavar="N", help="episodes per task (default: 1)")
+    parser.add_argument("--sampled", action="store_true", help="short for --actions sampled")
     parser.add_argument(
         "--actions",
         nargs="+",
         choices=[GREEDY, SAMPLED],
-        help="take the agents' likeliest actions, draw them, or one after the other (the default for PPO agents, "
-        "whose likeliest action may be to stop at once; greedy for others)",
+        help="take the most probable action, sample from the policy, or evaluate both (default: both for PPO agents, "
+        "whose most probable first action may be STOP; greedy for others)",
     )
     parser.add_argument(
         "--mask",
         nargs="+",
         choices=[AS_TRAINED, OFF],
         default=[AS_TRAINED],
-        help="show masks of legal actions to agents that look at them (the default), or none, or both in turn",
+        help="give agents trained with a mask of legal actions that mask (default), none, or evaluate both",
     )
-    parser.add_argument("--name", metavar="NAME", help="of the agent in the tables of a report (default: its learner)")
-    parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="write every episode there, a file for each agent and configuration"
-    )
+    parser.add_argument("--name", metavar="NAME", help="name of the agent in reports (default: its learner)")
+    add_recording(parser, "--record-decisions")
     parser.add_argument(
         "--record-decisions",
         action="store_true",
-        help="with --record: also keep, for each step, the agent's action probabilities, its value and the legal "
-        "actions",
+        help="with --record: also record the action probabilities, value estimate and legal actions at each step",
     )
     parser.add_argument(
-        "--judge-decisions",
-        action="store_true",
-        help="with --record-decisions: ask the expert in each step whether the action taken begins a shortest solution "
-        "(slow in Scatter)",
+        "--optimal", action="store_true", help="with --record: also record the length of the expert's solution"
     )
-    parser.add_argument(
-        "--optimal", action="store_true", help="with --record: ask the expert how many actions each start needs"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there as JSON")
-    parser.add_argument("--alone", action="store_true", help="play the agents without random play beside them")
-    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
+    parser.add_argument("--alone", action="store_true", help="do not evaluate random policies for comparison")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_device(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.seed < 0 or args.passes < 1 or args.threads < 1:
-        raise CommandError("--seed must be at least 0, --passes and --threads at least 1")
+    check_at_least(args, 0, "seed")
+    check_at_least(args, 1, "passes", "threads")
     if args.sampled and args.actions:
         raise CommandError("--sampled is short for --actions sampled; leave one of them out")
-    if args.optimal and args.record is None:
-        raise CommandError("--optimal goes with --record DIR, where what the expert finds is kept")
-    if args.record_decisions and args.record is None:
-        raise CommandError("--record-decisions goes with --record DIR, where they are kept")
+    if args.record is None and (args.optimal or args.record_decisions):
+        raise CommandError(f"{'--optimal' if args.optimal else '--record-decisions'} needs --record DIR")
     if args.judge_decisions and not args.record_decisions:
-        raise CommandError("--judge-decisions goes with --record-decisions, which it judges")
+        raise CommandError("--judge-decisions needs --record-decisions")
     if not args.agents and not args.policy:
-        raise CommandError("name the directories of trained agents, or policies with --policy")
-    if args.json is not None and writable_file(args.json).exists() and not args.force:
-        raise OutputError(f"{args.json} exists; --force overwrites it")
-    agents = [named for place in args.agents for named in agent_policies(place, args)]
+        raise CommandError("name run directories of trained agents, or policies with --policy")
+    if args.json is not None:
+        fresh_file(args.json, force=args.force)
+    agents = [named for run in args.agents for named in agent_policies(run, args)]
     policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
     named = [*agents, *policies]
     plans = [
@@ -134,45 +140,45 @@ def run(args: argparse.Namespace) -> int:
 def _check_record(
     args: argparse.Namespace, named_policies: Sequence[NamedPolicy], plans: Sequence[EvaluationPlan]
 ) -> None:
-    """Raises OutputError when the directory cannot be written to, or holds one of the files already."""
+    """Raises OutputError if a recording cannot be written, or already exists."""
     if args.record is None:
         return
     writable_directory(args.record)
     for plan in plans:
         for named in named_policies:
-            path = episodes_file(args.record, named, plan.settings, plan.split, plan.seed)
-            if path.exists() and not args.force:
-                raise OutputError(f"{path} exists; --force overwrites it")
+            fresh_file(episodes_file(args.record, named, plan.settings, plan.split, plan.seed), force=args.force)
 
 
 def _recorded(
     played: Iterable[Result], args: argparse.Namespace, plan: EvaluationPlan, seen: set[str]
 ) -> Iterator[Result]:
-    """The results, each written as it comes."""
+    """The results, each recorded as soon as it is there."""
     recorder = Recorder(
         plan.settings, plan.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
     )
     for result in played:
         path = recorder.write(args.record, result)
-        Circumstances.now(args.words).write(path)
+        Circumstances.now(args.argv).write(path)
         print(f"episodes: {path}", flush=True)
         yield result
 
 
-def agent_policies(place: Path, args: argparse.Namespace) -> list[NamedPolicy]:
-    """The agent at a place, once for each way in which the command line wants it to act."""
+def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
+    """The agent saved at `path`, once for each combination of action mode and mask to evaluate."""
     import torch
 
     from lilgym_mp.learning.agents import open_agent
 
     torch.set_num_threads(args.threads)
-    agent = open_agent(place, args.device)
+    agent = open_agent(path, args.device)
     description = agent.description
-    manners = [SAMPLED] if args.sampled else args.actions or _MANNERS.get(description.kind, [GREEDY])
-    masks = args.mask if _looks_at_masks(agent, args) else [AS_TRAINED]
+    action_modes = args.actions or DEFAULT_ACTION_MODES.get(description.kind, [GREEDY])
+    if args.sampled:
+        action_modes = [SAMPLED]
+    masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
     common = {
         "kind": description.kind,
-        "run": str(place),
+        "run": str(path),
         "recipe": dict(description.recipe),
         "label": args.name or description.kind,
         "training_seed": description.recipe.get("seed", description.details.get("seed")),
@@ -180,20 +186,22 @@ def agent_policies(place: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     }
     return [
         NamedPolicy(
-            _name(description.kind, place, [manner] * (len(manners) > 1), [mask] * (len(masks) > 1)),
-            partial(_policy, agent, manner == SAMPLED, mask == OFF),
+            ", ".join(
+                [
+                    f"{description.kind} ({path})",
+                    *[mode] * (len(action_modes) > 1),
+                    *[f"mask {mask}"] * (len(masks) > 1),
+                ]
+            ),
+            partial(_policy, agent, mode == SAMPLED, mask == OFF),
             description.supervision,
             description.configurations,
             False if mask == OFF else None,
-            {**common, "actions": manner},
+            {**common, "actions": mode},
         )
-        for manner in manners
+        for mode in action_modes
         for mask in masks
     ]
-
-
-def _name(kind: str, place: Path, manner: list[str], mask: list[str]) -> str:
-    return ", ".join([f"{kind} ({place})", *manner, *(f"mask {name}" for name in mask)])
 
 
 def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: Settings) -> Policy:
@@ -201,16 +209,15 @@ def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: Settings)
     return WithoutMask(policy) if without_mask else policy
 
 
-def _looks_at_masks(agent: Agent, args: argparse.Namespace) -> bool:
-    options = {key: value for key, value in said_settings(args).items() if key != "configuration"}
-    settings = Settings((args.configuration or agent.description.configurations)[0], **options)
+def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
+    settings = Settings((args.configuration or agent.description.configurations)[0], **given_environment(args))
     if settings.configuration not in agent.description.configurations:
-        return False  # refused later, with the choices
+        return False  # `_settings` raises the error
     return getattr(agent.policy(settings), "needs_masks", True)
 
 
 def training_facts(description: ModelDescription) -> dict[str, float]:
-    """What an agent's training took, as far as its description tells."""
+    """The steps and CPU minutes of an agent's training, as far as its description has them."""
     details, recipe = description.details, description.recipe
     found: dict[str, float] = {}
     if (steps := details.get("steps", recipe.get("steps"))) is not None:
@@ -223,7 +230,7 @@ def training_facts(description: ModelDescription) -> dict[str, float]:
 
 
 def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[Settings]:
-    """What is to be played, in the order of CONFIGURATIONS unless named."""
+    """The environments to evaluate in, in the order of CONFIGURATIONS unless named."""
     named = [
         choose("configuration", name, {name: name for name in CONFIGURATIONS}) for name in args.configuration or ()
     ]
@@ -232,8 +239,8 @@ def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[S
         for agent in agents:
             if name not in agent.configurations:
                 raise CommandError(f"{agent.name} does not play {name}; it plays {', '.join(agent.configurations)}")
-    options = {key: value for key, value in said_settings(args).items() if key != "configuration"}
-    chosen = [Settings(name, **options) for name in named or CONFIGURATIONS if name in playable]
+    environment = given_environment(args)
+    chosen = [Settings(name, **environment) for name in named or CONFIGURATIONS if name in playable]
     return chosen if named else [settings for settings in chosen if _has_tasks(settings, args.split)]
 
 
@@ -246,13 +253,13 @@ def _has_tasks(settings: Settings, split: str) -> bool:
 
 
 def warnings(results: Sequence[Result]) -> list[str]:
-    """What a reader of the table should know."""
-    told: list[str] = []
+    """Notes on results that the table alone does not explain."""
+    notes: list[str] = []
     for result in results:
         stopped = sum(len(episode.actions) == 1 for episode in result.episodes)
         if stopped == len(result.episodes) and result.summary.accuracy < 0.5:
-            told.append(
+            notes.append(
                 f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
-                " look at drawn actions (--actions sampled), or train it longer"
+                " evaluate sampled actions (--actions sampled), or train it longer"
             )
-    return told
+    return notes

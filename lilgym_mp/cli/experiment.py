@@ -1,4 +1,4 @@
-"""`lilgym-mp experiment FILE.toml`: a matrix of configurations, learners and seeds, trained, evaluated and recorded."""
+"""`lilgym-mp experiment FILE.toml`: trains, evaluates and records a matrix of configurations, learners and seeds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
+from lilgym_mp.cli.options import check_at_least
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,74 +19,76 @@ if TYPE_CHECKING:
     from lilgym_mp.cli.experiment_runs import Attempt
 
 RESULTS = Path("results")
-FAILED = 1  # exit code where a run failed
+UPDATE_SECONDS = 1.0
+FAILED = 1  # exit code if any run failed
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "experiment",
         help="train, evaluate and record a matrix of configurations, learners and seeds",
-        description="Carries out every run that a TOML file asks for; the same command goes on where it was "
-        "interrupted. `lilgym-mp report DIR` makes the tables and figures of the results.",
+        description="Executes all runs described by a TOML file. If interrupted, the same command resumes them. "
+        "`lilgym-mp report DIR` makes tables and figures of the results.",
     )
-    parser.add_argument("file", type=Path, metavar="FILE.toml", help="what to run; docs/experiments.md tells its keys")
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"results (default: {RESULTS}/FILE)")
-    parser.add_argument("--jobs", type=int, metavar="N", help="runs at a time on this machine (default: 1)")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"results directory (default: {RESULTS}/FILE)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="parallel runs on this machine (default: 1)")
     parser.add_argument(
         "--ray",
         metavar="ADDRESS",
-        help='on the Ray cluster there ("auto": the one that this machine is of), a processor for each run',
+        help='execute on the Ray cluster at ADDRESS, one CPU per run ("auto": the cluster of this machine)',
     )
-    parser.add_argument("--list", action="store_true", help="print the commands, and run nothing")
+    parser.add_argument("--list", action="store_true", help="print the commands without running them")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
-    from lilgym_mp.cli.experiment_ray import carry_out_on_ray
-    from lilgym_mp.cli.experiment_runs import Standing, attempts, carry_out
+    from lilgym_mp.cli.experiment_ray import run_on_ray
+    from lilgym_mp.cli.experiment_runs import RunStatus, make_attempts, run_locally
 
-    jobs = 1 if args.jobs is None else args.jobs
-    if jobs < 1:
-        raise CommandError(f"--jobs must be at least 1, not {jobs}")
+    check_at_least(args, 1, "jobs")
+    jobs = args.jobs or 1
     if args.ray is not None and args.jobs is not None:
-        raise CommandError("--jobs is for runs on this machine; how many go at once with --ray, the cluster says")
+        raise CommandError("--jobs is for runs on this machine; with --ray, the cluster's CPUs limit parallel runs")
     plan = read_plan(args.file)
     if args.list:
         for planned in plan:
             print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands if words))
         return 0
-    place = args.out or RESULTS / args.file.stem
+    results = args.out or RESULTS / args.file.stem
     threads = 1 if args.ray is not None else max(1, (os.cpu_count() or 1) // jobs)
-    made = attempts(plan, place, threads)
-    with Display(made) as display:
+    attempts = make_attempts(plan, results, threads)
+    with Display(attempts) as display:
         if args.ray is None:
-            carry_out(made, jobs, display.update, display.every)
+            run_locally(attempts, jobs, display.update, UPDATE_SECONDS)
         else:
-            carry_out_on_ray(made, args.ray, threads, display.update, display.every)
-    failed = [attempt for attempt in made if attempt.standing is Standing.FAILED]
+            run_on_ray(attempts, args.ray, threads, display.update, UPDATE_SECONDS)
+    failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
     print(
-        f"{len(made) - len(failed)} of {len(made)} runs finished\ntables: lilgym-mp report {place} --out {place}-report"
+        f"{len(attempts) - len(failed)} of {len(attempts)} runs finished\n"
+        f"tables: lilgym-mp report {results} --out {results}-report"
     )
     return FAILED if failed else 0
 
 
 class Display:
-    """How the runs stand: a live table on a terminal, else a line for each change. A context manager."""
+    """Shows the runs' statuses: as a live table on a terminal, else as a line per change. A context manager."""
 
-    def __init__(self, made: Sequence[Attempt], console: Console | None = None) -> None:
-        """`console`: to show them on, standard output by default."""
+    def __init__(self, attempts: Sequence[Attempt], console: Console | None = None) -> None:
+        """`console`: standard output by default."""
         from rich import get_console
         from rich.live import Live
 
-        self._made = made
-        self._told: dict[str, str] = {}
+        self._attempts = attempts
+        self._printed: dict[str, str] = {}  # last status by run
         console = console or get_console()
         live = Live(console=console, get_renderable=self._table, auto_refresh=False)
         self._live = live if console.is_terminal else None
-        self.every = 1.0
 
     def __enter__(self) -> Display:
         if self._live is not None:
@@ -101,11 +104,11 @@ class Display:
         if self._live is not None:
             self._live.refresh()
             return
-        for attempt in self._made:
-            name, standing = attempt.planned.name, state(attempt)
-            if self._told.get(name, "waiting") != standing:
-                print(f"{name}: {standing}", flush=True)
-            self._told[name] = standing
+        for attempt in self._attempts:
+            name, status = attempt.planned.name, status_text(attempt)
+            if self._printed.get(name, "waiting") != status:
+                print(f"{name}: {status}", flush=True)
+            self._printed[name] = status
 
     def _table(self) -> Table:
         from rich.table import Table
@@ -113,31 +116,31 @@ class Display:
         table = Table(box=None, header_style="bold")
         for column in ("run", "state", "done", "time", "left"):
             table.add_column(column, justify="left" if column in ("run", "state") else "right")
-        for attempt in self._made:
+        for attempt in self._attempts:
             table.add_row(*row(attempt))
         return table
 
 
 def row(attempt: Attempt) -> list[str]:
-    """A run's name, standing, share of its training, time so far and time left."""
-    spent = attempt.seconds
-    share = attempt.share_done
-    if attempt.began is not None and not spent:
-        spent = time.monotonic() - attempt.began
-    left = spent * (1 - share) / share if share else None
+    """A run's name, status, fraction of training done, time so far and time left."""
+    elapsed = attempt.seconds
+    done = attempt.fraction_done
+    if attempt.began is not None and not elapsed:
+        elapsed = time.monotonic() - attempt.began
+    left = elapsed * (1 - done) / done if done else None
     return [
         attempt.planned.name,
-        state(attempt),
-        "" if share is None else f"{100 * share:.0f} %",
-        minutes(spent) if spent else "",
-        "" if left is None else minutes(left),
+        status_text(attempt),
+        "" if done is None else f"{100 * done:.0f} %",
+        format_duration(elapsed) if elapsed else "",
+        "" if left is None else format_duration(left),
     ]
 
 
-def state(attempt: Attempt) -> str:
-    """Its standing, and where it goes on."""
-    return f"{attempt.standing} {attempt.where}".strip()
+def status_text(attempt: Attempt) -> str:
+    return f"{attempt.status} {attempt.location}".strip()
 
 
-def minutes(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
+    """Minutes and seconds, such as 61:05."""
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

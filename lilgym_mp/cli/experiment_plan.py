@@ -1,4 +1,4 @@
-"""What an experiment's file asks for: every run with its commands, checked before any of them begins."""
+"""Reads an experiment's TOML file into a list of runs with their commands; all checks happen here, before any run."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import option
+from lilgym_mp.cli.options import flag_name
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
+from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.named_policies import BUILT_IN
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
@@ -19,13 +20,13 @@ from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, PPORecipe, make_recipe
 
 PARSE_AND_PLAN, IMITATION, PPO = "parse-and-plan", "imitation", "ppo"
 RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: PPORecipe}
-# By learner, options of its training beside the recipe, with their defaults.
+# By learner: numeric options of its training that are not in the recipe, with their defaults.
 BUDGETS: Mapping[str, Mapping[str, Any]] = {
     PARSE_AND_PLAN: {},
     IMITATION: {"minutes": 10.0},
     PPO: {"steps": 1_000_000, "evaluate_every": None},
 }
-TEXTS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, further options of its training
+STRING_OPTIONS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, likewise
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
@@ -34,21 +35,21 @@ POLICIES_RUN = "policies"
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A training run with its evaluation, or the evaluation of simple policies."""
+    """A training run with its evaluation, or the evaluation of built-in policies."""
 
     name: str  # of its directories and log
-    train: tuple[str, ...]  # words after `lilgym-mp`, but for --out and --threads; empty where nothing is trained
-    evaluate: tuple[tuple[str, ...], ...]  # one command a split, but for the run's directory and --record
-    budget: tuple[str, float] | None = None  # the entry of the progress that grows to this number
+    train: tuple[str, ...]  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
+    evaluate: tuple[tuple[str, ...], ...]  # one command per split, except the run directory and --record
+    budget: tuple[str, float] | None = None  # a key of the progress file, and its value at the end of training
 
     @property
     def commands(self) -> list[list[str]]:
-        """What makes the run that run, as JSON has it."""
+        """The commands as JSON; they identify the run."""
         return [list(self.train), *map(list, self.evaluate)]
 
 
-class _File:
-    """Faults with the file's name before them."""
+class _Checker:
+    """Checks values of the file; its errors name the file and the key."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -56,72 +57,72 @@ class _File:
     def error(self, key: str, message: str) -> CommandError:
         return CommandError(f"{self.path}: {key}: {message}")
 
-    def known(self, where: str, given: Mapping[str, Any], choices: Sequence[str]) -> None:
-        for key in given:
+    def check_keys(self, prefix: str, table: Mapping[str, Any], choices: Sequence[str]) -> None:
+        for key in table:
             if key not in choices:
-                raise self.error(f"{where}{key}", f"unknown key; choose from {', '.join(choices)}")
+                raise self.error(f"{prefix}{key}", f"unknown key; choose from {', '.join(choices)}")
 
-    def some(self, key: str, values: Any, choices: Sequence[Any] | None, kind: type) -> list[Any]:
-        """A list that holds something, each once, all of them choices."""
+    def checked_list(self, key: str, values: Any, choices: Sequence[Any] | None, value_type: type) -> list[Any]:
+        """`values` if it is a non-empty list of distinct values of the type, all among the choices."""
         if not isinstance(values, list) or not values:
-            raise self.error(key, f"must be a list with something in it, not {values!r}")
+            raise self.error(key, f"must be a non-empty list, not {values!r}")
         for value in values:
-            if type(value) is not kind or (choices is not None and value not in choices):
-                named = ", ".join(map(str, choices or ()))
-                offered = f"choose from {named}" if choices else f"must be of type {kind.__name__}"
-                raise self.error(key, f"unknown value {value!r}; {offered}")
+            if type(value) is not value_type or (choices is not None and value not in choices):
+                listed = ", ".join(map(str, choices or ()))
+                rule = f"choose from {listed}" if choices else f"must be of type {value_type.__name__}"
+                raise self.error(key, f"unknown value {value!r}; {rule}")
         if len(set(values)) < len(values):
-            raise self.error(key, f"the same value twice in {values}")
+            raise self.error(key, f"duplicate value in {values}")
         return values
 
 
 def read_plan(path: Path) -> list[PlannedRun]:
-    """The runs that the file asks for. Raises CommandError naming file, key and choices."""
-    file = _File(path)
+    """The runs of an experiment's file. Raises CommandError naming the file, the key and the choices."""
+    checker = _Checker(path)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CommandError(f"{path}: no TOML: {error}") from None
-    file.known("", data, KEYS)
+        raise CommandError(f"{path}: invalid TOML: {error}") from None
+    checker.check_keys("", data, KEYS)
     known = list(CONFIGURATIONS)
     common = {
-        "splits": file.some("splits", data.get("splits", ["dev"]), list(SPLITS), str),
-        "configurations": file.some("configurations", data.get("configurations", known), known, str),
-        "seeds": _seeds(file, "seeds", data.get("seeds", [0])),
+        "splits": checker.checked_list("splits", data.get("splits", ["dev"]), list(SPLITS), str),
+        "configurations": checker.checked_list("configurations", data.get("configurations", known), known, str),
+        "seeds": _seeds(checker, "seeds", data.get("seeds", [0])),
     }
-    environment = _environment(file, data, common["configurations"])
-    evaluated = [*environment, *(["--optimal"] if data.get("optimal", False) else [])]
+    environment = _environment_options(checker, data, common["configurations"])
+    evaluation = [*environment, *(["--optimal"] if data.get("optimal", False) else [])]
     learners = data.get("learners", [])
-    if not isinstance(learners, list) or not learners or not all(isinstance(one, dict) for one in learners):
-        raise file.error("learners", "must be one or several tables [[learners]]")
+    if not isinstance(learners, list) or not learners or not all(isinstance(table, dict) for table in learners):
+        raise checker.error("learners", "must be one or more tables [[learners]]")
     runs: list[PlannedRun] = []
-    for index, learner in enumerate(learners):
-        runs += _learner_runs(file, f"learners[{index}].", learner, common, environment, evaluated)
+    for index, table in enumerate(learners):
+        runs += _learner_runs(checker, f"learners[{index}].", table, common, environment, evaluation)
     if len({run.name for run in runs}) < len(runs):
-        raise file.error("learners", "two have the same name; give each a name of its own")
+        raise checker.error("learners", "two have the same name; names must be unique")
     if "policies" in data:
-        policies = file.some("policies", data["policies"], sorted(BUILT_IN), str)
-        words = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluated)
-        runs.append(PlannedRun(POLICIES_RUN, (), tuple((*words, "--split", split) for split in common["splits"])))
+        policies = checker.checked_list("policies", data["policies"], sorted(BUILT_IN), str)
+        command = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluation)
+        runs.append(PlannedRun(POLICIES_RUN, (), tuple((*command, "--split", split) for split in common["splits"])))
     return runs
 
 
-def _seeds(file: _File, key: str, values: Any) -> list[int]:
-    seeds = file.some(key, values, None, int)
+def _seeds(checker: _Checker, key: str, values: Any) -> list[int]:
+    seeds = checker.checked_list(key, values, None, int)
     if min(seeds) < 0:
-        raise file.error(key, f"must be at least 0, not {min(seeds)}")
+        raise checker.error(key, f"must be at least 0, not {min(seeds)}")
     return seeds
 
 
-def _environment(file: _File, data: Mapping[str, Any], configurations: Sequence[str]) -> list[str]:
-    """The environment as options, once it can be made."""
+def _environment_options(checker: _Checker, data: Mapping[str, Any], configurations: Sequence[str]) -> list[str]:
+    """The environment's settings as command-line options, checked by making each environment once."""
     corpus = data.get("corpus", "builtin")
     if not isinstance(corpus, str):
-        raise file.error("corpus", f"must be a text, not {corpus!r}")
+        raise checker.error("corpus", f"must be a string, not {corpus!r}")
     if not isinstance(data.get("optimal", False), bool):
-        raise file.error("optimal", f"must be true or false, not {data['optimal']!r}")
+        raise checker.error("optimal", f"must be true or false, not {data['optimal']!r}")
     given = {key: data[key] for key in ENVIRONMENT if key in data}
     grid = given.get("grid")
     settings = {**given, **({"grid": tuple(grid)} if isinstance(grid, list) else {})}
@@ -129,113 +130,118 @@ def _environment(file: _File, data: Mapping[str, Any], configurations: Sequence[
         for name in configurations:
             Settings(name, corpus, **settings).make("dev")
     except (ValueError, TypeError) as error:
-        raise file.error(", ".join(["corpus", *given]), str(error)) from None
-    shown = {**given, **({"grid": "x".join(map(str, grid))} if isinstance(grid, list) else {})}
-    return ["--corpus", corpus, *(word for key, value in shown.items() for word in (f"--{key}", str(value)))]
+        raise checker.error(", ".join(["corpus", *given]), str(error)) from None
+    options = {**given, **({"grid": "x".join(map(str, grid))} if isinstance(grid, list) else {})}
+    return ["--corpus", corpus, *(word for key, value in options.items() for word in (f"--{key}", str(value)))]
 
 
 def _learner_runs(
-    file: _File,
-    where: str,
-    learner: Mapping[str, Any],
+    checker: _Checker,
+    prefix: str,
+    table: Mapping[str, Any],
     common: Mapping[str, Any],
     environment: Sequence[str],
-    evaluated: Sequence[str],
+    evaluation: Sequence[str],
 ) -> Iterator[PlannedRun]:
-    kind = learner.get("learner")
-    if not isinstance(kind, str) or kind not in RECIPES:
-        raise file.error(f"{where}learner", f"unknown learner {kind!r}; choose from {', '.join(RECIPES)}")
-    recipe = [field.name for field in fields(RECIPES[kind]) if field.name != "seed"]
-    file.known(where, learner, (*LEARNER_KEYS, *BUDGETS[kind], *TEXTS.get(kind, ()), *recipe))
-    name = learner.get("name", kind)
+    """The runs of one table [[learners]], for each of its configurations and seeds; `prefix`: of its keys in errors."""
+    learner = table.get("learner")
+    if not isinstance(learner, str) or learner not in RECIPES:
+        raise checker.error(f"{prefix}learner", f"unknown learner {learner!r}; choose from {', '.join(RECIPES)}")
+    recipe_keys = [field.name for field in fields(RECIPES[learner]) if field.name != "seed"]
+    allowed = (*LEARNER_KEYS, *BUDGETS[learner], *STRING_OPTIONS.get(learner, ()), *recipe_keys)
+    checker.check_keys(prefix, table, allowed)
+    name = table.get("name", learner)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
-        raise file.error(f"{where}name", f"must be of letters, digits and -, _, +, not {name!r}")
-    every = common["configurations"]
-    configurations = file.some(f"{where}configurations", learner.get("configurations", every), every, str)
-    if kind == PARSE_AND_PLAN and "configurations" in learner:
-        raise file.error(f"{where}configurations", "one agent plays all configurations here; leave the key out")
-    seeds = _seeds(file, f"{where}seeds", learner.get("seeds", common["seeds"]))
-    manners = file.some(f"{where}actions", learner.get("actions", ["greedy"]), ["greedy", "sampled"], str)
-    options = {key: value for key, value in learner.items() if key not in LEARNER_KEYS}
-    learnt = ["--corpus", _training_corpus(file, f"{where}corpus", learner, configurations, environment[1])]
-    for configuration in (None,) if kind == PARSE_AND_PLAN else configurations:
-        budget, recipe = _checked_options(file, where, kind, configuration, options)
+        raise checker.error(f"{prefix}name", f"must consist of letters, digits and -, _, +, not {name!r}")
+    all_configurations = common["configurations"]
+    configurations = checker.checked_list(
+        f"{prefix}configurations", table.get("configurations", all_configurations), all_configurations, str
+    )
+    if learner == PARSE_AND_PLAN and "configurations" in table:
+        raise checker.error(f"{prefix}configurations", "one agent plays all configurations; leave the key out")
+    seeds = _seeds(checker, f"{prefix}seeds", table.get("seeds", common["seeds"]))
+    modes = checker.checked_list(f"{prefix}actions", table.get("actions", [GREEDY]), [GREEDY, SAMPLED], str)
+    options = {key: value for key, value in table.items() if key not in LEARNER_KEYS}
+    training = ["--corpus", _training_corpus(checker, f"{prefix}corpus", table, configurations, environment[1])]
+    if learner != PARSE_AND_PLAN:
+        training += environment[2:]
+    for configuration in (None,) if learner == PARSE_AND_PLAN else configurations:
+        budget, recipe = _checked_options(checker, prefix, learner, configuration, options)
+        played = _played_configurations(configuration, recipe, all_configurations)
+        evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played, *evaluation)
         for seed in seeds:
-            words = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed)]
-            words += learnt if kind == PARSE_AND_PLAN else [*learnt, *environment[2:]]
-            played = _played(configuration, recipe, every)
-            test = ("evaluate", "--name", name, "--actions", *manners, "--configuration", *played, *evaluated)
+            train = ["train", learner, *([configuration] if configuration else []), "--seed", str(seed), *training]
             yield PlannedRun(
                 "-".join([name, *([configuration] if configuration else []), str(seed)]),
-                (*words, *_flags(options)),
-                tuple((*test, "--split", split) for split in common["splits"]),
+                (*train, *_flags(options)),
+                tuple((*evaluate, "--split", split) for split in common["splits"]),
                 budget,
             )
 
 
 def _training_corpus(
-    file: _File, key: str, learner: Mapping[str, Any], configurations: Sequence[str], default: str
+    checker: _Checker, key: str, table: Mapping[str, Any], configurations: Sequence[str], default: str
 ) -> str:
-    """What the learner is trained on: the experiment's corpus unless it names its own, once that is there."""
-    corpus = learner.get("corpus", default)
+    """The learner's own corpus, checked by making each environment once, or else the experiment's."""
+    corpus = table.get("corpus", default)
     if not isinstance(corpus, str):
-        raise file.error(key, f"must be a text, not {corpus!r}")
+        raise checker.error(key, f"must be a string, not {corpus!r}")
     if corpus != default:
         try:
             for name in configurations:
                 Settings(name, corpus).make("train")
         except ValueError as error:
-            raise file.error(key, str(error)) from None
+            raise checker.error(key, str(error)) from None
     return corpus
 
 
-def _played(configuration: str | None, recipe: Any, every: Sequence[str]) -> Sequence[str]:
-    """The experiment's configurations that the agent plays: both starts if a FlipIt run begins some episodes empty."""
+def _played_configurations(configuration: str | None, recipe: Any, choices: Sequence[str]) -> Sequence[str]:
+    """Those of `choices` that the agent plays: with both starts if it was trained on FlipIt and some empty scenes."""
     if configuration is None:
-        return every
+        return choices
     appearance, start = CONFIGURATIONS[configuration]
     starts = (SCRATCH, FLIPIT) if start == FLIPIT and recipe.empty_starts else (start,)
-    played = [name for name in every if CONFIGURATIONS[name] in [(appearance, one) for one in starts]]
+    played = [name for name in choices if CONFIGURATIONS[name] in [(appearance, start) for start in starts]]
     return played or [configuration]
 
 
 def _checked_options(
-    file: _File, where: str, kind: str, configuration: str | None, options: Mapping[str, Any]
+    checker: _Checker, prefix: str, learner: str, configuration: str | None, options: Mapping[str, Any]
 ) -> tuple[tuple[str, float], Any]:
     """The learner's budget, and the recipe that its options make."""
-    budgets = {key: options.get(key, default) for key, default in BUDGETS[kind].items()}
+    budgets = {key: options.get(key, default) for key, default in BUDGETS[learner].items()}
     for key, value in budgets.items():
-        kinds = int if key == "evaluate_every" else int | float
-        if key in options and (isinstance(value, bool) or not isinstance(value, kinds) or value <= 0):
-            raise file.error(f"{where}{key}", f"must be a number above 0, not {value!r}")
-    texts = TEXTS.get(kind, ())
-    rest = {key: value for key, value in options.items() if key not in budgets and key not in texts}
-    defaults = {field.name: field.default for field in fields(RECIPES[kind])}
-    for key in texts:
+        number = int if key == "evaluate_every" else int | float
+        if key in options and (isinstance(value, bool) or not isinstance(value, number) or value <= 0):
+            raise checker.error(f"{prefix}{key}", f"must be a number above 0, not {value!r}")
+    strings = STRING_OPTIONS.get(learner, ())
+    settings = {key: value for key, value in options.items() if key not in budgets and key not in strings}
+    defaults = {field.name: field.default for field in fields(RECIPES[learner])}
+    for key in strings:
         if not isinstance(options.get(key, ""), str):
-            raise file.error(f"{where}{key}", f"must be of type str, not {options[key]!r}")
-    for key, value in rest.items():
-        wanted = type(defaults[key])
-        if type(value) is not wanted and not (wanted is float and type(value) is int):
-            raise file.error(f"{where}{key}", f"must be of type {wanted.__name__}, not {value!r}")
+            raise checker.error(f"{prefix}{key}", f"must be of type str, not {options[key]!r}")
+    for key, value in settings.items():
+        expected = type(defaults[key])
+        if type(value) is not expected and not (expected is float and type(value) is int):
+            raise checker.error(f"{prefix}{key}", f"must be of type {expected.__name__}, not {value!r}")
     try:
-        if kind == IMITATION and configuration:
-            made = default_recipe(CONFIGURATIONS[configuration][0], **rest)
-        elif kind == PPO and configuration:
-            made = make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **rest)
+        if learner == IMITATION and configuration:
+            recipe = default_recipe(CONFIGURATIONS[configuration][0], **settings)
+        elif learner == PPO and configuration:
+            recipe = make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **settings)
         else:
-            made = RECIPES[kind](**rest)
+            recipe = RECIPES[learner](**settings)
     except ValueError as error:
-        raise file.error(where.rstrip("."), str(error)) from None
-    if kind == IMITATION:
-        return ("cpu_seconds", 60 * budgets["minutes"]), made
-    budget = ("steps", budgets["steps"]) if kind == PPO else ("step", options.get("steps", defaults["steps"]))
-    return budget, made
+        raise checker.error(prefix.rstrip("."), str(error)) from None
+    if learner == IMITATION:
+        return ("cpu_seconds", 60 * budgets["minutes"]), recipe
+    budget = ("steps", budgets["steps"]) if learner == PPO else ("step", options.get("steps", defaults["steps"]))
+    return budget, recipe
 
 
 def _flags(options: Mapping[str, Any]) -> Iterator[str]:
     for key, value in options.items():
         if isinstance(value, bool):
-            yield f"--{'' if value else 'no-'}{option(key)}"
+            yield f"--{'' if value else 'no-'}{flag_name(key)}"
         else:
-            yield from (f"--{option(key)}", str(value))
+            yield from (f"--{flag_name(key)}", str(value))

@@ -1,4 +1,4 @@
-"""An experiment's runs as tasks of a Ray cluster: a run whose node dies is made again on another one."""
+"""Executes an experiment's runs as tasks of a Ray cluster: a run whose node dies is retried on another."""
 
 from __future__ import annotations
 
@@ -16,76 +16,77 @@ from typing import Any
 
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment_plan import PlannedRun
-from lilgym_mp.cli.experiment_runs import PATIENCE, Attempt, Standing, attempts, mark_finished
+from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
 from lilgym_mp.extras import install
 
-RETRIES = 3  # of a run, where its node or Ray's process for it dies
-TELL_SECONDS = 1.0
-CORPORA_EVERYWHERE = ("builtin", "lilgym")  # found by name on each node
+RETRIES = 3  # per run, if its node or its Ray worker process dies
+REPORT_SECONDS = 1.0
+NAMED_CORPORA = ("builtin", "lilgym")  # available by name on every node
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a run says of itself while it goes on."""
+class ProgressReport:
+    """Progress of a run."""
 
     node: str
-    attempt: int  # from 1; one more after each node that died
-    standing: Standing
-    share_done: float | None
+    attempt: int  # from 1; increases each time the run's node dies
+    status: RunStatus
+    fraction_done: float | None
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a run left."""
+class RunResult:
+    """Result of a run, with its files."""
 
-    standing: Standing
+    status: RunStatus
     error: str
     seconds: float
-    files: bytes  # `packed`
+    files: bytes  # as made by `pack`
 
 
-class Keeper:
-    """An actor on the driver's node: what runs say of themselves, and whether they shall end."""
+class ProgressActor:
+    """Ray actor on the driver's node: collects the runs' progress, and tells them when to stop."""
 
     def __init__(self) -> None:
-        self._told: dict[str, Told] = {}
-        self._begun: dict[str, int] = {}
+        self._reports: dict[str, ProgressReport] = {}
+        self._attempts: dict[str, int] = {}
         self._stopped = False
 
     def begin(self, name: str) -> int:
-        """How many times the run has begun, this one included."""
-        self._begun[name] = self._begun.get(name, 0) + 1
-        return self._begun[name]
+        """The number of attempts at the run, including the one that begins now."""
+        self._attempts[name] = self._attempts.get(name, 0) + 1
+        return self._attempts[name]
 
-    def tell(self, name: str, told: Told) -> bool:
-        """Whether the run shall save and end."""
-        self._told[name] = told
+    def report(self, name: str, report: ProgressReport) -> bool:
+        """Stores the report; gives whether the run must save and stop."""
+        self._reports[name] = report
         return self._stopped
 
-    def told(self) -> dict[str, Told]:
-        return dict(self._told)
+    def reports(self) -> dict[str, ProgressReport]:
+        return dict(self._reports)
 
     def stop(self) -> None:
         self._stopped = True
 
 
-def carry_out_on_ray(
-    made: Sequence[Attempt], address: str, threads: int, watch: Callable[[], object], every: float
+def run_on_ray(
+    attempts: Sequence[Attempt], address: str, threads: int, on_poll: Callable[[], object], poll_seconds: float
 ) -> None:
-    """Carries out what is not finished, as many runs at a time as the cluster has processors for; as `carry_out` does.
+    """Executes the unfinished attempts, as many in parallel as the cluster has CPUs for; otherwise as `run_locally`.
 
-    What each run leaves is brought back when it ends; one that an earlier call left unfinished is sent along.
-    Raises CommandError for a cluster that cannot be reached, and for a corpus that nodes would not find.
+    A run's files are copied back when it ends; those of a run left unfinished by an earlier call are sent along.
+    Raises CommandError if the cluster cannot be reached, and for a corpus that is not available on every node.
     """
-    _check_corpora(made)
-    ray = _connected(address)
+    _check_corpora(attempts)
+    ray = _connect(address)
     try:
-        _carry_out(ray, [a for a in made if a.standing is not Standing.FINISHED], threads, watch, every)
+        unfinished = [attempt for attempt in attempts if attempt.status is not RunStatus.FINISHED]
+        _execute(ray, unfinished, threads, on_poll, poll_seconds)
     finally:
         ray.shutdown()
 
 
-def _connected(address: str) -> Any:
+def _connect(address: str) -> Any:
     try:
         ray: Any = import_module("ray")
     except ImportError:
@@ -94,103 +95,108 @@ def _connected(address: str) -> Any:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[0]
-        raise CommandError(f"--ray {address}: no cluster could be joined there: {reason}") from None
+        raise CommandError(f"--ray {address}: cannot connect to a cluster: {reason}") from None
     return ray
 
 
-def _check_corpora(made: Sequence[Attempt]) -> None:
-    for attempt in made:
+def _check_corpora(attempts: Sequence[Attempt]) -> None:
+    for attempt in attempts:
         for words in attempt.planned.commands:
-            corpus = words[words.index("--corpus") + 1] if "--corpus" in words else CORPORA_EVERYWHERE[0]
-            if corpus not in CORPORA_EVERYWHERE and not Path(corpus).is_absolute():
+            corpus = words[words.index("--corpus") + 1] if "--corpus" in words else NAMED_CORPORA[0]
+            if corpus not in NAMED_CORPORA and not Path(corpus).is_absolute():
                 raise CommandError(
-                    f"corpus: {corpus} is a path from here; with --ray name a file by a whole path that all nodes have"
+                    f"corpus: {corpus} is a relative path; --ray needs an absolute path that exists on all nodes"
                 )
 
 
-def _carry_out(ray: Any, todo: Sequence[Attempt], threads: int, watch: Callable[[], object], every: float) -> None:
-    here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
+def _execute(
+    ray: Any, attempts: Sequence[Attempt], threads: int, on_poll: Callable[[], object], poll_seconds: float
+) -> None:
+    this_node = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
         ray.get_runtime_context().get_node_id(), soft=False
     )
-    keeper = ray.remote(Keeper).options(num_cpus=0, scheduling_strategy=here).remote()
+    progress_actor = ray.remote(ProgressActor).options(num_cpus=0, scheduling_strategy=this_node).remote()
     task = ray.remote(run_on_node).options(num_cpus=threads, max_retries=RETRIES)
-    waiting = {task.remote(keeper, a.planned, _named_there(a.named), threads, packed(a)): a for a in todo}
+    pending = {
+        task.remote(progress_actor, attempt.planned, _results_on_node(attempt.results), threads, pack(attempt)): attempt
+        for attempt in attempts
+    }
 
-    def attend(timeout: float) -> None:
-        ready, _ = ray.wait(list(waiting), timeout=timeout)
-        for ended in ready:
-            _bring_back(ray, ended, waiting.pop(ended))
-        _hear(ray.get(keeper.told.remote()), list(waiting.values()))
-        watch()
+    def poll() -> None:
+        ready, _ = ray.wait(list(pending), timeout=poll_seconds)
+        for ref in ready:
+            _collect_result(ray, ref, pending.pop(ref))
+        _update_progress(ray.get(progress_actor.reports.remote()), list(pending.values()))
+        on_poll()
 
     try:
-        while waiting:
-            attend(every)
+        while pending:
+            poll()
     except KeyboardInterrupt:
-        keeper.stop.remote()
-        for ref, attempt in list(waiting.items()):
-            if attempt.standing is Standing.WAITING:
+        progress_actor.stop.remote()
+        for ref, attempt in list(pending.items()):
+            if attempt.status is RunStatus.WAITING:
                 ray.cancel(ref)
-                del waiting[ref]
-        until = time.monotonic() + PATIENCE
-        while waiting and time.monotonic() < until:
-            attend(every)
+                del pending[ref]
+        deadline = time.monotonic() + SHUTDOWN_SECONDS
+        while pending and time.monotonic() < deadline:
+            poll()
         raise
 
 
-def _named_there(results: Path) -> Path:
-    """The results' name within a node's own directory: the same where it leads nowhere else."""
+def _results_on_node(results: Path) -> Path:
+    """The results directory relative to a node's working directory; only its name if it is not inside."""
     return Path(results.name) if results.is_absolute() or ".." in results.parts else results
 
 
-def _hear(told: dict[str, Told], going: Sequence[Attempt]) -> None:
-    for attempt in going:
-        if (found := told.get(attempt.planned.name)) is not None:
-            attempt.standing, attempt.remote_share = found.standing, found.share_done
-            attempt.where = f"on {found.node}" + (f", attempt {found.attempt}" if found.attempt > 1 else "")
+def _update_progress(reports: dict[str, ProgressReport], attempts: Sequence[Attempt]) -> None:
+    for attempt in attempts:
+        if (report := reports.get(attempt.planned.name)) is not None:
+            attempt.status, attempt.remote_fraction_done = report.status, report.fraction_done
+            attempt.location = f"on {report.node}" + (f", attempt {report.attempt}" if report.attempt > 1 else "")
             attempt.began = attempt.began or time.monotonic()
 
 
-def _bring_back(ray: Any, ended: Any, attempt: Attempt) -> None:
-    attempt.remote_share, attempt.where = None, ""
+def _collect_result(ray: Any, ref: Any, attempt: Attempt) -> None:
+    attempt.remote_fraction_done, attempt.location = None, ""
     try:
-        outcome: Outcome = ray.get(ended)
+        result: RunResult = ray.get(ref)
     except (ray.exceptions.RayError, OSError) as error:
-        attempt.standing, attempt.error = Standing.FAILED, str(error).strip().splitlines()[0]
+        attempt.status, attempt.error = RunStatus.FAILED, str(error).strip().splitlines()[0]
         return
-    unpack(outcome.files, attempt)
-    attempt.error, attempt.seconds = outcome.error, outcome.seconds
-    if outcome.standing is Standing.FINISHED:
+    unpack(result.files, attempt)
+    attempt.error, attempt.seconds = result.error, result.seconds
+    if result.status is RunStatus.FINISHED:
         mark_finished(attempt)
-    attempt.standing = outcome.standing
+    attempt.status = result.status
 
 
-def run_on_node(keeper: Any, planned: PlannedRun, named: Path, threads: int, files: bytes) -> Outcome:
-    """Carries out a run in a directory of its own on the node that calls it."""
+def run_on_node(progress_actor: Any, planned: PlannedRun, results: Path, threads: int, files: bytes) -> RunResult:
+    """Executes a run in a temporary directory of the current node."""
     ray: Any = import_module("ray")
     node = ray.util.get_node_ip_address()
-    number = ray.get(keeper.begin.remote(planned.name))
-    with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as place:
-        (attempt,) = attempts([planned], named, threads, Path(place))
+    attempt_number = ray.get(progress_actor.begin.remote(planned.name))
+    with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
+        (attempt,) = make_attempts([planned], results, threads, Path(directory))
         unpack(files, attempt)
         ended = threading.Event()
 
-        def tell() -> None:
-            while not ended.wait(TELL_SECONDS):
-                told = Told(node, number, attempt.standing, attempt.share_done)
-                if ray.get(keeper.tell.remote(planned.name, told)):
+        def report_progress() -> None:
+            while not ended.wait(REPORT_SECONDS):
+                report = ProgressReport(node, attempt_number, attempt.status, attempt.fraction_done)
+                if ray.get(progress_actor.report.remote(planned.name, report)):
                     attempt.stop()
 
-        telling = threading.Thread(target=tell, daemon=True)
-        telling.start()
-        attempt.carry_out()
+        reporter = threading.Thread(target=report_progress, daemon=True)
+        reporter.start()
+        attempt.execute()
         ended.set()
-        telling.join()
-        return Outcome(attempt.standing, attempt.error, attempt.seconds, packed(attempt))
+        reporter.join()
+        return RunResult(attempt.status, attempt.error, attempt.seconds, pack(attempt))
 
 
-def packed(attempt: Attempt) -> bytes:
-    """The run's files as a tar archive, by their places in the results."""
+def pack(attempt: Attempt) -> bytes:
+    """The run's files as a tar archive, with paths relative to the results directory."""
     content = io.BytesIO()
     with tarfile.open(fileobj=content, mode="w") as archive:
         for path in attempt.files:
@@ -200,6 +206,6 @@ def packed(attempt: Attempt) -> bytes:
 
 
 def unpack(files: bytes, attempt: Attempt) -> None:
-    """Puts the files in the place of those that are there."""
+    """Extracts an archive made by `pack`, overwriting existing files."""
     with tarfile.open(fileobj=io.BytesIO(files)) as archive:
         archive.extractall(attempt.directory, filter="data")

@@ -1,4 +1,4 @@
-"""Carrying out an experiment's runs: each a sequence of commands of its own process, with a log, several at a time."""
+"""Executes an experiment's runs in parallel: each is a sequence of commands in subprocesses, with a log."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from lilgym_mp.evaluation.files import writable_directory, write_json
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-PATIENCE = 30.0  # seconds that interrupted runs have to save
+SHUTDOWN_SECONDS = 30.0  # for interrupted runs to save
 
 
-class Standing(StrEnum):
+class RunStatus(StrEnum):
     WAITING = "waiting"
     TRAINING = "training"
     EVALUATING = "evaluating"
@@ -36,49 +36,49 @@ class Standing(StrEnum):
 
 
 class Attempt:
-    """One run on its way."""
+    """An execution of a planned run."""
 
-    def __init__(self, planned: PlannedRun, named: Path, threads: int, cwd: Path = Path()) -> None:
-        """`named`: the results, as commands name them; `cwd`: where these are run."""
+    def __init__(self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path()) -> None:
+        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`."""
         self.planned = planned
-        self.named = named
+        self.results = results
         self.cwd = cwd
-        self.directory = cwd / named
+        self.directory = cwd / results
         self.run = self.directory / RUNS / planned.name
         self.episodes = self.directory / EPISODES / planned.name
         self.log = self.directory / LOGS / f"{planned.name}.log"
         self.marker = self.directory / FINISHED / f"{planned.name}.json"
         self.threads = threads
-        self.standing = Standing.WAITING
-        self.where = ""  # the node of a run on a cluster
-        self.remote_share: float | None = None  # of its training, as told from there
+        self.status = RunStatus.WAITING
+        self.location = ""  # node of a run on a cluster
+        self.remote_fraction_done: float | None = None  # as reported by that node
         self.began: float | None = None
         self.seconds = 0.0
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
 
-    def done_before(self) -> bool:
-        """Whether the run was finished earlier. Raises CommandError when it was made by other commands."""
+    def load_finished(self) -> bool:
+        """Loads the result if the run was finished earlier; raises CommandError if its commands were different."""
         if not self.marker.exists():
             return False
         try:
-            made = json.loads(self.marker.read_text(encoding="utf-8"))
-            commands, seconds = list(made["commands"]), float(made["seconds"])
+            finished = json.loads(self.marker.read_text(encoding="utf-8"))
+            commands, seconds = list(finished["commands"]), float(finished["seconds"])
         except (ValueError, KeyError, TypeError) as error:
             raise CommandError(f"{self.marker}: damaged: {error!r}; delete it to evaluate the run again") from None
         if commands != self.planned.commands:
             pairs = zip_longest(commands, self.planned.commands)
-            made_by, wanted = next((made, wanted) for made, wanted in pairs if made != wanted)
+            before, now = next((before, now) for before, now in pairs if before != now)
             raise CommandError(
-                f"{self.marker}: the run {self.planned.name} was made with other options: {made_by}, not {wanted};"
+                f"{self.marker}: the run {self.planned.name} was made with other options: {before}, not {now};"
                 " choose another directory with --out"
             )
-        self.standing, self.seconds = Standing.FINISHED, seconds
+        self.status, self.seconds = RunStatus.FINISHED, seconds
         return True
 
-    def carry_out(self) -> None:
-        """Trains, goes on training or leaves that out, then evaluates; never raises."""
+    def execute(self) -> None:
+        """Trains or resumes training, unless already trained, then evaluates. Failures are stored, never raised."""
         self.began = time.monotonic()
         try:
             if self.planned.train:
@@ -86,38 +86,38 @@ class Attempt:
             self._evaluate()
         except _Failed as error:
             self.error = str(error)
-            self.standing = Standing.INTERRUPTED if self._stopped.is_set() else Standing.FAILED
+            self.status = RunStatus.INTERRUPTED if self._stopped.is_set() else RunStatus.FAILED
         except OSError as error:
-            self.error, self.standing = f"{error.filename}: {error.strerror}", Standing.FAILED
+            self.error, self.status = f"{error.filename}: {error.strerror}", RunStatus.FAILED
         else:
             self.seconds = round(time.monotonic() - self.began, 1)
             mark_finished(self)
-            self.standing = Standing.FINISHED
+            self.status = RunStatus.FINISHED
 
     def _train(self) -> None:
-        self.standing = Standing.TRAINING
-        trained = self.run / "trained"  # left once training has ended
+        self.status = RunStatus.TRAINING
+        trained = self.run / "trained"  # marks completed training
         if trained.exists():
             return
         resumed = (self.run / "checkpoint.pt").exists()
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
-        place = ["--out", str(self.named / RUNS / self.planned.name), "--threads", str(self.threads)]
-        self._call([*self.planned.train, *place, *["--resume"] * resumed])
+        options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
+        self._call([*self.planned.train, *options, *["--resume"] * resumed])
         trained.touch()
 
     def _evaluate(self) -> None:
-        self.standing = Standing.EVALUATING
-        run, episodes = (str(self.named / kind / self.planned.name) for kind in (RUNS, EPISODES))
+        self.status = RunStatus.EVALUATING
+        run, episodes = (str(self.results / parent / self.planned.name) for parent in (RUNS, EPISODES))
         agent = [run, "--alone", "--threads", str(self.threads)] if self.planned.train else []
         for words in self.planned.evaluate:
             first, *rest = words
             self._call([first, *agent[:1], *rest, *agent[1:], "--record", episodes, "--force"])
 
     def _call(self, words: Sequence[str]) -> None:
-        """Raises _Failed with the last line of the log."""
+        """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""
         if self._stopped.is_set():
-            raise _Failed("not begun")
+            raise _Failed("not started")
         environment = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
         with self.log.open("ab") as log:
             log.write(f"$ lilgym-mp {' '.join(words)}\n".encode())
@@ -136,11 +136,11 @@ class Attempt:
             code = self._process.wait()
         if code:
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            how = f"exit code {code}" if code > 0 else f"ended by {signal.Signals(-code).name}"
-            raise _Failed(f"{how}: {lines[-1] if lines else ''}")
+            reason = f"exit code {code}" if code > 0 else f"killed by {signal.Signals(-code).name}"
+            raise _Failed(f"{reason}: {lines[-1] if lines else ''}")
 
     def stop(self) -> None:
-        """Asks the run's process, once, to save and end: a second time would interrupt that."""
+        """Asks the run's process to save and exit; only once, as a second signal would interrupt the saving."""
         if self._stopped.is_set():
             return
         self._stopped.set()
@@ -149,70 +149,70 @@ class Attempt:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files and directories that are the run's own."""
+        """The run's own files and directories."""
         return self.run, self.episodes, self.log
 
     @property
-    def share_done(self) -> float | None:
-        """Of the training, by its progress; None where nothing is known."""
-        if self.remote_share is not None:
-            return self.remote_share
-        if self.standing is not Standing.TRAINING or self.planned.budget is None:
+    def fraction_done(self) -> float | None:
+        """Fraction of the training budget used, None if unknown."""
+        if self.remote_fraction_done is not None:
+            return self.remote_fraction_done
+        if self.status is not RunStatus.TRAINING or self.planned.budget is None:
             return None
-        key, whole = self.planned.budget
+        key, budget = self.planned.budget
         try:
             with (self.run / "progress.jsonl").open("rb") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - 4096))
                 last = json.loads(file.read().splitlines()[-1])
-            return min(1.0, last[key] / whole)
+            return min(1.0, last[key] / budget)
         except (OSError, ValueError, IndexError, KeyError, TypeError):
             return None
 
 
 class _Failed(Exception):
-    """A command that did not succeed."""
+    """A command failed."""
 
 
 def mark_finished(attempt: Attempt) -> None:
-    """Lets the run be left out next time."""
+    """Marks the run so that it is not repeated."""
     write_json(attempt.marker, {"commands": attempt.planned.commands, "seconds": attempt.seconds})
 
 
 if sys.platform == "linux":
     _LIBC = ctypes.CDLL(None)
-    _SIGNAL_AT_DEATH_OF_PARENT = 1  # PR_SET_PDEATHSIG
+    _PR_SET_PDEATHSIG = 1
 
 
 def _end_with_parent() -> None:
-    """Lets this process save and end when the one that started it is killed, lest two train one run when it goes on."""
-    _LIBC.prctl(_SIGNAL_AT_DEATH_OF_PARENT, signal.SIGTERM)
+    """Makes this process save and exit when its parent is killed, so that a resumed run is not trained twice."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def attempts(plan: Sequence[PlannedRun], named: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
-    """Every run of the plan, those finished before marked so. Raises CommandError, OutputError."""
+def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
+    """An attempt for each run of the plan, its status FINISHED if it was before. Raises CommandError, OutputError."""
     for name in (RUNS, EPISODES, LOGS, FINISHED):
-        writable_directory(cwd / named / name)
-    made = [Attempt(planned, named, threads, cwd) for planned in plan]
-    for attempt in made:
-        attempt.done_before()
-    return made
+        writable_directory(cwd / results / name)
+    attempts = [Attempt(planned, results, threads, cwd) for planned in plan]
+    for attempt in attempts:
+        attempt.load_finished()
+    return attempts
 
 
-def carry_out(made: Sequence[Attempt], jobs: int, watch: Callable[[], object], every: float) -> None:
-    """Carries out what is not finished, `jobs` at a time; calls `watch` every so many seconds.
+def run_locally(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], object], poll_seconds: float) -> None:
+    """Executes the unfinished attempts, `jobs` in parallel; calls `on_poll` at least every `poll_seconds`.
 
-    A KeyboardInterrupt is passed on when the runs have saved.
+    On KeyboardInterrupt, the runs save before it is raised again.
     """
-    todo = [attempt for attempt in made if attempt.standing is not Standing.FINISHED]
+    unfinished = [attempt for attempt in attempts if attempt.status is not RunStatus.FINISHED]
     with ThreadPoolExecutor(max_workers=jobs) as pool:
-        waiting: set[Future[None]] = {pool.submit(attempt.carry_out) for attempt in todo}
+        pending: set[Future[None]] = {pool.submit(attempt.execute) for attempt in unfinished}
         try:
-            while waiting:
-                _, waiting = wait(waiting, timeout=every, return_when=FIRST_COMPLETED)
-                watch()
+            while pending:
+                _, pending = wait(pending, timeout=poll_seconds, return_when=FIRST_COMPLETED)
+                on_poll()
         except KeyboardInterrupt:
-            for attempt in todo:
+            for attempt in unfinished:
                 attempt.stop()
-            wait(waiting, timeout=PATIENCE)
-            watch()
+            wait(pending, timeout=SHUTDOWN_SECONDS)
+            on_poll()
             raise

@@ -1,4 +1,4 @@
-"""`lilgym-mp explain`: what the agent that parses and plans makes of a statement."""
+"""`lilgym-mp explain`: shows how the parse-and-plan agent parses a statement and plans for it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.actions import describe
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_device, add_settings, said_settings
+from lilgym_mp.cli.options import add_device, add_settings, given_environment
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, FilmFrame, film_frames
@@ -21,28 +21,35 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import Plan, Planner
 
-DEFAULT_AGENT = "parse-and-plan"  # of those that come with the package
+DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
 DEFAULT_CONFIGURATION = "TowerScratch"
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "explain",
-        help="what the agent that parses and plans makes of a statement",
-        description="Shows the programs that a statement may mean, with probabilities, what each is true of, and the "
-        "plan for them.",
+        help="show how the parse-and-plan agent parses a statement and plans for it",
+        description="Shows the programs that the agent finds for a statement with their probabilities and truth "
+        "values, and the plan for them.",
     )
-    parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as: 'There is a blue block.'")
+    parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as 'There is a blue block.'")
     parser.add_argument(
-        "--task", metavar="ID", help="the start scene, target and statement (unless given) of this task"
+        "--task", metavar="ID", help="task that gives the start scene, the target and, by default, the statement"
     )
-    parser.add_argument("--split", choices=list(SPLITS), help="of the task (default: wherever it is found)")
-    parser.add_argument("--configuration", metavar="NAME", help=f"without a task (default: {DEFAULT_CONFIGURATION})")
-    parser.add_argument("--false", dest="target", action="store_false", help="without a task: to be made false")
+    parser.add_argument("--split", choices=list(SPLITS), help="split of the task (default: any)")
     parser.add_argument(
-        "--agent", default=DEFAULT_AGENT, metavar="RUN", help=f"a trained agent (default: {DEFAULT_AGENT}, shipped)"
+        "--configuration", metavar="NAME", help=f"configuration (default: {DEFAULT_CONFIGURATION}, or the task's)"
     )
-    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write the plan's film there")
+    parser.add_argument(
+        "--false", dest="target", action="store_false", help="without --task: make the statement false instead of true"
+    )
+    parser.add_argument(
+        "--agent",
+        default=DEFAULT_AGENT,
+        metavar="RUN",
+        help=f"run directory, or name of a shipped agent (default: {DEFAULT_AGENT})",
+    )
+    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write an animation of the plan to FILE.gif")
     add_device(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -57,14 +64,14 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("name a statement, or a task with --task")
     torch.set_num_threads(max(1, args.threads))
     agent = _agent(args)
-    settings, task = _asked(args)
+    settings, task = _settings_and_task(args)
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
     plan = planner.plan(task.start, statement, task.target)
     print("\n".join(explanation_lines(plan, planner, statement, task.target)))
     if args.task is not None and args.statement is None:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
-        print(f"what comes of it: {outcome} (the task's program: {task.program})")
+        print(f"outcome: {outcome} (the task's program: {task.program})")
     if args.film is not None:
         film_frames(args.film, [_film(plan, planner, statement, task.target)])
         print(f"film: {args.film}")
@@ -75,16 +82,16 @@ def _agent(args: argparse.Namespace) -> ParseAndPlanAgent:
     from lilgym_mp.learning.agents import load_agent, open_agent, shipped_agents
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 
-    known = args.agent in shipped_agents() and not Path(args.agent).exists()
-    agent = load_agent(args.agent, args.device) if known else open_agent(Path(args.agent), args.device)
+    is_shipped = args.agent in shipped_agents() and not Path(args.agent).exists()
+    agent = load_agent(args.agent, args.device) if is_shipped else open_agent(Path(args.agent), args.device)
     if not isinstance(agent, ParseAndPlanAgent):
-        raise CommandError(f"{args.agent} is of kind {agent.description.kind}; only {DEFAULT_AGENT} agents explain")
+        raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
     return agent
 
 
-def _asked(args: argparse.Namespace) -> tuple[Settings, Task]:
-    """Where to plan, and for what. Without --task the start is empty."""
-    options = {name: value for name, value in said_settings(args).items() if name != "configuration"}
+def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
+    """The environment and task to plan for. Without --task, the start scene is empty."""
+    options = given_environment(args)
     if args.task is None:
         settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **options)
         start = settings.dynamics().appearance.check_scene(Scene.empty())
@@ -114,5 +121,5 @@ def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[Fi
         for scene, caption in zip(scenes, captions, strict=True)
     ]
     likely = plan.success_probability >= 0.5
-    stop = f"{len(plan.actions)}. STOP, a success with a probability of {100 * plan.success_probability:.0f} %"
+    stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
     return [*frames, FilmFrame(smooth_picture(scenes[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]

@@ -1,4 +1,4 @@
-"""`lilgym-mp llm`: a language model, or any agent that reads and writes, on the tasks of a split."""
+"""`lilgym-mp llm`: evaluates a language model, or any other text agent, on the tasks of a split."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.cli.options import (
+    add_configuration,
+    add_recording,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_settings,
+)
 from lilgym_mp.evaluation.circumstances import Circumstances
-from lilgym_mp.evaluation.files import writable_directory, write_json, write_text
+from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.terminal import Progress
 
@@ -23,39 +31,48 @@ TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "llm",
-        help="a language model on the tasks of a split",
-        description="Plays tasks through text: the scene, the rules and the legal actions are told, answers are read "
-        "back. Without --out only the summary is shown.",
+        help="evaluate a language model on the tasks of a split",
+        description="Plays tasks through text: prompts describe the rules, the scene and the legal actions; actions "
+        "are parsed from the answers. Prints every episode's outcome and a summary.",
     )
     add_configuration(parser)
     parser.add_argument(
-        "--agent", required=True, metavar="NAME", help="random, expert, http, transformers, or module:Class of yours"
+        "--agent", required=True, metavar="NAME", help="random, expert, http, transformers, or your own module:Class"
     )
     parser.add_argument(
         "--option",
         nargs="+",
         default=[],
         metavar="KEY=VALUE",
-        help="what the agent is made with, such as url=http://localhost:8000/v1 model=NAME",
+        help="arguments of the agent's constructor, such as url=http://localhost:8000/v1 model=NAME",
     )
     add_split(parser, "dev")
     parser.add_argument("--episodes", type=int, metavar="N", help="only the first N tasks (default: all)")
-    parser.add_argument("--scene", choices=["list", "drawing"], default="list", help="how scenes are told")
+    parser.add_argument(
+        "--scene",
+        choices=["list", "drawing"],
+        default="list",
+        help="describe scenes as a list of items or as a character drawing (default: %(default)s)",
+    )
     parser.add_argument("--no-legal-actions", action="store_true", help="do not list the legal actions")
-    parser.add_argument("--retries", type=int, default=1, metavar="N", help="questions more after an unclear answer")
-    parser.add_argument("--history", type=int, default=12, metavar="N", help="past observations that are kept in view")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of agents that draw (default: 0)")
-    parser.add_argument("--out", type=Path, metavar="DIRECTORY", help=f"writes {TRANSCRIPTS} and {SUMMARY} there")
-    parser.add_argument("--force", action="store_true", help="overwrite what --out holds")
     parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="also write the episodes there, with every answer, for /watch"
+        "--retries",
+        type=int,
+        default=1,
+        metavar="N",
+        help="times to ask again after an answer without a valid action (default: %(default)s)",
     )
     parser.add_argument(
-        "--judge-decisions",
-        action="store_true",
-        help="with --record: ask the expert in each step whether the action taken begins a shortest solution "
-        "(slow in Scatter)",
+        "--history",
+        type=int,
+        default=12,
+        metavar="N",
+        help="past observations kept in the prompt (default: %(default)s)",
     )
+    add_seed(parser, "of the agent")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"write {TRANSCRIPTS} and {SUMMARY} to DIR")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    add_recording(parser, "--record")
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -63,21 +80,20 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.llm import Player, make_agent, summarise
 
-    if args.episodes is not None and args.episodes < 1:
-        raise CommandError(f"--episodes must be at least 1, not {args.episodes}")
-    _check_free(args)
+    check_at_least(args, 1, "episodes")
+    _check_output(args)
     player = Player(
-        Settings(**said_settings(args)),
-        make_agent(args.agent, dict(map(_pair, args.option))),
+        Settings(**given_settings(args)),
+        make_agent(args.agent, dict(map(_key_and_value, args.option))),
         split=args.split,
         scene=args.scene,
         legal_actions=not args.no_legal_actions,
         retries=args.retries,
         history=args.history,
     )
-    episodes = _played(player, args)
+    episodes = _play(player, args)
     summary = summarise(episodes)
-    print(*_shown(summary), sep="\n")
+    print(*_summary_lines(summary), sep="\n")
     if args.out is not None:
         write_json(args.out / SUMMARY, {"settings": _settings(args, player), **summary.to_json()})
     if args.record is not None:
@@ -85,14 +101,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _played(player: Player, args: argparse.Namespace) -> list[Episode]:
-    """The episodes, each printed, and written if --out says where, as it ends."""
+def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
+    """Plays the episodes; prints each as it ends, and writes it if --out is given."""
     episodes: list[Episode] = []
     lines: list[str] = []
     task_ids = player.task_ids()[: args.episodes]
     with Progress(len(task_ids), "episodes", lines=0) as progress:
-        for number, task_id in enumerate(task_ids):
-            episode = player.play(task_id, args.seed + number)
+        for index, task_id in enumerate(task_ids):
+            episode = player.play(task_id, args.seed + index)
             print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
             episodes.append(episode)
             lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")
@@ -106,50 +122,46 @@ def _record(player: Player, args: argparse.Namespace, episodes: list[Episode]) -
     from lilgym_mp.llm.recording import write_recording
 
     path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
-    Circumstances.now(args.words).write(path)
+    Circumstances.now(args.argv).write(path)
     print(f"episodes: {path}")
 
 
-def _check_free(args: argparse.Namespace) -> None:
-    """Raises CommandError where results are already, unless they may be overwritten."""
+def _check_output(args: argparse.Namespace) -> None:
+    """Raises OutputError if results exist and may not be overwritten, or cannot be written."""
     from lilgym_mp.evaluation.recording import episodes_file
     from lilgym_mp.llm.recording import recording_name
 
     if args.judge_decisions and args.record is None:
-        raise CommandError("--judge-decisions goes with --record DIR, where decisions are kept")
+        raise CommandError("--judge-decisions needs --record DIR")
     if args.record is not None:
-        settings = Settings(**said_settings(args))
-        place = writable_directory(args.record)
-        path = episodes_file(place, recording_name(args.agent), settings, args.split, args.seed)
-        if path.exists() and not args.force:
-            raise CommandError(f"{path} exists; --force overwrites it")
-    if args.out is None:
-        return
-    writable_directory(args.out)
-    there = [name for name in (TRANSCRIPTS, SUMMARY) if (args.out / name).exists()]
-    if there and not args.force:
-        raise CommandError(f"{args.out / there[0]} exists; --force overwrites it")
+        settings = Settings(**given_settings(args))
+        recording = episodes_file(args.record, recording_name(args.agent), settings, args.split, args.seed)
+        fresh_file(recording, force=args.force)
+    if args.out is not None:
+        for name in (TRANSCRIPTS, SUMMARY):
+            fresh_file(args.out / name, force=args.force)
 
 
-def _pair(text: str) -> tuple[str, Any]:
-    """A keyword and its value, a number where it looks like one."""
+def _key_and_value(text: str) -> tuple[str, Any]:
+    """A parsed --option, its value a number if it looks like one."""
     key, sign, value = text.partition("=")
     if not sign or not key.isidentifier():
         raise CommandError(f"--option takes KEY=VALUE, not {text!r}")
-    for kind in (int, float):
+    for number in (int, float):
         try:
-            return key, kind(value)
+            return key, number(value)
         except ValueError:
             continue
     return key, value
 
 
 def _settings(args: argparse.Namespace, player: Player) -> dict[str, Any]:
-    said = {name: getattr(args, name) for name in ("agent", "option", "split", "scene", "retries", "history", "seed")}
-    return {**player.settings.to_json(), **said, "legal_actions": player.legal_actions}
+    names = ("agent", "option", "split", "scene", "retries", "history", "seed")
+    options = {name: getattr(args, name) for name in names}
+    return {**player.settings.to_json(), **options, "legal_actions": player.legal_actions}
 
 
-def _shown(summary: Summary) -> list[str]:
+def _summary_lines(summary: Summary) -> list[str]:
     tokens = (
         f"{summary.prompt_tokens:,} tokens read, {summary.completion_tokens:,} written, "
         if summary.prompt_tokens is not None and summary.completion_tokens is not None
@@ -160,6 +172,6 @@ def _shown(summary: Summary) -> list[str]:
         f" 95 % interval {summary.success_low:.1%} to {summary.success_high:.1%})",
         f"progression  {summary.progression:.3f} +- {summary.progression_deviation:.3f}",
         f"reward       {summary.mean_reward:+.2f} in {summary.mean_actions:.1f} actions",
-        f"answers      {summary.answers}, {summary.misunderstood} of which decided for no action",
+        f"answers      {summary.answers}, {summary.misunderstood} of them without a valid action",
         f"cost         {tokens}{summary.seconds:.1f} seconds",
     ]

@@ -1,4 +1,7 @@
-"""Options that several commands share. All default to None, "not said"."""
+"""Command-line options that several commands share.
+
+An option that was not given has the value None; only then do the defaults of `Settings` or of a recipe apply.
+"""
 
 from __future__ import annotations
 
@@ -11,28 +14,82 @@ from typing import Any
 
 from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus import TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.task import Task
 
-RUNS = Path("runs")  # where training runs go unless told otherwise
-INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
+RUNS = Path("runs")  # default parent of training runs
+INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
+CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
+CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Options for the fields of `Settings` but the configuration."""
+    """Options for every field of `Settings` except the configuration."""
     options = parser.add_argument_group("environment")
-    options.add_argument("--corpus", help='"builtin" (default), "lilgym" (the official one), or a path')
+    options.add_argument("--corpus", help=CORPUS_HELP)
     options.add_argument("--rules", choices=sorted(RULE_SETS), help="rule set (default: paper)")
-    options.add_argument("--horizon", type=int, metavar="N", help="actions an episode (default: the rule set's)")
+    options.add_argument("--horizon", type=int, metavar="N", help="actions per episode (default: the rule set's)")
     columns, rows = RELEASED_GRID
     options.add_argument(
         "--grid",
-        type=parsed_grid,
+        type=parse_grid,
         metavar="COLUMNSxROWS",
-        help=f'Scatter\'s cells (default: {columns}x{rows}), or "{NATIVE}" for pixels',
+        help=f'grid of Scatter (default: {columns}x{rows}), or "{NATIVE}" for pixels',
+    )
+
+
+def add_corpus(parser: argparse.ArgumentParser) -> None:
+    """--corpus, for commands that need no further environment settings."""
+    parser.add_argument("--corpus", default="builtin", help=CORPUS_HELP)
+
+
+def add_configuration(parser: argparse.ArgumentParser, **settings: Any) -> None:
+    """A configuration as positional argument; `Settings` rejects unknown names."""
+    parser.add_argument("configuration", metavar="CONFIGURATION", help=f"one of {CONFIGURATIONS_HELP}", **settings)
+
+
+def add_split(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--split", choices=list(SPLITS), default=default, help=f"split of the corpus (default: {default})"
+    )
+
+
+def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
+    """--seed, 0 by default; `purpose` completes "random seed"."""
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help=f"random seed {purpose} (default: 0)")
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Where networks run; `learning.devices` rejects devices that are not available."""
+    parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="CPU threads (default: %(default)s)")
+
+
+def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
+    """--out and --resume of a training run; `default`: its directory's name in RUNS."""
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {RUNS}/{default})")
+    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
+
+
+def add_save_every(parser: argparse.ArgumentParser, default: int) -> None:
+    parser.add_argument(
+        "--save-every", type=int, default=default, metavar="N", help="steps between checkpoints (default: %(default)s)"
+    )
+
+
+def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> None:
+    """--record and --judge-decisions; `decisions_option`: the option that has decisions recorded."""
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="record every episode in DIR, for `report` and the /watch page"
+    )
+    parser.add_argument(
+        "--judge-decisions",
+        action="store_true",
+        help=f"with {decisions_option}: ask the expert at each step whether the action taken begins a shortest solution"
+        " (slow in Scatter)",
     )
 
 
@@ -44,59 +101,46 @@ def add_recipe(
     choices: Mapping[str, Sequence[str]] | None = None,
     defaults_of: str | None = None,
 ) -> None:
-    """An option for each field of a recipe's dataclass, whose metadata describe it.
+    """An option for each field of a recipe's dataclass; the field's metadata hold its description.
 
-    `choices`: what fields of texts may be; `defaults_of`: the named recipe whose values the defaults are.
+    `choices`: allowed values of the string fields; `defaults_of`: name of the recipe that the defaults belong to.
     """
     origin = "" if defaults_of is None else f" in {defaults_of}"
     group = parser.add_argument_group("recipe")
     for setting in fields(recipe):
         if setting.name in leave_out:
             continue
-        flag, kind, described = f"--{option(setting.name)}", type(setting.default), setting.metadata["description"]
-        if kind is bool:
+        flag, description = f"--{flag_name(setting.name)}", setting.metadata["description"]
+        value_type = type(setting.default)
+        if value_type is bool:
             state = "on" if setting.default else "off"
             group.add_argument(
                 flag,
                 action=argparse.BooleanOptionalAction,
                 default=None,
-                help=f"{described} (default: {state}{origin})",
+                help=f"{description} (default: {state}{origin})",
             )
-        elif kind is str:
-            listed = (choices or {})[setting.name]
-            group.add_argument(flag, choices=listed, help=f"{described} (default: {setting.default}{origin})")
+        elif value_type is str:
+            allowed = (choices or {})[setting.name]
+            group.add_argument(flag, choices=allowed, help=f"{description} (default: {setting.default}{origin})")
         else:
-            group.add_argument(flag, type=kind, metavar="N", help=f"{described} (default: {setting.default:g}{origin})")
+            default = f"{setting.default:g}{origin}"
+            group.add_argument(flag, type=value_type, metavar="N", help=f"{description} (default: {default})")
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
-    """Where networks run; `learning.devices` refuses what is not there."""
-    parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="of the processor (default: %(default)s)")
-
-
-def option(name: str) -> str:
-    """A setting's name on the command line, without the dashes before it."""
+def flag_name(name: str) -> str:
+    """The option for a field, without its leading dashes."""
     return name.replace("_", "-")
 
 
-def add_configuration(parser: argparse.ArgumentParser, flag: str = "configuration", **settings: Any) -> None:
-    """The name of a configuration, as an argument or as the option `flag`; `Settings` refuses unknown ones."""
-    parser.add_argument(flag, metavar="CONFIGURATION", **settings)
-
-
-def add_split(parser: argparse.ArgumentParser, default: str) -> None:
-    parser.add_argument("--split", choices=list(SPLITS), default=default, help=f"of the corpus (default: {default})")
-
-
-def parsed_grid(text: str) -> tuple[int, int] | str:
-    """A grid as written on the command line, such as 38x10. Raises ArgumentTypeError saying what would do."""
+def parse_grid(text: str) -> tuple[int, int] | str:
+    """A grid written as on the command line, such as 38x10. Raises ArgumentTypeError naming the valid forms."""
     if text == NATIVE:
         return NATIVE
     try:
         columns, rows = (int(count) for count in text.lower().split("x"))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or such as 38x10") from None
+        raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or COLUMNSxROWS, such as 38x10") from None
     try:
         return checked_grid((columns, rows))
     except GridError as error:
@@ -104,21 +148,37 @@ def parsed_grid(text: str) -> tuple[int, int] | str:
 
 
 def task_with_id(corpus: str, task_id: str) -> Task:
-    """The task, from whichever set of the corpus has it. Raises CommandError with ids that there are."""
-    sets = list(load_all_tasks(corpus))
-    found = [tasks.by_id(task_id) for tasks in sets if task_id in tasks.ids]
-    if not found:
+    """The task, from whichever set of the corpus contains it. Raises CommandError suggesting existing ids."""
+    return task_sets_with_id(list(load_all_tasks(corpus)), corpus, task_id)[0].by_id(task_id)
+
+
+def task_sets_with_id(sets: Sequence[TaskSet], corpus: str, task_id: str) -> list[TaskSet]:
+    """Those of the corpus's task sets that contain the task, at least one. Raises CommandError as above."""
+    matches = [tasks for tasks in sets if task_id in tasks.ids]
+    if not matches:
         ids = [known for tasks in sets for known in tasks.ids]
         examples = ", ".join(get_close_matches(task_id, ids) or ids[:3])
-        raise CommandError(f"no task {task_id!r} in corpus {corpus!r}; there are for example {examples}")
-    return found[0]
+        raise CommandError(f"no task {task_id!r} in corpus {corpus!r}; tasks include {examples}")
+    return matches
 
 
-def said_settings(args: argparse.Namespace) -> dict[str, Any]:
+def given_environment(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `Settings`, except the configuration, that were given on the command line."""
+    return given_options(args, [field.name for field in fields(Settings) if field.name != "configuration"])
+
+
+def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """The fields of `Settings` that were given on the command line."""
-    return said(args, [field.name for field in fields(Settings)])
+    return {**given_environment(args), **given_options(args, ["configuration"])}
 
 
-def said(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
-    """Those of the named options that were given."""
+def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    """The values of those options that were given."""
     return {name: value for name in names if (value := getattr(args, name)) is not None}
+
+
+def check_at_least(args: argparse.Namespace, minimum: int, *names: str) -> None:
+    """Raises CommandError for the first of the options that was given a lower value."""
+    for name, value in given_options(args, names).items():
+        if value < minimum:
+            raise CommandError(f"--{flag_name(name)} must be at least {minimum}, not {value}")

@@ -10,9 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.cli.options import add_configuration, add_settings, add_split, given_settings
 from lilgym_mp.evaluation.files import writable_file
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.terminal import shows_colours
 
 if TYPE_CHECKING:
@@ -24,14 +24,15 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "play",
         help="play in the terminal, or by mouse in a window",
-        description="Change the picture until the statement has the wanted truth value, then stop. Type help.",
+        description="Edit the scene until the statement has the target truth value, then stop. Type help for the "
+        "commands.",
     )
-    add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}", nargs="?", default="TowerScratch")
+    add_configuration(parser, nargs="?", default="TowerScratch")
     add_split(parser, "train")
-    parser.add_argument("--task", metavar="ID", help="begin with this task (default: one drawn at random)")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the tasks drawn (default: another each time)")
-    parser.add_argument("--gif", type=Path, metavar="FILE", help="write what was played as an animation")
-    parser.add_argument("--window", action="store_true", help="play by mouse in a window (the extra human)")
+    parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
+    parser.add_argument("--seed", type=int, metavar="N", help="random seed of the tasks (default: not seeded)")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="write the session as an animation")
+    parser.add_argument("--window", action="store_true", help="play by mouse in a window (needs the extra human)")
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.gif is not None:
         writable_file(args.gif)
-    env = Settings(**said_settings(args)).make(args.split)
+    env = Settings(**given_settings(args)).make(args.split)
     session, converse = _windowed(env) if args.window else (Session(env, print, coloured=shows_colours()), _converse)
     try:
         session.begin(seed=args.seed, task_id=args.task)
@@ -55,22 +56,22 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _windowed(env: LilGymEnv) -> tuple[Session, Callable[[Session], None]]:
-    """A session that speaks in a window, and what plays it there."""
-    from lilgym_mp.cli.play_window import Desk, opened, play
+    """A session that shows its messages in a window, and the function that plays it there."""
+    from lilgym_mp.cli.play_window import ControlPanel, open_window, play
     from lilgym_mp.cli.session import Session
 
-    opened()
-    desk = Desk(env.dynamics.appearance)
+    open_window()
+    panel = ControlPanel(env.dynamics.appearance)
 
     def say(text: str) -> None:
-        if "\n" not in text:  # a hint or a fault; the picture is shown already
-            desk.message = text
+        if "\n" not in text:  # a hint or an error; the window shows the picture itself
+            panel.message = text
 
-    return Session(env, say, coloured=False), lambda session: play(session, desk)
+    return Session(env, say, coloured=False), lambda session: play(session, panel)
 
 
 def _converse(session: Session) -> None:
-    """Reads commands until the person or the input ends."""
+    """Reads commands until the person quits or the input ends."""
     for line in typed_lines():
         session.answer(line)
         if session.is_over:
@@ -78,10 +79,10 @@ def _converse(session: Session) -> None:
 
 
 def typed_lines() -> Iterator[str]:
-    """What is typed, line by line, until the input ends; on a terminal with editing and a history."""
+    """Lines of standard input until it ends; on a terminal with line editing and a history."""
     interactive = sys.stdin.isatty()
     if interactive:
-        with suppress(ImportError):  # what gives `input` editing and a history, where the system has it
+        with suppress(ImportError):  # importing it adds editing and a history to `input`
             import_module("readline")
     while True:
         try:
@@ -92,7 +93,7 @@ def typed_lines() -> Iterator[str]:
 
 
 def _read_line() -> str:
-    """The next line of what is no terminal, shown as if it had been typed. Raises EOFError at the end."""
+    """The next line of input that is not a terminal, echoed. Raises EOFError at the end."""
     print("> ", end="", flush=True)
     line = sys.stdin.readline()
     if not line:

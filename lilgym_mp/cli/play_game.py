@@ -11,9 +11,9 @@ import numpy as np
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, said_settings
+from lilgym_mp.cli.options import add_configuration, add_settings, add_split, given_settings
 from lilgym_mp.cli.play import typed_lines
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render import text
 from lilgym_mp.terminal import shows_colours
 
@@ -23,30 +23,39 @@ if TYPE_CHECKING:
 PROTOCOLS = ("veto", "joint", "audit", "critique")
 BOTH = "both"
 SIDES = {"proposer": ("proposer_0",), "verifier": ("verifier_0",), BOTH: ("proposer_0", "verifier_0")}
-PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # who plays the other side, by the person's
+PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # default partner by the person's side
 MOST_LISTED = 40  # legal actions shown
 
 
 class _Quit(Exception):
-    """The person leaves, or the input ends."""
+    """The person quits, or the input ends."""
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "play-game",
         help="play the two-agent game in the terminal",
-        description="A proposer and a verifier share a task. You play one side, or both; type an action's name, such "
-        "as ADD(LEFT, BLUE) or accept, or: legal, quit.",
+        description="A proposer and a verifier share a task. Play one agent or both by typing actions, such as "
+        "ADD(LEFT, BLUE) or accept; type legal to list the legal actions, and quit to leave.",
     )
-    add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}", nargs="?", default="TowerScratch")
+    add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument("--protocol", choices=PROTOCOLS, default="veto", help="(default: %(default)s)")
-    parser.add_argument("--as", dest="side", choices=list(SIDES), default="proposer", help="(default: %(default)s)")
     parser.add_argument(
-        "--partner", metavar="NAME", help="a script for the other side, such as oracle, helpful, sneaky, random"
+        "--as",
+        dest="side",
+        choices=list(SIDES),
+        default="proposer",
+        help="the agent to play (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--partner",
+        metavar="NAME",
+        help="scripted policy of the other agent, such as oracle, helpful, sneaky, random (default: oracle as "
+        "verifier, helpful as proposer)",
     )
     add_split(parser, "train")
-    parser.add_argument("--task", metavar="ID", help="play this task (default: one drawn at random)")
-    parser.add_argument("--seed", type=int, metavar="N", help="of what is drawn (default: another each time)")
+    parser.add_argument("--task", metavar="ID", help="play this task (default: a random one)")
+    parser.add_argument("--seed", type=int, metavar="N", help="random seed of task and partner (default: not seeded)")
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -56,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         from lilgym_mp.envs.proposer_verifier import SCRIPTED, parallel_env
     except ImportError as error:
         raise CommandError(str(error)) from None
-    settings = said_settings(args)
+    settings = given_settings(args)
     configuration = Settings(settings.pop("configuration"))
     named = args.partner or PARTNERS[args.side]
     partner = choose("partner", named, SCRIPTED)
@@ -71,12 +80,12 @@ def run(args: argparse.Namespace) -> int:
     try:
         _play(game, args.side, partner, np.random.default_rng(args.seed))
     except (_Quit, KeyboardInterrupt):
-        print("left before the end")
+        print("quit before the end of the game")
     return 0
 
 
 def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
-    """One game to its end."""
+    """Plays one game to its end."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, PartnerTurn, Role
 
     lines = typed_lines()
@@ -89,40 +98,40 @@ def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.r
         for agent, role in zip(AGENTS, Role, strict=True):
             turn = PartnerTurn(game.engine, role, rng)
             legal = np.flatnonzero(turn.action_mask).tolist()
-            if len(legal) == 1:  # it is the other's turn
+            if len(legal) == 1:  # it is the other agent's turn
                 actions[agent] = legal[0]
                 continue
-            actions[agent] = _asked(game, agent, legal, lines) if agent in SIDES[side] else int(partner(turn))
+            actions[agent] = _read_action(game, agent, legal, lines) if agent in SIDES[side] else int(partner(turn))
             if agent not in SIDES[side]:
                 print(f"{agent}: {game.describe_action(agent, actions[agent])}")
-        _, gained, _, _, infos = game.step(actions)
-        rewards = {agent: rewards[agent] + gained[agent] for agent in AGENTS}
+        _, step_rewards, _, _, infos = game.step(actions)
+        rewards = {agent: rewards[agent] + step_rewards[agent] for agent in AGENTS}
     outcome = infos[AGENTS[0]]["outcome"].replace("_", " ")
     print(text(game.scene, [], coloured=shows_colours()))
     print(f"{outcome}; " + ", ".join(f"{agent} {reward:+.1f}" for agent, reward in rewards.items()))
 
 
-def _asked(game: ProposerVerifierParallel, agent: str, legal: list[int], lines: Iterator[str]) -> int:
-    """The person's action. Raises _Quit."""
-    names = [game.describe_action(agent, number) for number in legal]
+def _read_action(game: ProposerVerifierParallel, agent: str, legal: list[int], lines: Iterator[str]) -> int:
+    """The index of the person's action. Raises _Quit."""
+    names = [game.describe_action(agent, index) for index in legal]
     shown = ", ".join(names[:MOST_LISTED]) + (", ..." if len(names) > MOST_LISTED else "")
     if len(names) <= MOST_LISTED:
         print(f"{agent}, one of: {shown}")
     else:
         print(f"{agent}, such as {names[1]}; type legal to see more")
     for line in lines:
-        said = line.strip()
-        if said == "quit":
+        command = line.strip()
+        if command == "quit":
             raise _Quit
-        if said == "legal":
+        if command == "legal":
             print(shown)
             continue
         try:
-            number = game.read_action(agent, said)
+            action = game.read_action(agent, command)
         except ActionError as error:
             print(error)
             continue
-        if number in legal:
-            return number
-        print(f"{said} is not legal now")
+        if action in legal:
+            return action
+        print(f"{command} is not legal now")
     raise _Quit

@@ -1,4 +1,4 @@
-"""`lilgym-mp play --window`: a person plays by mouse. Clicks become what the terminal's player would type."""
+"""`lilgym-mp play --window`: playing by mouse. Clicks are translated into the text commands of `play`."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH
 FPS = 30
 BUTTON_WIDTH, BUTTON_HEIGHT, GAP = 76, 30, 8  # pixels
 MESSAGE_HEIGHT = 28
-LIT_RGB, UNLIT_RGB, EDGE_RGB = (200, 219, 245), (240, 240, 240), (150, 150, 150)
-LEFT_BUTTON, RIGHT_BUTTON = 1, 3  # pygame's
+SELECTED_RGB, BUTTON_RGB, EDGE_RGB = (200, 219, 245), (240, 240, 240), (150, 150, 150)
+LEFT_BUTTON, RIGHT_BUTTON = 1, 3  # of the mouse, as numbered by pygame
 COMMANDS = ("stop", "hint", "next", "back", "quit")
 HELP = "Left button adds, right button removes. Keys: s stop, h hint, n next, b back, q quit."
 
 
 class Button(NamedTuple):
-    """A word below the picture."""
+    """A button below the picture."""
 
     word: str
     left: int
     top: int
 
-    def holds(self, x: int, y: int) -> bool:
+    def contains(self, x: int, y: int) -> bool:
         return self.left <= x < self.left + BUTTON_WIDTH and self.top <= y < self.top + BUTTON_HEIGHT
 
 
 @dataclass
-class Desk:
-    """What can be clicked, what look is chosen for the next item, and the last message."""
+class ControlPanel:
+    """The buttons, the attributes selected for the next item, and the last message."""
 
     appearance: Appearance
     message: str = HELP
-    chosen: dict[int, str] = field(default_factory=dict)  # by row of words, the word
+    selected: dict[int, str] = field(default_factory=dict)  # by row of buttons, the selected word
 
     def __post_init__(self) -> None:
-        item_types: list[Sequence[str]] = [[*COLOURS]]
+        attributes: list[Sequence[str]] = [[*COLOURS]]
         if isinstance(self.appearance, Scatter):
-            item_types += [[*SHAPES], [*SIZES]]
-        self.item_types = item_types
-        self.chosen = {row: words[0] for row, words in enumerate(item_types)}
+            attributes += [[*SHAPES], [*SIZES]]
+        self.attributes = attributes
+        self.selected = {row: words[0] for row, words in enumerate(attributes)}
         top = FRAME_SHAPE[0] + GAP
         self.buttons = [
-            Button(word, MARGIN + (BUTTON_WIDTH + GAP) * place, top + (BUTTON_HEIGHT + GAP) * row)
-            for row, words in enumerate([*item_types, COMMANDS])
-            for place, word in enumerate(words)
+            Button(word, MARGIN + (BUTTON_WIDTH + GAP) * column, top + (BUTTON_HEIGHT + GAP) * row)
+            for row, words in enumerate([*attributes, COMMANDS])
+            for column, word in enumerate(words)
         ]
 
     @property
@@ -66,21 +66,21 @@ class Desk:
         return self.buttons[-1].top + BUTTON_HEIGHT + MESSAGE_HEIGHT
 
     def click(self, x: int, y: int, button: int) -> str | None:
-        """The command that a click gives, if any; one on a look chooses it."""
-        word = next((one.word for one in self.buttons if one.holds(x, y)), None)
+        """The command for a click, if any; a click on an attribute selects it."""
+        word = next((shown.word for shown in self.buttons if shown.contains(x, y)), None)
         if word in COMMANDS:
             return word
         if word is not None:
-            row = next(row for row, words in enumerate(self.item_types) if word in words)
-            self.chosen[row] = word
+            row = next(row for row, words in enumerate(self.attributes) if word in words)
+            self.selected[row] = word
             return None
-        place = self._place((x - MARGIN) // SCALE, (y - MARGIN) // SCALE)
-        if place is None or button not in (LEFT_BUTTON, RIGHT_BUTTON):
+        cell = self._cell_at((x - MARGIN) // SCALE, (y - MARGIN) // SCALE)
+        if cell is None or button not in (LEFT_BUTTON, RIGHT_BUTTON):
             return None
-        return f"remove {place}" if button == RIGHT_BUTTON else f"add {place} {' '.join(self.chosen.values())}"
+        return f"remove {cell}" if button == RIGHT_BUTTON else f"add {cell} {' '.join(self.selected.values())}"
 
-    def _place(self, x: int, y: int) -> str | None:
-        """How commands call the place at a native pixel: a cell or a box; None outside of the boxes."""
+    def _cell_at(self, x: int, y: int) -> str | None:
+        """The cell (Scatter) or box (Tower) at a native pixel, as named in commands; None outside of the boxes."""
         if not (0 <= x < IMAGE_WIDTH and 0 <= y < IMAGE_HEIGHT and x % BOX_PITCH < BOX_SIDE):
             return None
         if isinstance(self.appearance, Scatter):
@@ -95,25 +95,25 @@ class Desk:
         pen, font = ImageDraw.Draw(image), caption_font()
         for word, left, top in self.buttons:
             corners = left, top, left + BUTTON_WIDTH - 1, top + BUTTON_HEIGHT - 1
-            lit = word in self.chosen.values()
-            pen.rounded_rectangle(corners, 5, LIT_RGB if lit else UNLIT_RGB, EDGE_RGB)
+            is_selected = word in self.selected.values()
+            pen.rounded_rectangle(corners, 5, SELECTED_RGB if is_selected else BUTTON_RGB, EDGE_RGB)
             middle = left + BUTTON_WIDTH // 2, top + BUTTON_HEIGHT // 2
             pen.text(middle, word, fill=INK_RGB, font=font, anchor="mm")
         pen.text((MARGIN, self.height - MESSAGE_HEIGHT + 4), self.message, fill=INK_RGB, font=font)
         return np.asarray(image)
 
 
-def play(session: Session, desk: Desk) -> None:
-    """Shows the session's picture and does what is clicked or pressed, until the person leaves.
+def play(session: Session, panel: ControlPanel) -> None:
+    """Shows the session's picture and executes mouse and key commands until the person quits.
 
     Raises CommandError without pygame or without a display.
     """
-    window = opened()
+    window = open_window()
     pygame: Any = import_module("pygame")
     keys = {getattr(pygame, f"K_{word[0]}"): word for word in COMMANDS}
     try:
         while not session.is_over:
-            window.show(desk.picture(session.picture))
+            window.show(panel.picture(session.picture))
             event = pygame.event.wait()
             command = None
             if event.type == pygame.QUIT:
@@ -122,18 +122,18 @@ def play(session: Session, desk: Desk) -> None:
                 command = keys.get(event.key)
             elif event.type == pygame.MOUSEBUTTONDOWN:
                 x, y = event.pos
-                command = desk.click(x, y, event.button)
+                command = panel.click(x, y, event.button)
             if command is not None:
-                desk.message = ""
+                panel.message = ""
                 session.answer(command)
     except pygame.error as error:
-        raise CommandError(f"no window can be opened: {error}; play without --window") from None
+        raise CommandError(f"cannot open a window: {error}; play without --window") from None
     finally:
         window.close()
 
 
-def opened() -> Window:
-    """A window, which appears with its first picture. Raises CommandError without pygame."""
+def open_window() -> Window:
+    """A window, which becomes visible with its first picture. Raises CommandError without pygame."""
     try:
         return Window(FPS)
     except gym.error.DependencyNotInstalled as error:

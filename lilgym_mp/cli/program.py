@@ -1,4 +1,4 @@
-"""`lilgym-mp program`: what is wrong with a program, and how it comes to its value in a scene."""
+"""`lilgym-mp program`: checks a program, or traces its evaluation in a scene."""
 
 from __future__ import annotations
 
@@ -6,28 +6,26 @@ import argparse
 from typing import Any
 
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import task_with_id
+from lilgym_mp.cli.options import add_corpus, task_with_id
 from lilgym_mp.programs import ProgramError, compile_program, explain_program
 
 
 def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser("program", help="check a program of the program language, or run it in a scene")
+    parser = subparsers.add_parser("program", help="check a program, or evaluate it in a scene")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="say whether a program compiles, or where and why not")
+    check = actions.add_parser("check", help="compile a program, and show where and why it is wrong if it fails")
     check.add_argument("source", help="one expression, such as 'exist(filter_obj(all_items, is_blue))'")
     check.set_defaults(run=run)
-    running = actions.add_parser(
+    evaluate = actions.add_parser(
         "run",
-        help="its truth in the start scene of a task, and which items satisfied what",
-        description="Evaluates a program, or the task's own, in the start scene of a task, and shows the values of its "
-        "parts and which items satisfied its conditions.",
+        help="evaluate a program in the start scene of a task",
+        description="Evaluates a program, by default the task's own, in the start scene of a task, and shows the value "
+        "of each part and which items satisfied its conditions.",
     )
-    running.add_argument("source", nargs="?", help="one expression (default: the task's own program)")
-    running.add_argument("--task", required=True, metavar="ID", help="the task whose start scene is meant")
-    running.add_argument(
-        "--corpus", default="builtin", help='"builtin" (default), "lilgym" (the official one), or a path'
-    )
-    running.set_defaults(run=run_in_scene)
+    evaluate.add_argument("source", nargs="?", help="one expression (default: the task's own program)")
+    evaluate.add_argument("--task", required=True, metavar="ID", help="task that gives the start scene")
+    add_corpus(evaluate)
+    evaluate.set_defaults(run=run_in_scene)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`lilgym-mp report`: every table and figure of the paper, and more, for the agents whose episodes were recorded."""
+"""`lilgym-mp report`: the tables and figures of the paper, and more, for recorded agents."""
 
 from __future__ import annotations
 
@@ -19,29 +19,31 @@ AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "report",
-        help="tables and figures of the paper for recorded episodes",
-        description="Makes one page, DIR/index.html, with the paper's tables and figures and more for everything "
-        "recorded in the places; each item as CSV and Markdown, or SVG and PNG, too. A run whose episodes were not "
-        "recorded is played first, beside the expert and random play.",
+        help="make the paper's tables and figures for recorded episodes",
+        description="Writes a page, DIR/index.html, with the paper's tables and figures and more for all recorded "
+        "episodes; tables also as CSV and Markdown, figures also as SVG and PNG. Runs without recorded episodes are "
+        "evaluated first, together with the expert and random policies.",
     )
     parser.add_argument(
         "places",
         nargs="+",
         type=Path,
         metavar="DIR_OR_RUN",
-        help="directories or files that `evaluate --record` or `experiment` wrote, or directories of training runs",
+        help="directories or files written by `evaluate --record` or `experiment`, or run directories",
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the report goes")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the report")
     parser.add_argument(
-        "--tags", type=Path, metavar="FILE", help="hand-made phenomena: JSON, statements with their lists"
+        "--tags", type=Path, metavar="FILE", help="JSON file with manually annotated phenomena: a list by statement"
     )
     parser.add_argument(
         "--document",
         type=Path,
         metavar="FILE.md",
-        help="also the main tables and figures as a Markdown page without statements, pictures beside it",
+        help="also write the main tables and figures, without statements, as a Markdown page with pictures next to it",
     )
-    parser.add_argument("--corpus", metavar="NAME", help="for runs that are played (default: that of their training)")
+    parser.add_argument(
+        "--corpus", metavar="NAME", help="corpus to evaluate runs on (default: the one they were trained on)"
+    )
     add_split(parser, "dev")
     parser.set_defaults(run=run)
 
@@ -54,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     check_directory(args.out)
     if args.document is not None:
         check_document(args.document)
-    runs = [place for place in args.places if is_run_alone(place)]
+    runs = [place for place in args.places if is_unrecorded_run(place)]
     places = [place for place in args.places if place not in runs]
     recorded = recorded_runs(places)
     unplayed = [place for place in runs if place.resolve() not in recorded]
@@ -63,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             if unplayed:
                 _play(unplayed, Path(played), args.corpus, args.split)
                 places.append(Path(played))
-            command = " ".join(["lilgym-mp", *args.words])
+            command = " ".join(["lilgym-mp", *args.argv])
             page = make_report(places, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
     except ImportError as error:
         raise CommandError(str(error)) from None
@@ -73,31 +75,31 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def is_run_alone(place: Path) -> bool:
-    """Whether the directory is of a training run with an agent and without recorded episodes."""
+def is_unrecorded_run(place: Path) -> bool:
+    """Whether the directory is a run with an agent but without recorded episodes."""
     return (place / AGENT_FILE).is_file() and not any(place.rglob(f"*{SUFFIX}"))
 
 
 def recorded_runs(places: Sequence[Path]) -> set[Path]:
-    """The directories of the agents whose episodes are recorded in the places. Raises EpisodesError."""
+    """The run directories of the recorded agents. Raises EpisodesError."""
     files = [file for place in places if place.is_dir() for file in sorted(place.rglob(f"*{SUFFIX}"))]
     headers = map(read_header, [*files, *(place for place in places if place.is_file())])
     return {Path(header.run).resolve() for header in headers if header is not None and header.run is not None}
 
 
 def _play(places: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:
-    """Records the runs, the expert and random play."""
-    from lilgym_mp.cli import parsed
+    """Evaluates and records the runs, the expert and random policies."""
+    from lilgym_mp.cli import parse_args
 
-    for corpus_name in dict.fromkeys(corpus or trained_on(place) for place in places):
-        own = [place for place in places if (corpus or trained_on(place)) == corpus_name]
-        words = [*map(str, own), "--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name]
-        args = parsed(["evaluate", *words, "--split", split, "--record", str(directory), "--optimal"])
+    for corpus_name in dict.fromkeys(corpus or training_corpus_of(place) for place in places):
+        own = [place for place in places if (corpus or training_corpus_of(place)) == corpus_name]
+        options = ["--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name, "--split", split]
+        args = parse_args(["evaluate", *map(str, own), *options, "--record", str(directory), "--optimal"])
         args.run(args)
 
 
-def trained_on(place: Path) -> str:
-    """The corpus of a training run, by its description. Raises CommandError."""
+def training_corpus_of(place: Path) -> str:
+    """The corpus that a run was trained on, from its description. Raises CommandError."""
     file = place / RUN_FILE
     try:
         data = json.loads(file.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""`lilgym-mp serve`: play, watch, sit in a seat, annotate and explore in the browser."""
+"""`lilgym-mp serve`: the web application for playing, watching agents, annotating and exploring."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import RUNS
+from lilgym_mp.cli.options import RUNS, add_corpus
 from lilgym_mp.extras import install
 
 if TYPE_CHECKING:
@@ -27,32 +27,30 @@ WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "alem
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "serve",
-        help="play, watch agents, sit in a seat, annotate and explore in the browser",
-        description="Serves pages to play tasks, watch recorded agents, take a seat beside one, annotate statements "
-        "with programs and explore a corpus. Everything stays on this machine; Ctrl-C ends it.",
+        help="play, watch agents, annotate and explore in the browser",
+        description="Serves a web application on which to play tasks, watch recorded agents, play the two-agent game, "
+        "annotate statements with programs and explore a corpus. All data stay on this machine; Ctrl-C stops it.",
     )
     parser.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to listen at (default: %(default)s); beyond loopback nobody gets in without a token",
+        help="address to listen on (default: %(default)s); other than loopback, visitors need a token",
     )
-    parser.add_argument("--port", type=int, default=PORT, help="default: %(default)s; 0: any that is free")
-    parser.add_argument(
-        "--corpus", default="builtin", help='"builtin" (default), "lilgym" (the official one), or a path'
-    )
+    parser.add_argument("--port", type=int, default=PORT, help="port, 0 for any free one (default: %(default)s)")
+    add_corpus(parser)
     parser.add_argument(
         "--database",
         default=DATABASE,
         metavar="FILE_OR_URL",
-        help="an SQLite file, or the URL of a PostgreSQL database (default: %(default)s)",
+        help="SQLite file, or URL of a PostgreSQL database (default: %(default)s)",
     )
     parser.add_argument(
         "--runs",
         type=Path,
         metavar="DIR",
-        help=f"directory with training runs and recorded episodes (default: {RUNS}, where there is one)",
+        help=f"directory with training runs and recorded episodes (default: {RUNS}, if it exists)",
     )
-    parser.add_argument("--open", action="store_true", help="open the page in this machine's browser")
+    parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.set_defaults(run=run)
 
 
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if args.runs is not None and not args.runs.is_dir():
         raise CommandError(f"--runs {args.runs}: there is no such directory")
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
-    listening = _listening(args.host, args.port)
+    listening = _listen(args.host, args.port)
     with listening:
         is_local = _is_loopback(listening.getsockname()[0])
         options = ServeOptions(
@@ -82,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _listening(host: str, port: int) -> socket.socket:
-    """A socket that listens. Raises CommandError saying why there can be none."""
+def _listen(host: str, port: int) -> socket.socket:
+    """A listening socket. Raises CommandError with the reason if that fails."""
     if not 0 <= port < 65536:
         raise CommandError(f"--port must be in 0 .. 65535, not {port}")
     try:
@@ -98,8 +96,8 @@ def _listening(host: str, port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRINUSE:
-            raise CommandError(f"port {port} is taken; choose another with --port, or 0 for any") from None
-        raise CommandError(f"cannot listen at {host}, port {port}: {error.strerror}") from None
+            raise CommandError(f"port {port} is in use; choose another with --port, or 0 for any free one") from None
+        raise CommandError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
     return listening
 
 
@@ -121,7 +119,7 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
     with app.state.services.database.write_session() as session:
         token = issue_token(session, ORGANISER, ORGANISER)
     organiser_url = f"{url}/login?token={token}"
-    lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C ends it")
+    lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C stops it")
 
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -138,8 +136,8 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
         timeout_graceful_shutdown=3,
         timeout_keep_alive=30,
     )
-    # The first page that lists tasks would wait for all of them to be read.
+    # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
     threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
-    with suppress(KeyboardInterrupt):  # which uvicorn raises again once all connections are closed
+    with suppress(KeyboardInterrupt):  # raised again by uvicorn once all connections are closed
         Server(config).run(sockets=[listening])
     print("stopped", file=sys.stderr)

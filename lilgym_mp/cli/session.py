@@ -1,4 +1,4 @@
-"""A person's play: from what is typed to what is shown."""
+"""A person's play, as text in and text out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ import numpy as np
 
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.cli.commands import VERBS, CommandFault, chosen, command_help, command_of, legal_commands, parsed
+from lilgym_mp.cli.commands import (
+    VERBS,
+    CommandSyntaxError,
+    command_help,
+    format_command,
+    legal_commands,
+    match_choice,
+    parse_command,
+)
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.render import text
@@ -18,19 +26,19 @@ from lilgym_mp.render.ruler import ruled
 
 
 class Session:
-    """Episodes played one after another; `say` shows lines to the person."""
+    """Plays episodes one after another; `say` shows text to the person."""
 
     def __init__(self, env: LilGymEnv, say: Callable[[str], object], *, coloured: bool) -> None:
         self._env = env
         self._say = say
         self._coloured = coloured
-        self._news = ""  # what the last action did
+        self._last_result = ""  # of the last action, as text
         self._episode_over = False
         self._frames: list[UInt8Array] = []
         self._successes: list[bool] = []
         self._rewards: list[float] = []
         self.is_over = False
-        self._others: Mapping[str, Callable[[], object]] = {
+        self._commands: Mapping[str, Callable[[], object]] = {
             "hint": self._hint,
             "legal": self._legal,
             "show": self._show,
@@ -41,42 +49,42 @@ class Session:
         }
 
     def begin(self, seed: int | None = None, task_id: str | None = None) -> None:
-        """Starts an episode of the task, or of one drawn. Raises ValueError for an unknown task."""
+        """Starts an episode of the task, by default a random one. Raises ValueError for an unknown task."""
         self._env.reset(seed=seed, options={} if task_id is None else {"task": task_id})
-        self._news, self._episode_over = "", False
+        self._last_result, self._episode_over = "", False
         self._film()
         self._show()
 
     def answer(self, line: str) -> None:
-        """Does what a line of input says, and shows it; explains what it cannot make out."""
+        """Executes a line of input and shows the result, or an error message."""
         words = line.lower().replace(",", " ").split()
         if not words:
             return
         try:
-            name = chosen("command", words[0], {name: name for name in (*VERBS, *self._others)})
+            name = match_choice("command", words[0], {name: name for name in (*VERBS, *self._commands)})
             if name in VERBS:
                 self._act([name, *words[1:]])
             elif len(words) > 1:
-                raise CommandFault(f"{name} takes no more words; did you mean add or remove?")
+                raise CommandSyntaxError(f"{name} takes no arguments; did you mean add or remove?")
             else:
-                self._others[name]()
-        except CommandFault as error:
-            self._say(f"{error}")
+                self._commands[name]()
+        except CommandSyntaxError as error:
+            self._say(str(error))
 
     def _act(self, words: list[str]) -> None:
         if self._episode_over:
-            raise CommandFault("this episode is over; type next for another task, back for its start, or quit")
+            raise CommandSyntaxError("this episode is over; type next for another task, back for its start, or quit")
         env = self._env
-        action = parsed(words, env.dynamics.appearance)
+        action = parse_command(words, env.dynamics.appearance)
         _, reward, terminated, truncated, info = env.step(env.dynamics.appearance.encode(action))
         self._rewards.append(float(reward))
-        self._news = f"{command_of(action)}: reward {float(reward):+.1f}"
+        self._last_result = f"{format_command(action)}: reward {float(reward):+.1f}"
         self._episode_over = terminated or truncated
         if self._episode_over:
             self._successes.append(info["is_success"])
             reason = f" ({info['invalid_reason']})" if "invalid_reason" in info else ""
             outcome = info["outcome"] + reason
-            self._news += f", {outcome.replace('_', ' ')}"
+            self._last_result += f", {outcome.replace('_', ' ')}"
         self._film()
         self._show()
 
@@ -85,7 +93,7 @@ class Session:
         task = env.task
         left = env.dynamics.horizon - env.state.steps
         lines = [f'"{task.statement}"', f"Make this {str(task.target).lower()}, then stop. Actions left: {left}."]
-        return [*lines, self._news] if self._news else lines
+        return [*lines, self._last_result] if self._last_result else lines
 
     def _show(self) -> None:
         picture = text(self._env.scene, [], coloured=self._coloured)
@@ -100,19 +108,19 @@ class Session:
 
     @property
     def picture(self) -> UInt8Array:
-        """(304, 784, 3) the scene with its lines, as it is now."""
+        """(304, 784, 3) the current scene with its text."""
         return self._frames[-1]
 
     def _hint(self) -> None:
         from lilgym_mp.solver import Expert
 
         if self._episode_over:
-            raise CommandFault("this episode is over; type next or back")
+            raise CommandSyntaxError("this episode is over; type next or back")
         solution = Expert(self._env).plan()
         if solution.solved:
-            self._say(f"try: {command_of(solution.actions[0])}   (actions to go: {solution.steps})")
+            self._say(f"try: {format_command(solution.actions[0])}   (actions to go: {solution.steps})")
         else:
-            self._say(f"no idea: {solution.reason}")
+            self._say(f"no solution found: {solution.reason}")
 
     def _legal(self) -> None:
         legal = np.flatnonzero(self._env.action_masks())
@@ -125,25 +133,25 @@ class Session:
         self.is_over = True
 
     def save_film(self, path: Path) -> bool:
-        """Writes all that was shown as a GIF, if there was anything; gives whether."""
+        """Writes all pictures shown as a GIF; gives whether there were any."""
         if self._frames:
             save_gif(path, self._frames)
         return bool(self._frames)
 
     def score(self) -> str:
-        """How it went, in a line."""
+        """Successes and total reward, in one line."""
         count = len(self._successes)
-        ended = "no episode ended" if count == 0 else f"{sum(self._successes)} of {count} episodes succeeded"
+        ended = "no episode completed" if count == 0 else f"{sum(self._successes)} of {count} episodes succeeded"
         return f"{ended}, reward {sum(self._rewards):+.1f}"
 
 
 HELP = (
-    "stop             say that the statement now is as wanted",
-    "hint             one good action",
-    "legal            what can be done now",
-    "show             the picture again",
-    "next             another task",
-    "back             this task again, from its start",
-    "quit             leave (so does the end of input, or Ctrl-C)",
-    "Words may be cut short: a l bla is add left black.",
+    "stop             end the episode: the statement has its target value",
+    "hint             show an optimal action",
+    "legal            list the legal actions",
+    "show             show the picture again",
+    "next             go to another task",
+    "back             restart this task",
+    "quit             leave (as do the end of input and Ctrl-C)",
+    "Words may be abbreviated: a l bla is add left black.",
 )

@@ -1,4 +1,4 @@
-"""`lilgym-mp solve`: the expert on every task of a split, and how short its solutions are."""
+"""`lilgym-mp solve`: solves every task of a split with the expert, and summarises its solutions."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import argparse
 import os
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.actions import Action, describe
-from lilgym_mp.appearances import Scatter, make_appearance
+from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_settings, said
+from lilgym_mp.cli.options import CONFIGURATIONS_HELP, add_settings, check_at_least, given_environment
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.caption import LastAction, caption
@@ -25,62 +24,60 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.render import text
 from lilgym_mp.render.frames import frame
 from lilgym_mp.render.ruler import ruled
-from lilgym_mp.rules import Dynamics, make_dynamics
+from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table
 from lilgym_mp.task import Task
 from lilgym_mp.terminal import Progress, shows_colours
 
-MOST_LISTED = 20  # unsolved tasks shown; the results file has all
+MOST_LISTED = 20  # unsolved tasks printed; the results file has all
 
 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "solve",
-        help="the expert: shortest solutions of every task",
-        description="Solves every task of the splits, and says which solutions are proven to be shortest.",
+        help="solve tasks with the expert",
+        description="Finds shortest solutions of all tasks of the splits, and reports which are proven shortest.",
     )
     parser.add_argument(
         "configurations",
         nargs="*",
         metavar="CONFIGURATION",
-        help=f"any of {', '.join(CONFIGURATIONS)} (default: all)",
+        help=f"any of {CONFIGURATIONS_HELP} (default: all)",
     )
     parser.add_argument(
-        "--split", nargs="+", choices=list(SPLITS), default=["dev"], help="one or more splits (default: dev)"
+        "--split", nargs="+", choices=list(SPLITS), default=["dev"], help="splits of the corpus (default: dev)"
     )
     parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="every task's solution as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite what --out or --gif names")
-    parser.add_argument("--task", nargs="+", metavar="ID", help="only these tasks, with their solutions")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
+    parser.add_argument("--force", action="store_true", help="overwrite the files named by --out and --gif")
+    parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
     parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
-    parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: film the solutions")
-    parser.add_argument("--replay", action="store_true", help="play each solution in the environment as well")
+    parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: write an animation of the solutions")
+    parser.add_argument("--replay", action="store_true", help="verify each solution by playing it in the environment")
     add_solving(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
 
 
 def add_solving(parser: argparse.ArgumentParser) -> None:
-    """Options for how much work the expert may do."""
+    """Options that limit the expert's work."""
     options = parser.add_argument_group("expert")
-    options.add_argument("--budget", type=int, metavar="N", help="scenes looked at per task, at most")
+    options.add_argument("--budget", type=int, metavar="N", help="search budget: maximum number of scenes per task")
     options.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)"
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.limit is not None and args.limit < 1:
-        raise CommandError(f"--limit must be at least 1, not {args.limit}")
+    check_at_least(args, 1, "limit")
     if args.out is not None:
         fresh_file(args.out, force=args.force)
-    shared = said(args, [field.name for field in fields(Settings) if field.name != "configuration"])
-    chosen = [Settings(name, **shared) for name in args.configurations or CONFIGURATIONS]
+    chosen = [Settings(name, **given_environment(args)) for name in args.configurations or CONFIGURATIONS]
     if args.task is not None:
         return _run_tasks(chosen, args)
     if args.show or args.gif is not None:
-        raise CommandError("--show and --gif go with --task ID")
+        raise CommandError("--show and --gif need --task ID")
     summaries: dict[str, Summary] = {}
     records: list[dict[str, Any]] = []
     unsolved: list[str] = []
@@ -91,13 +88,13 @@ def run(args: argparse.Namespace) -> int:
             summaries[name] = summarise(reports)
             unsolved.extend(_unsolved_lines(name, reports))
             if args.replay:
-                played, successes = replayed(settings, split, reports)
+                played, successes = replay(settings, split, reports)
                 print(f"{name}: {successes:,} of {played:,} solutions succeed in the environment")
-            dynamics = dynamics_of(settings)
-            where = {"settings": settings.to_json(), "split": split}
-            records.extend({**where, **report_json(report, dynamics)} for report in reports)
+            dynamics = settings.dynamics()
+            source = {"settings": settings.to_json(), "split": split}
+            records.extend({**source, **report_json(report, dynamics)} for report in reports)
     first = chosen[0]
-    print(f"corpus {first.corpus}, rules {first.rules}, horizon {dynamics_of(first).horizon}, grid {_grid(first)}\n")
+    print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {_grid(first)}\n")
     print(summary_table(summaries))
     _print_unsolved(unsolved)
     if args.out is not None:
@@ -107,15 +104,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
-    """The named tasks' solutions, action by action."""
+    """Prints the solutions of the named tasks, action by action."""
     if len(chosen) != 1 or len(args.split) != 1:
-        raise CommandError("--task goes with one CONFIGURATION and one --split")
+        raise CommandError("--task needs exactly one CONFIGURATION and one --split")
     if args.out is not None or args.replay or args.limit is not None:
-        raise CommandError("--task takes no --out, --replay or --limit")
+        raise CommandError("--task excludes --out, --replay and --limit")
     if args.gif is not None:
         fresh_file(args.gif, force=args.force)
     (settings,), (split,) = chosen, args.split
-    dynamics, solver = dynamics_of(settings), Solver(dynamics_of(settings), args.budget)
+    dynamics = settings.dynamics()
+    solver = Solver(dynamics, args.budget)
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
     frames: list[UInt8Array] = []
     for task in [tasks.by_id(task_id) for task_id in args.task]:
@@ -125,28 +123,28 @@ def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
         if not solution.solved:
             print(f"  {solution.status}: {solution.reason}")
             continue
-        proof = "proven shortest" if solution.proven_optimal else f"at least {solution.least_edits} edits are needed"
+        proof = "proven shortest" if solution.proven_optimal else f"lower bound: {solution.least_edits} edits"
         print(f"  {solution.steps} actions, {proof}")
-        frames += _shown_actions(dynamics, task, solution.actions, show=args.show)
+        frames += _print_actions(dynamics, task, solution.actions, show=args.show)
     if args.gif is not None:
         if not frames:
-            raise CommandError("there is no solution to film")
+            raise CommandError("--gif: no solution was found")
         save_gif(args.gif, frames)
         print(f"film: {args.gif}")
     return 0
 
 
-def _shown_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> list[UInt8Array]:
-    """Prints each action, with `show` the scene before it; gives the frames of a film."""
+def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> list[UInt8Array]:
+    """Prints each action, with `show` also the scene before it; returns the frames of a film."""
     state, last = dynamics.start(task), None
     frames = [frame(state.scene, caption(state, dynamics, None), dynamics.appearance)]
-    for number, action in enumerate(actions, 1):
+    for step, action in enumerate(actions, 1):
         if show:
             drawn = text(state.scene, [], coloured=shows_colours())
             appearance = dynamics.appearance
             print(ruled(drawn, appearance.grid) if isinstance(appearance, Scatter) else drawn)
         transition = dynamics.step(state, action)
-        print(f"  {number}. {describe(action)}: reward {transition.reward:+.1f}")
+        print(f"  {step}. {describe(action)}: reward {transition.reward:+.1f}")
         last = LastAction(dynamics.appearance.encode(action), transition.result, transition.invalid)
         state = transition.state
         frames.append(frame(state.scene, caption(state, dynamics, last), dynamics.appearance))
@@ -154,25 +152,20 @@ def _shown_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
 
 
 def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
-    """Reports on the split's tasks, with progress. Raises ValueError for unusable settings."""
+    """Solves the split's tasks, showing progress. Raises ValueError for invalid settings."""
     tasks: Sequence[Any] = load_tasks(settings.corpus, settings.appearance, settings.start, split)
     tasks = tasks[: args.limit] if getattr(args, "limit", None) else tasks
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
         try:
             return solve_tasks(
                 tasks,
-                dynamics_of(settings),
+                settings.dynamics(),
                 budget=args.budget,
                 jobs=args.jobs,
                 on_report=lambda report: progress.advance(),
             )
         except BrokenProcessPool:
-            raise CommandError("a process was ended from outside; with --jobs 1 there is none to end") from None
-
-
-def dynamics_of(settings: Settings) -> Dynamics:
-    """The MDP that the settings name."""
-    return make_dynamics(make_appearance(settings.appearance, settings.grid), settings.rules, settings.horizon)
+            raise CommandError("a worker process was killed; --jobs 1 solves without worker processes") from None
 
 
 def _grid(settings: Settings) -> str:
@@ -189,14 +182,14 @@ def _unsolved_lines(name: str, reports: Sequence[TaskReport]) -> list[str]:
 
 def _print_unsolved(lines: Sequence[str]) -> None:
     if lines:
-        print(f"\nwithout a solution: {len(lines)}")
+        print(f"\nunsolved: {len(lines)}")
         print("\n".join(lines[:MOST_LISTED]))
         if len(lines) > MOST_LISTED:
-            print(f"... and {len(lines) - MOST_LISTED} more; --out FILE lists all")
+            print(f"... and {len(lines) - MOST_LISTED} more; --out FILE writes all")
 
 
-def replayed(settings: Settings, split: str, reports: Sequence[TaskReport]) -> tuple[int, int]:
-    """How many solutions there are, and how many of them succeed when the environment plays them."""
+def replay(settings: Settings, split: str, reports: Sequence[TaskReport]) -> tuple[int, int]:
+    """The number of solutions, and of those that succeed when played in the environment."""
     env = settings.make(split)
     encode = env.dynamics.appearance.encode
     solutions = [report for report in reports if report.solution.solved]

@@ -1,9 +1,8 @@
-"""`lilgym-mp train imitation`: a network that imitates the expert's optimal actions, from images and words."""
+"""`lilgym-mp train imitation`: a network that imitates the expert's optimal actions, from images and text."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
@@ -14,9 +13,12 @@ from lilgym_mp.cli.options import (
     add_configuration,
     add_device,
     add_recipe,
+    add_run_directory,
+    add_seed,
     add_settings,
-    said,
-    said_settings,
+    check_at_least,
+    given_options,
+    given_settings,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
@@ -32,21 +34,20 @@ DEFAULT_MINUTES = 10.0
 def add_parser(learners: Any) -> None:
     parser = learners.add_parser(
         LEARNER,
-        help="a network that imitates the expert's optimal actions, from images and words",
-        description="Train a network to imitate the sets of optimal actions that the expert finds. At test it sees "
-        "images and words alone, and plans nothing.",
+        help="a network that imitates the expert's optimal actions, from images and text",
+        description="Trains a network to imitate the sets of optimal actions that the expert finds. The trained agent "
+        "acts on images and statements alone, without planning.",
     )
-    add_configuration(parser, help=f"one of {', '.join(CONFIGURATIONS)}")
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"the run's directory (default: {RUNS}/{LEARNER}-NAME)")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in that directory")
+    add_configuration(parser)
+    add_run_directory(parser, f"{LEARNER}-CONFIGURATION")
     parser.add_argument(
         "--minutes",
         type=float,
         default=DEFAULT_MINUTES,
         metavar="N",
-        help="processor time, the expert's included (default: %(default)s)",
+        help="CPU time, including the expert's (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the network and its data (default: 0)")
+    add_seed(parser, "of the network and its data")
     add_device(parser)
     add_settings(parser)
     add_recipe(parser, ImitationRecipe)
@@ -60,19 +61,21 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.imitation.training import train_imitation
 
     choose("configuration", args.configuration, CONFIGURATIONS)
-    if args.seed < 0 or args.threads < 1 or args.minutes <= 0:
-        raise CommandError("--seed must be at least 0, --threads at least 1, --minutes above 0")
+    check_at_least(args, 0, "seed")
+    check_at_least(args, 1, "threads")
+    if args.minutes <= 0:
+        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
     torch.set_num_threads(args.threads)
-    settings = Settings(**said_settings(args))
+    settings = Settings(**given_settings(args))
     names = [name for name in ImitationRecipe.__dataclass_fields__ if hasattr(args, name)]
-    recipe = default_recipe(settings.appearance, **said(args, names))
-    place = args.out or RUNS / f"{LEARNER}-{args.configuration}"
+    recipe = default_recipe(settings.appearance, **given_options(args, names))
+    directory = args.out or RUNS / f"{LEARNER}-{args.configuration}"
     try:
         with ImitationDisplay(args.minutes, resumed=args.resume) as display:
             train_imitation(
                 settings,
                 recipe,
-                place,
+                directory,
                 minutes=args.minutes,
                 seed=args.seed,
                 device=args.device,
@@ -81,16 +84,18 @@ def run(args: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt:
         print(
-            f"interrupted; go on with: lilgym-mp train {LEARNER} {args.configuration} --resume"
-            f" --corpus {settings.corpus} --minutes {args.minutes:g} --seed {args.seed} --out {place}"
+            f"interrupted; resume with: lilgym-mp train {LEARNER} {args.configuration} --resume"
+            f" --corpus {settings.corpus} --minutes {args.minutes:g} --seed {args.seed} --out {directory}"
         )
         return INTERRUPTED
-    print(f"saved {place / AGENT_FILE}\nevaluate it with: lilgym-mp evaluate {place} --corpus {settings.corpus}")
+    print(
+        f"saved {directory / AGENT_FILE}\nevaluate it with: lilgym-mp evaluate {directory} --corpus {settings.corpus}"
+    )
     return 0
 
 
 class ImitationDisplay:
-    """Shows how an imitation run goes, in CPU seconds. A context manager."""
+    """Shows the progress of an imitation run in CPU seconds. A context manager."""
 
     def __init__(self, minutes: float, *, resumed: bool) -> None:
         self._progress = Progress(round(60 * minutes), "CPU seconds", done=None if resumed else 0)

@@ -1,4 +1,4 @@
-"""`lilgym-mp train ppo`: proximal policy optimisation from rewards alone."""
+"""`lilgym-mp train ppo`: proximal policy optimisation, from rewards alone."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from lilgym_mp.cli.options import (
     add_configuration,
     add_device,
     add_recipe,
+    add_run_directory,
+    add_save_every,
     add_settings,
-    option,
-    said,
-    said_settings,
+    check_at_least,
+    given_options,
+    given_settings,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
@@ -34,13 +36,13 @@ def add_parser(learners: Any) -> None:
     parser = learners.add_parser(
         "ppo",
         help="proximal policy optimisation, from rewards alone",
-        description="Train an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves and ends.",
+        description="Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint "
+        "and exits.",
     )
-    add_configuration(parser, nargs="?", help=f"one of {', '.join(CONFIGURATIONS)}")
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"the run's directory (default: {RUNS}/CONFIGURATION)")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in that directory")
+    add_configuration(parser, nargs="?")
+    add_run_directory(parser, "CONFIGURATION")
     parser.add_argument(
-        "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="actions in all (default: %(default)s)"
+        "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="environment steps (default: %(default)s)"
     )
     parser.add_argument(
         "--recipe",
@@ -51,16 +53,15 @@ def add_parser(learners: Any) -> None:
         "--weights",
         type=Path,
         metavar="DIR",
-        help="pretrained weights: config.json, model.safetensors, tokenizer; or the run that `imitation` begins from",
+        help="directory of pretrained weights: config.json, model.safetensors and tokenizer, or, for the model "
+        "`imitation`, a run of that learner",
     )
-    parser.add_argument(
-        "--save-every", type=int, default=100_000, metavar="N", help="steps between checkpoints (default: %(default)s)"
-    )
+    add_save_every(parser, 100_000)
     parser.add_argument(
         "--evaluate-every",
         type=int,
         metavar="N",
-        help="steps between evaluations on dev, for learning curves (default: none)",
+        help="steps between evaluations on dev, for learning curves (default: no evaluations)",
     )
     add_device(parser)
     add_settings(parser)
@@ -72,13 +73,11 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.ppo.training import train_ppo
 
-    for name in ("steps", "save_every", "evaluate_every", "threads"):
-        if (value := getattr(args, name)) is not None and value < 1:
-            raise CommandError(f"--{option(name)} must be at least 1, not {value}")
-    place, arguments = _resumed(args) if args.resume else _begun(args)
-    with _Display(args.steps, place) as display:
+    check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
+    directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
+    with _Display(args.steps, directory) as display:
         agent = train_ppo(
-            out=place,
+            out=directory,
             steps=args.steps,
             device=args.device,
             resume=args.resume,
@@ -90,50 +89,50 @@ def run(args: argparse.Namespace) -> int:
             **arguments,
         )
     details = agent.description.details
-    print(f"saved {place / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
+    print(f"saved {directory / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
-        print(f"interrupted; go on with: lilgym-mp train ppo --resume --out {place} --steps {args.steps}")
+        print(f"interrupted; resume with: lilgym-mp train ppo --resume --out {directory} --steps {args.steps}")
         return INTERRUPTED
     if details["validation_accuracy"] is not None:
-        share, steps = 100 * details["validation_accuracy"], details["validation_steps"]
-        print(f"the agent is the one after {steps:,} steps, with {share:.1f} % of the tasks held out from train")
-    print(f"evaluate it with: lilgym-mp evaluate {place} --corpus {arguments['settings'].corpus}")
+        accuracy, steps = 100 * details["validation_accuracy"], details["validation_steps"]
+        print(f"best checkpoint: after {steps:,} steps, with a validation accuracy of {accuracy:.1f} %")
+    print(f"evaluate it with: lilgym-mp evaluate {directory} --corpus {arguments['settings'].corpus}")
     return 0
 
 
-def _begun(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+def _new_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     if args.configuration is None:
         raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
     choose("configuration", args.configuration, CONFIGURATIONS)
     name = args.recipe or DEFAULT_RECIPE
     return args.out or RUNS / args.configuration, {
-        "settings": Settings(**said_settings(args)),
-        "recipe": make_recipe(name, args.configuration, **said(args, list(DESCRIPTIONS))),
+        "settings": Settings(**given_settings(args)),
+        "recipe": make_recipe(name, args.configuration, **given_options(args, list(DESCRIPTIONS))),
         "recipe_name": name,
         "weights": args.weights,
     }
 
 
-def _resumed(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     from lilgym_mp.learning.ppo.training import saved_arguments
 
     if args.out is None and args.configuration is None:
         raise CommandError("name what to resume: --out DIR, or a configuration")
-    place = args.out or RUNS / args.configuration
-    asked = {
+    directory = args.out or RUNS / args.configuration
+    requested = {
         **({"recipe_name": args.recipe} if args.recipe else {}),
         **({"weights": str(args.weights)} if args.weights else {}),
-        "environment": said_settings(args),
-        "recipe": said(args, list(DESCRIPTIONS)),
+        "environment": given_settings(args),
+        "recipe": given_options(args, list(DESCRIPTIONS)),
     }
-    return place, saved_arguments(place, asked)
+    return directory, saved_arguments(directory, requested)
 
 
 class _Display:
-    """Says what is trained, once it is known, then shows each update. A context manager."""
+    """Prints the run's settings when it begins, then shows its progress. A context manager."""
 
-    def __init__(self, steps: int, place: Path) -> None:
-        self._steps, self._place = steps, place
+    def __init__(self, steps: int, directory: Path) -> None:
+        self._steps, self._directory = steps, directory
         self._progress: Progress | None = None
 
     def __enter__(self) -> _Display:
@@ -145,15 +144,15 @@ class _Display:
 
     def begin(self, run: Run) -> None:
         recipe, model = run.recipe, run.model
-        origin = f", after {run.steps:,} before" if run.steps else ""
-        frozen = f" and {model.frozen_parameters:,} that stay as they are" if model.frozen_parameters else ""
+        resumed = f", resumed after {run.steps:,}" if run.steps else ""
+        frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
         print(
             f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
-            f" tasks, {len(run.tasks.validation):,} for validation; {self._steps:,} steps{origin}\n"
+            f" tasks, {len(run.tasks.validation):,} for validation; {self._steps:,} steps{resumed}\n"
             f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}{run.reported_parameters()};"
             f" {'PPO+SF' if recipe.stop_forcing else 'PPO'}, {'a' if recipe.mask else 'no'} mask of legal actions,"
             f" seed {recipe.seed}\n"
-            f"run directory: {self._place}",
+            f"run directory: {self._directory}",
             flush=True,
         )
         self._progress = Progress(self._steps, "steps", run.steps)
@@ -161,5 +160,5 @@ class _Display:
     def __call__(self, update: TrainingProgress) -> None:
         if self._progress is not None:
             accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
-            note = f"{update.steps_per_second:,.0f} a second, training accuracy {accuracy}"
+            note = f"{update.steps_per_second:,.0f} steps/s, training accuracy {accuracy}"
             self._progress.reach(update.steps, note)

@@ -163,21 +163,21 @@ def test_ratio__is_to_copying_in_the_same_round() -> None:
 
 def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
     @contextmanager
-    def opened(workload: Workload) -> Iterator[Play]:
+    def open_window(workload: Workload) -> Iterator[Play]:
         yield lambda: Timed(count(), 1.0)
 
-    return Subject(group, name, 1, opened)
+    return Subject(group, name, 1, open_window)
 
 
 def test_missing_package__is_noted_and_the_rest_measured() -> None:
     @contextmanager
-    def opened(workload: Workload) -> Iterator[Play]:
+    def open_window(workload: Workload) -> Iterator[Play]:
         raise ModuleNotFoundError("no SB3", name="stable_baselines3.common")
         yield
 
     bench = Bench(SHORT)
     rest = _fake(subjects(["single"])[0])
-    bench.measure(Workload("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, opened), rest], lambda: None)
+    bench.measure(Workload("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, open_window), rest], lambda: None)
     assert bench.notes == ["not measured: sb3 (needs stable_baselines3.common)"]
     assert [one.subject for one in bench.results] == [rest]
 

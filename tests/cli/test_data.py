@@ -88,7 +88,7 @@ def test_import__tells_when_the_variable_names_another_directory(
     data: Run, released: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("LILGYM_DATA", str(released))
-    assert f'note: LILGYM_DATA is set: corpus "lilgym" is read from {released}' in data("import", released)
+    assert f'note: LILGYM_DATA is set, so the corpus "lilgym" is read from {released}' in data("import", released)
 
 
 @pytest.mark.usefixtures("cache")
@@ -106,7 +106,7 @@ def test_download__installs_once(data: Run, released: Path, cache: Path, monkeyp
         web.files.update({f"/{path.name}": path.read_bytes() for path in released.iterdir()})
         assert f"installed in {cache} from {web.url}" in data("download", "--url", web.url)
         asked = len(web.asked)
-        assert f"installed already, from {web.url}" in data("download", "--url", web.url)
+        assert f"already installed from {web.url}" in data("download", "--url", web.url)
         assert len(web.asked) == asked
         assert "installed in" in data("download", "--url", web.url, "--force")
         assert f"from {web.url}/" in data("download", "--url", f"{web.url}/", "--splits", "test", "test")
@@ -123,7 +123,7 @@ def test_download__without_a_server_tells_what_to_do(
         web.misdeeds["/tower_scratch_test.json"] = [Misdeed(resets=True)] * 5
         said = refused("download", "--url", web.url)
     assert "no proper answer" in said
-    assert "the same command goes on from there" in said
+    assert "run the same command again to resume" in said
     assert "lilgym-mp data import DIRECTORY" in said
     assert not cache.exists()
 
@@ -137,7 +137,7 @@ def test_download__a_url_that_is_none_is_refused(refused: Run):
 def test_list__an_absent_official_corpus_is_said_to_be(data: Run, capsys: pytest.CaptureFixture[str]):
     main(["data", "list"])
     said = capsys.readouterr()
-    assert "lilgym   not here" in said.out
+    assert "lilgym   not installed" in said.out
     assert "lilgym-mp data download" in said.err
 
 
@@ -200,12 +200,12 @@ def test_show__tells_all_of_a_task(data: Run, own: Path, tmp_path: Path):
 
 def test_show__an_id_that_is_none_is_refused_with_ids_like_it(refused: Run, own: Path):
     assert "no task 'blu-no' in corpus" in refused("show", "blu-no", "--corpus", own)
-    assert "for example blue-no" in refused("show", "blu-no", "--corpus", own)
+    assert "tasks include blue-no" in refused("show", "blu-no", "--corpus", own)
 
 
 def test_show__an_id_in_several_sets_needs_a_choice(data: Run, refused: Run, released: Path):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
-    assert "several tasks are called '7': " in refused("show", "7", "--corpus", released)
+    assert "several tasks have the id '7': " in refused("show", "7", "--corpus", released)
     assert "split 'dev'" in data("show", "7", "--corpus", released, "--split", "dev")
 
 
@@ -221,12 +221,12 @@ def test_synthesize__a_truth_value_that_is_never_met_is_told(data: Run, tmp_path
     entries = [{**small_entries()[0], "id": "many", "program": "count(all_items) > 900", "starts": []}]
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", entries)
     said = data("synthesize", tmp_path / "own.jsonl", "--output", tmp_path / "new.jsonl")
-    assert "note: only false was met for 'many': Blue is here." in said
+    assert "note: only false start scenes found for 'many': Blue is here." in said
 
 
 def test_permute__boxes_come_in_every_order(data: Run, own: Path, tmp_path: Path):
     said = data("permute", own, "--output", tmp_path / "new.jsonl")
-    assert "3 statements, 4 start scenes made 12" in said
+    assert "3 statements, 4 start scenes permuted into 12" in said
     assert "no faults" in data("check", tmp_path / "new.jsonl")
     assert load_tasks(tmp_path / "new.jsonl", "scatter", "flipit", "dev").ids[0] == "round-yes"
 
@@ -235,7 +235,7 @@ def test_permute__boxes_come_in_every_order(data: Run, own: Path, tmp_path: Path
 def test_output__a_file_is_replaced_only_by_force(command: str, data: Run, refused: Run, own: Path, tmp_path: Path):
     path = tmp_path / "new.jsonl"
     path.write_text("precious")
-    assert "new.jsonl exists; --force replaces it" in refused(command, own, "--output", path)
+    assert "new.jsonl exists; --force overwrites it" in refused(command, own, "--output", path)
     assert path.read_text() == "precious"
     data(command, own, "--output", path, "--force")
     assert path.read_text() != "precious"

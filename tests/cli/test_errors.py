@@ -22,7 +22,10 @@ MISTAKES = {
     "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
     "unknown learner": (["train", "TowerScratch"], "invalid choice: 'TowerScratch' (choose from"),
     "unknown configuration to imitate in": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
-    "no time to imitate in": (["train", "imitation", "TowerScratch", "--minutes", "0"], "--minutes above 0"),
+    "no time to imitate in": (
+        ["train", "imitation", "TowerScratch", "--minutes", "0"],
+        "--minutes must be above 0, not 0",
+    ),
     "unknown device": (
         ["train", "parse-and-plan", "--device", "tpu"],
         "unknown device 'tpu'; choose from auto, cpu, cuda",
@@ -56,7 +59,10 @@ MISTAKES = {
         ["train", "ppo", "ScatterScratch", "--grid", "20x5"],
         "straddle a separator; choose from",
     ),
-    "no grid": (["train", "ppo", "ScatterScratch", "--grid", "many"], "'many' must be 'native' or such as 38x10"),
+    "no grid": (
+        ["train", "ppo", "ScatterScratch", "--grid", "many"],
+        "'many' must be 'native' or COLUMNSxROWS, such as 38x10",
+    ),
     "too many actions": (["train", "ppo", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
     "a horizon of nothing": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
     "a recipe of nonsense": (
@@ -65,8 +71,8 @@ MISTAKES = {
     ),
     "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
     "no steps to show": (["demo", "--parser-steps", "0"], "--parser-steps must be at least 1"),
-    "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes and --threads at least 1"),
-    "nobody to evaluate": (["evaluate"], "name the directories of trained agents, or policies with --policy"),
+    "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
+    "nobody to evaluate": (["evaluate"], "name run directories of trained agents, or policies with --policy"),
     "no agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
     "no run to resume": (["train", "ppo", "--resume", "--out", "nowhere"], "no training run in nowhere"),

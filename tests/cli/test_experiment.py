@@ -18,9 +18,9 @@ from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.experiment import Display, minutes, row
+from lilgym_mp.cli.experiment import Display, format_duration, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
-from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts, carry_out
+from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
 from tests.own_corpus import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
@@ -123,8 +123,8 @@ def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_bo
         (SMALL + "speed = 3", r"learners\[0\]\.speed: unknown key; choose from name, learner"),
         (SMALL.replace("ppo", "sarsa"), "unknown learner 'sarsa'; choose from parse-and-plan, imitation, ppo"),
         (SMALL.replace("TowerScratch", "Tower"), "configurations: unknown value 'Tower'; choose from TowerScratch"),
-        ("seeds = []\n" + SMALL, "seeds: must be a list with something in it"),
-        ("seeds = [1, 1]\n" + SMALL, "seeds: the same value twice"),
+        ("seeds = []\n" + SMALL, "seeds: must be a non-empty list"),
+        ("seeds = [1, 1]\n" + SMALL, "seeds: duplicate value"),
         ("seeds = [-1]\n" + SMALL, "seeds: must be at least 0, not -1"),
         ('splits = ["final"]\n' + SMALL, "splits: unknown value 'final'; choose from train, dev, test"),
         ('policies = ["best"]\n' + SMALL, "policies: unknown value 'best'; choose from expert"),
@@ -135,12 +135,12 @@ def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_bo
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
         (SMALL + '[[learners]]\nlearner = "ppo"', "learners: two have the same name"),
         (SMALL + 'corpus = "/nowhere.jsonl"', r"learners\[0\]\.corpus: .*nowhere"),
-        (SMALL + "corpus = 1", r"learners\[0\]\.corpus: must be a text, not 1"),
-        (SMALL + 'name = "a/b"', "name: must be of letters"),
+        (SMALL + "corpus = 1", r"learners\[0\]\.corpus: must be a string, not 1"),
+        (SMALL + 'name = "a/b"', "name: must consist of letters"),
         (SMALL.replace("ppo", "parse-and-plan") + 'configurations = ["TowerScratch"]', "one agent plays all"),
         (SMALL + 'configurations = ["ScatterFlipIt"]', "unknown value 'ScatterFlipIt'; choose from TowerScratch"),
-        ("seeds = [0]", "learners: must be one or several tables"),
-        ("seeds = [", "no TOML"),
+        ("seeds = [0]", "learners: must be one or more tables"),
+        ("seeds = [", "invalid TOML"),
     ],
 )
 def test_plan__what_cannot_be_is_refused_naming_file_key_and_choices(tmp_path: Path, text: str, said: str):
@@ -168,13 +168,13 @@ def test_carry_out__a_failure_stops_no_other_run_and_is_told_with_its_log(tmp_pa
     for name in ("runs", "episodes", "logs", "finished"):
         (tmp_path / name).mkdir()
     plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
-    made = [Script(planned, tmp_path, threads=1) for planned in plans]
-    carry_out(made, 1, lambda: None, 0.1)
-    assert [attempt.standing for attempt in made] == [Standing.FAILED, Standing.FINISHED]
-    assert "no-such-command" in made[0].fault
-    assert "no-such-command" in made[0].log.read_text()
-    again = attempts(plans, tmp_path, 1)
-    assert [attempt.standing for attempt in again] == [Standing.WAITING, Standing.FINISHED]
+    attempts = [Script(planned, tmp_path, threads=1) for planned in plans]
+    run_locally(attempts, 1, lambda: None, 0.1)
+    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
+    assert "no-such-command" in attempts[0].error
+    assert "no-such-command" in attempts[0].log.read_text()
+    again = make_attempts(plans, tmp_path, 1)
+    assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
 
 def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
@@ -182,16 +182,16 @@ def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
     plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
     for name in ("runs", "episodes", "logs", "finished"):
         (tmp_path / name).mkdir()
-    made = [Attempt(plans[0], tmp_path, 1), Script(plans[1], tmp_path, 1)]
+    attempts = [Attempt(plans[0], tmp_path, 1), Script(plans[1], tmp_path, 1)]
 
     def kill() -> None:
-        process = made[0]._process
+        process = attempts[0]._process
         if process is not None and process.poll() is None:
             process.kill()
 
-    carry_out(made, 1, kill, 0.1)
-    assert [attempt.standing for attempt in made] == [Standing.FAILED, Standing.FINISHED]
-    assert made[0].fault.startswith("ended by SIGKILL: $ lilgym-mp evaluate")
+    run_locally(attempts, 1, kill, 0.1)
+    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
+    assert attempts[0].error.startswith("killed by SIGKILL: $ lilgym-mp evaluate")
 
 
 @pytest.mark.long
@@ -269,20 +269,20 @@ def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path
 
 
 def test_display__is_a_live_table_on_a_terminal_and_lines_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    made = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
+    attempts = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
     (tmp_path / "runs" / "one").mkdir(parents=True)
     (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
     screen = io.StringIO()
-    with Display(made, Console(file=screen, force_terminal=True, width=90)) as display:
-        made[0].standing, made[0].seconds = Standing.TRAINING, 30.0
+    with Display(attempts, Console(file=screen, force_terminal=True, width=90)) as display:
+        attempts[0].status, attempts[0].seconds = RunStatus.TRAINING, 30.0
         display.update()
-        made[0].where = "on 10.0.0.7"
+        attempts[0].location = "on 10.0.0.7"
         display.update()
     shown = screen.getvalue()
     for text in ("run", "state", "left", "one", "waiting", "training on 10.0.0.7", "25 %", "0:30", "1:30"):
         assert text in shown
-    with Display(made, Console(file=io.StringIO())) as display:
-        made[1].standing = Standing.TRAINING
+    with Display(attempts, Console(file=io.StringIO())) as display:
+        attempts[1].status = RunStatus.TRAINING
         display.update()
         display.update()
     assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: training\n"
@@ -292,10 +292,10 @@ def test_attempts__a_run_made_with_other_options_is_refused(tmp_path: Path):
     (tmp_path / "finished").mkdir()
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
-        attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
+        make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["before"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"other options: \['before'\], not \['evaluate'\]"):
-        attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
+        make_attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
 
 
 def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
@@ -303,9 +303,9 @@ def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
     assert row(attempt) == ["a", "waiting", "", "", ""]
     attempt.run.mkdir(parents=True)
     (attempt.run / "progress.jsonl").write_text('{"steps": 10}\n{"steps": 25}\n')
-    attempt.standing, attempt.seconds = Standing.TRAINING, 30.0
+    attempt.status, attempt.seconds = RunStatus.TRAINING, 30.0
     assert row(attempt) == ["a", "training", "25 %", "0:30", "1:30"]
-    assert minutes(3601) == "60:01"
+    assert format_duration(3601) == "60:01"
 
 
 @pytest.mark.long

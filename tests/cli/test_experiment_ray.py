@@ -13,8 +13,8 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
-from lilgym_mp.cli.experiment_ray import carry_out_on_ray, packed, unpack
-from lilgym_mp.cli.experiment_runs import Attempt, Standing, attempts
+from lilgym_mp.cli.experiment_ray import pack, run_on_ray, unpack
+from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts
 from lilgym_mp.evaluation.episodes import SUFFIX, read_header
 
 NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'
@@ -35,9 +35,9 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     monkeypatch.setenv("RAY_worker_niceness", "0")  # else other work on this machine comes first
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    yield made
-    made.shutdown()
+    attempts = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    yield attempts
+    attempts.shutdown()
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
@@ -47,22 +47,22 @@ def test_ray__a_run_whose_node_is_killed_is_made_again_on_another_and_results_ar
     doomed = cluster.add_node(num_cpus=1)
     monkeypatch.chdir(tmp_path)
     Path("two.toml").write_text(TWO_RUNS)
-    made = attempts(read_plan(Path("two.toml")), Path("results"), 1)
+    attempts = make_attempts(read_plan(Path("two.toml")), Path("results"), 1)
     seen: set[str] = set()
 
     def watch() -> None:
         nonlocal doomed
-        seen.update(attempt.where for attempt in made)
-        training = [a.standing is Standing.TRAINING and a.share_done is not None for a in made]
+        seen.update(attempt.location for attempt in attempts)
+        training = [a.status is RunStatus.TRAINING and a.fraction_done is not None for a in attempts]
         if doomed is not None and all(training):
             cluster.remove_node(doomed, allow_graceful=False)
             doomed = None
 
-    carry_out_on_ray(made, cluster.address, 1, watch, 0.2)
+    run_on_ray(attempts, cluster.address, 1, watch, 0.2)
     assert doomed is None
-    assert [attempt.standing for attempt in made] == [Standing.FINISHED] * 2, [attempt.fault for attempt in made]
-    assert any("attempt 2" in where for where in seen)
-    for attempt in made:
+    assert [attempt.status for attempt in attempts] == [RunStatus.FINISHED] * 2, [attempt.error for attempt in attempts]
+    assert any("attempt 2" in location for location in seen)
+    for attempt in attempts:
         assert json.loads(attempt.marker.read_text())["commands"] == attempt.planned.commands
         assert (attempt.run / "agent.safetensors").exists()
         (recording,) = attempt.episodes.glob(f"*{SUFFIX}")
@@ -78,31 +78,31 @@ def test_ray__ctrl_c_brings_back_what_runs_have_saved_and_a_failing_run_stops_no
     file = tmp_path / "long.toml"
     file.write_text(TWO_RUNS.replace("4096", "10_000_000"))
     bad = PlannedRun("bad", (), (("no-such-command",),))
-    made = attempts([bad, *read_plan(file)[:1]], tmp_path / "results", 1)
+    attempts = make_attempts([bad, *read_plan(file)[:1]], tmp_path / "results", 1)
 
     presses = iter([KeyboardInterrupt])
 
     def interrupt() -> None:
-        if made[1].share_done and (press := next(presses, None)):
+        if attempts[1].fraction_done and (press := next(presses, None)):
             raise press
 
     with pytest.raises(KeyboardInterrupt):
-        carry_out_on_ray(made, cluster.address, 1, interrupt, 0.2)
-    assert [attempt.standing for attempt in made] == [Standing.FAILED, Standing.INTERRUPTED]
-    assert "no-such-command" in made[0].fault
-    assert (made[1].run / "checkpoint.pt").exists()
-    assert not made[1].marker.exists()
+        run_on_ray(attempts, cluster.address, 1, interrupt, 0.2)
+    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.INTERRUPTED]
+    assert "no-such-command" in attempts[0].error
+    assert (attempts[1].run / "checkpoint.pt").exists()
+    assert not attempts[1].marker.exists()
 
 
 def test_packed__holds_a_run_and_nothing_else_and_is_unpacked_elsewhere(tmp_path: Path):
     plan = [PlannedRun(name, (), ()) for name in ("a", "b")]
-    here, other = attempts(plan, tmp_path / "here", 1)
+    here, other = make_attempts(plan, tmp_path / "here", 1)
     for attempt in (here, other):
         attempt.run.mkdir()
         (attempt.run / "checkpoint.pt").write_text(attempt.planned.name)
         attempt.log.write_text("said")
-    (there,) = attempts(plan[:1], Path("there"), 1, tmp_path)
-    unpack(packed(here), there)
+    (there,) = make_attempts(plan[:1], Path("there"), 1, tmp_path)
+    unpack(pack(here), there)
     found = sorted(path.relative_to(tmp_path) for path in (tmp_path / "there").rglob("*") if path.is_file())
     assert found == [Path("there/logs/a.log"), Path("there/runs/a/checkpoint.pt")]
 
@@ -125,8 +125,8 @@ def test_experiment__combinations_that_cannot_be_are_refused(
 
 def test_ray__a_corpus_that_nodes_would_not_find_is_refused(tmp_path: Path):
     attempt = Attempt(PlannedRun("a", ("train", "ppo", "--corpus", "own.jsonl"), ()), tmp_path, 1)
-    with pytest.raises(CommandError, match=r"own\.jsonl is a path from here; with --ray name a file by a whole path"):
-        carry_out_on_ray([attempt], "auto", 1, time.sleep, 1.0)
+    with pytest.raises(CommandError, match=r"own\.jsonl is a relative path; --ray needs an absolute path"):
+        run_on_ray([attempt], "auto", 1, time.sleep, 1.0)
 
 
 def test_ray__no_cluster_is_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -134,4 +134,4 @@ def test_ray__no_cluster_is_said_in_a_line(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "two.toml").write_text(TWO_RUNS)
     command = ["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), "--ray", "auto"]
     assert main(command) == USAGE_ERROR
-    assert "--ray auto: no cluster could be joined there" in capsys.readouterr().err
+    assert "--ray auto: cannot connect to a cluster" in capsys.readouterr().err

@@ -18,7 +18,7 @@ from PIL import Image
 from lilgym_mp.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.cli import main
-from lilgym_mp.cli.commands import CommandFault, command_of, parsed
+from lilgym_mp.cli.commands import CommandSyntaxError, format_command, parse_command
 from lilgym_mp.render import text
 from lilgym_mp.render.ruler import ruled
 from lilgym_mp.scene import Colour, Shape, Size
@@ -63,13 +63,13 @@ def test_play__a_hint_solves_it(play: Play):
 def test_play__nonsense_is_explained_and_costs_nothing(play: Play):
     said = play(BLUE_TASK, "dance", "add", "add left", "add up blue", "add left bl", "remove 3", "hint me", "", "show")
     assert "unknown command 'dance'; choose from add, remove, stop, hint" in said
-    assert "add takes 2 words, not 0; say: add BOX COLOUR, such as: add left blue" in said
+    assert "add takes 2 words, not 0; usage: add BOX COLOUR, such as: add left blue" in said
     assert "unknown box 'up'; choose from left, middle, right" in said
     assert "'bl' could be black or blue; choose from yellow, black, blue" in said
     assert "unknown box '3'" in said
-    assert "hint takes no more words" in said
+    assert "hint takes no arguments" in said
     assert said.count("Actions left: 12.") == 2
-    assert said.endswith("no episode ended, reward +0.0\n")
+    assert said.endswith("no episode completed, reward +0.0\n")
 
 
 def test_play__an_illegal_action_ends_the_episode_with_its_reason(play: Play):
@@ -129,7 +129,7 @@ def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
         process.send_signal(signal.SIGINT)
         said, faults = process.communicate(timeout=60)
     assert (process.returncode, faults) == (0, "")
-    assert "no episode ended" in said
+    assert "no episode completed" in said
     assert film.exists()
 
 
@@ -143,7 +143,7 @@ def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
     ],
 )
 def test_parsed__tower(line: str, action: AddBlock):
-    assert parsed(line.split(), Tower()) == action
+    assert parse_command(line.split(), Tower()) == action
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_parsed__tower(line: str, action: AddBlock):
     ],
 )
 def test_parsed__scatter_takes_looks_in_any_order(line: str, action: AddItem):
-    assert parsed(line.split(), Scatter()) == action
+    assert parse_command(line.split(), Scatter()) == action
 
 
 @pytest.mark.parametrize(
@@ -169,15 +169,15 @@ def test_parsed__scatter_takes_looks_in_any_order(line: str, action: AddItem):
     ],
 )
 def test_parsed__faults_say_what_would_do(line: str, fault: str):
-    with pytest.raises(CommandFault, match=fault):
-        parsed(line.split(), Scatter())
+    with pytest.raises(CommandSyntaxError, match=fault):
+        parse_command(line.split(), Scatter())
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))])
 def test_command_of__is_understood_again(appearance: Tower | Scatter):
     for number in range(0, appearance.action_count, 7):
         action = appearance.decode(number)
-        assert parsed(command_of(action).split(), appearance) == action
+        assert parse_command(format_command(action).split(), appearance) == action
 
 
 def test_ruled__numbers_stand_where_their_cells_begin():

@@ -41,7 +41,7 @@ def test_play_game__explains_what_it_does_not_take(typed):
     shown = typed("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
     assert "'nonsense' names no action of proposer_0" in shown
     assert "STOP, ADD(LEFT, YELLOW)" in shown
-    assert shown.splitlines()[-1] == "left before the end"
+    assert shown.splitlines()[-1] == "quit before the end of the game"
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
@@ -75,7 +75,7 @@ def test_program_run__takes_the_tasks_own_program(capsys: pytest.CaptureFixture[
     ("words", "said"),
     [
         (["exists(all_items)", "--task", "tower-dev-001"], "did you mean exist?"),
-        (["--task", "tower-dev-1"], "no task 'tower-dev-1' in corpus 'builtin'; there are for example tower-dev-"),
+        (["--task", "tower-dev-1"], "no task 'tower-dev-1' in corpus 'builtin'; tasks include tower-dev-"),
     ],
 )
 def test_program_run__refuses_in_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.play_window import LEFT_BUTTON, RIGHT_BUTTON, Desk
+from lilgym_mp.cli.play_window import LEFT_BUTTON, RIGHT_BUTTON, ControlPanel
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render.frames import FRAME_SHAPE, MARGIN, SCALE
 
@@ -23,13 +23,13 @@ def pixel(x: int, y: int) -> tuple[int, int]:
     return MARGIN + SCALE * x, MARGIN + SCALE * y
 
 
-def press(desk: Desk, word: str) -> str | None:
+def press(desk: ControlPanel, word: str) -> str | None:
     (button,) = [one for one in desk.buttons if one.word == word]
     return desk.click(button.left + 3, button.top + 3, LEFT_BUTTON)
 
 
 def test_click__names_the_box_of_a_tower():
-    desk = Desk(TOWER)
+    desk = ControlPanel(TOWER)
     assert desk.click(*pixel(50, 20), LEFT_BUTTON) == "add left yellow"
     assert press(desk, "blue") is None
     assert desk.click(*pixel(379, 99), LEFT_BUTTON) == "add right blue"
@@ -37,7 +37,7 @@ def test_click__names_the_box_of_a_tower():
 
 
 def test_click__names_the_cell_and_the_chosen_look():
-    desk = Desk(SCATTER)
+    desk = ControlPanel(SCATTER)
     for word in ("black", "triangle", "large"):
         assert press(desk, word) is None
     assert desk.click(*pixel(159, 39), LEFT_BUTTON) == "add 7 1 black triangle large"
@@ -46,17 +46,17 @@ def test_click__names_the_cell_and_the_chosen_look():
 
 @pytest.mark.parametrize("place", [(0, 0), pixel(120, 50), pixel(100, 0), pixel(139, 99), (783, 100)])
 def test_click__beside_the_boxes_is_nothing(place: tuple[int, int]):
-    assert Desk(SCATTER).click(*place, LEFT_BUTTON) is None
-    assert Desk(SCATTER).click(*pixel(5, 5), 2) is None
+    assert ControlPanel(SCATTER).click(*place, LEFT_BUTTON) is None
+    assert ControlPanel(SCATTER).click(*pixel(5, 5), 2) is None
 
 
 def test_click__on_a_word_is_that_command():
-    desk = Desk(TOWER)
+    desk = ControlPanel(TOWER)
     assert [press(desk, word) for word in ("stop", "hint", "quit")] == ["stop", "hint", "quit"]
 
 
 def test_picture__is_the_frame_above_the_buttons_the_chosen_ones_lit():
-    desk = Desk(SCATTER)
+    desk = ControlPanel(SCATTER)
     frame = np.full(FRAME_SHAPE, 7, np.uint8)
     before = desk.picture(frame)
     assert before.shape == (desk.height, FRAME_SHAPE[1], 3)
@@ -82,7 +82,7 @@ def clicked(monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_play__by_mouse_ends_an_episode(clicked: Any, capsys: pytest.CaptureFixture[str]):
     pygame, give = clicked
     down, key = pygame.MOUSEBUTTONDOWN, pygame.KEYDOWN
-    (blue,) = [one for one in Desk(TOWER).buttons if one.word == "blue"]
+    (blue,) = [one for one in ControlPanel(TOWER).buttons if one.word == "blue"]
     give(
         [
             pygame.event.Event(down, pos=(blue.left + 1, blue.top + 1), button=LEFT_BUTTON),
@@ -102,7 +102,7 @@ def test_play__by_mouse_ends_by_q(clicked: Any, capsys: pytest.CaptureFixture[st
     pygame, give = clicked
     give([pygame.event.Event(pygame.KEYDOWN, key=pygame.K_q), pygame.event.Event(pygame.KEYDOWN, key=pygame.K_s)])
     assert main(["play", "ScatterScratch", "--seed", "1", "--window"]) == 0
-    assert capsys.readouterr().out.startswith("no episode ended")
+    assert capsys.readouterr().out.startswith("no episode completed")
 
 
 def test_play__a_window_without_pygame_says_what_to_install(

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.demo import next_free
+from lilgym_mp.cli.demo import first_free_path
 from lilgym_mp.evaluation import Settings
 from tests.own_corpus import write_own_corpus
 
@@ -106,7 +106,7 @@ def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path:
 
 def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, run: Path):
     said = lilgym("train", "ppo", "--resume", "--out", run, "--steps", 128)
-    assert "128 steps, after 64 before" in said
+    assert "128 steps, resumed after 64" in said
     assert "after 128 steps" in said
 
 
@@ -158,7 +158,7 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
     assert "Traceback" not in faults
     assert process.returncode == 130, faults
     assert f"saved {place / 'agent.safetensors'}" in said
-    assert f"go on with: lilgym-mp train ppo --resume --out {place}" in said
+    assert f"resume with: lilgym-mp train ppo --resume --out {place}" in said
     assert ends(process.pid)
 
 
@@ -262,7 +262,7 @@ def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
     said = lilgym("explain", "--task", task.id)
     assert task.statement in said
-    assert "what comes of it: " in said
+    assert "outcome: " in said
 
 
 @pytest.mark.long
@@ -289,14 +289,14 @@ def test_demo__a_learner_that_fails_is_told_and_nothing_goes_on(tmp_path: Path, 
     assert main(
         ["demo", "--out", str(tmp_path / "demo"), "--minutes", "0.05", "--parser-steps", "1", "--seed", "-1"]
     ) == (USAGE_ERROR)
-    assert "--seed at least 0" in capsys.readouterr().err
+    assert "--seed must be at least 0, not -1" in capsys.readouterr().err
 
 
 def test_demo__a_second_one_takes_another_directory(tmp_path: Path):
-    assert next_free(tmp_path / "demo") == tmp_path / "demo"
+    assert first_free_path(tmp_path / "demo") == tmp_path / "demo"
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo-2").mkdir()
-    assert next_free(tmp_path / "demo") == tmp_path / "demo-3"
+    assert first_free_path(tmp_path / "demo") == tmp_path / "demo-3"
 
 
 def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):

@@ -85,6 +85,6 @@ def test_evaluate_command__records_decisions_where_asked(tmp_path: Path, capsys:
 
 def test_evaluate_command__decisions_need_a_directory(capsys: pytest.CaptureFixture[str]):
     assert main(["evaluate", "--policy", "expert", "--record-decisions"]) != 0
-    assert "--record-decisions goes with --record DIR" in capsys.readouterr().err
+    assert "--record-decisions needs --record DIR" in capsys.readouterr().err
     assert main(["evaluate", "--policy", "expert", "--judge-decisions"]) != 0
-    assert "--judge-decisions goes with --record-decisions" in capsys.readouterr().err
+    assert "--judge-decisions needs --record-decisions" in capsys.readouterr().err

@@ -165,4 +165,4 @@ def test_command__writes_sets(configuration: str, corpus: str, tmp_path: Path, c
 
 def test_command__refuses_what_sets_have_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["demos", "TowerFlipIt", "--sets", "--images", "--out", str(tmp_path / "sets.npz")]) != 0
-    assert "--sets needs --out and takes no" in capsys.readouterr().err
+    assert "--sets needs --out and excludes" in capsys.readouterr().err

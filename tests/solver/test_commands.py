@@ -77,7 +77,7 @@ def test_demos__are_the_same_from_one_process_and_from_two(corpus: str, tmp_path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "say where to write"),
+        ([], "name an output"),
         (["--out", "demos.txt"], "must name a file that ends in .npz"),
         (["--out", "demos.npz", "--episodes", "0"], "--episodes must be at least 1"),
         (["--out", "demos.npz", "--seed", "-1"], "--seed must be at least 0"),
@@ -109,7 +109,7 @@ def test_demos__leave_nothing_when_the_disk_is_full(
 def test_solve__says_that_a_process_was_ended(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
     assert main(["solve", "TowerScratch", "--corpus", corpus, "--jobs", "2"]) == 2
-    assert "a process was ended from outside" in capsys.readouterr().err
+    assert "a worker process was killed" in capsys.readouterr().err
 
 
 class _EndsItsProcess(Solver):
@@ -143,9 +143,9 @@ def test_solve__shows_named_tasks_action_by_action(corpus: str, tmp_path: Path, 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["TowerFlipIt", "--show"], "--show and --gif go with --task ID"),
-        (["--task", "1"], "--task goes with one CONFIGURATION"),
-        (["TowerFlipIt", "--task", "1", "--limit", "3"], "--task takes no"),
+        (["TowerFlipIt", "--show"], "--show and --gif need --task ID"),
+        (["--task", "1"], "--task needs exactly one CONFIGURATION"),
+        (["TowerFlipIt", "--task", "1", "--limit", "3"], "--task excludes"),
         (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
     ],
 )

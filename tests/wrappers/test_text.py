@@ -14,7 +14,7 @@ import pytest
 
 from lilgym_mp.actions import STOP, describe
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.cli.commands import command_of
+from lilgym_mp.cli.commands import format_command
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 
@@ -196,7 +196,7 @@ def test_reply__before_the_first_reset_names_actions(make: Make):
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-@pytest.mark.parametrize("form", [describe, command_of])
+@pytest.mark.parametrize("form", [describe, format_command])
 def test_reply__in_the_forms_of_names_and_of_play_is_every_action(appearance: str, form: Callable[[Any], str]):
     known = make_appearance(appearance, RELEASED_GRID)
     for number in range(0, known.action_count, 1 if known.action_count < 100 else 29):
