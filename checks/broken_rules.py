@@ -223,10 +223,10 @@ BREAKS = (
     ),
     Break(
         "a step further than the shortest solution",
-        "lilgym_mp/solver/tower.py",
-        "for edits in range(min(most_edits, MOST_NEAR_EDITS) + 1):",
-        "for edits in range(2, min(most_edits, MOST_NEAR_EDITS) + 1):",
-        ("tests/solver/test_tower.py", "tests/solver/test_expert.py"),
+        "lilgym_mp/solver/tower_search.py",
+        "for edits in range(min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):",
+        "for edits in range(2, min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):",
+        ("tests/solver/test_tower_search.py", "tests/solver/test_expert.py"),
     ),
     Break(
         "cap of the ratio in PPO's loss",

@@ -27,7 +27,7 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
 from lilgym_mp.solver.reports import in_processes
 from lilgym_mp.solver.solution import ActionSet
-from lilgym_mp.solver.solving import Solver
+from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
 FORMAT = "lilgym_mp action sets"

@@ -8,13 +8,13 @@ from functools import lru_cache
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.rules import make_dynamics
-from lilgym_mp.solver.solving import Solver
+from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
-KEPT_SETS = 8
+SET_CACHE_SIZE = 8
 
 
-@lru_cache(maxsize=KEPT_SETS, typed=True)  # True is no number of edits, though it equals 1
+@lru_cache(maxsize=SET_CACHE_SIZE, typed=True)  # True is no number of edits, though it equals 1
 def tasks_near_success(
     appearance: Appearance, rules: str, horizon: int, edits: int, budget: int | None, tasks: TaskSet
 ) -> TaskSet:

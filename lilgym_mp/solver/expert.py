@@ -7,7 +7,7 @@ from typing import Any, Protocol, cast
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver.solution import ActionSet, Solution
-from lilgym_mp.solver.solving import Solver
+from lilgym_mp.solver.solver import Solver
 
 
 class Plays(Protocol):

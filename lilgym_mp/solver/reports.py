@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver.solution import Solution, Status
-from lilgym_mp.solver.solving import Solver
+from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
 Question = TypeVar("Question")

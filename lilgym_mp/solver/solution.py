@@ -1,4 +1,4 @@
-"""What a solver answers."""
+"""What the solver returns: solutions and sets of optimal first actions."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from lilgym_mp.actions import Action
-from lilgym_mp.solver.search import Budget
+from lilgym_mp.solver.layered_search import Budget
 
 
 class Status(StrEnum):
-    """How far a search came."""
+    """The result of a search."""
 
     SOLVED = "solved"
     UNSOLVABLE = "unsolvable"  # proven: nothing within the horizon succeeds
@@ -19,12 +19,12 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best that was found from one state."""
+    """The best solution found from one state."""
 
     status: Status
     actions: tuple[Action, ...]  # edits, then STOP; empty when not solved
-    least_edits: int  # proven: no solution has fewer edits
-    scenes: int  # looked at by the search
+    least_edits: int  # proven lower bound on the edits of any solution
+    scenes: int  # examined by the search
     reason: str = ""  # why there is no solution
 
     @property
@@ -38,27 +38,27 @@ class Solution:
 
     @property
     def proven_optimal(self) -> bool:
-        """Whether no shorter sequence succeeds."""
+        """Whether the solution attains the lower bound, so that none is shorter."""
         return self.solved and self.least_edits == self.steps - 1
 
 
 @dataclass(frozen=True, slots=True)
 class ActionSet:
-    """First actions of shortest solutions."""
+    """The first actions of shortest solutions from one state."""
 
-    actions: tuple[int, ...]  # as the appearance numbers them, ascending; empty when no solution is known
-    complete: bool  # whether every action that starts a shortest solution is among them
+    actions: tuple[int, ...]  # action indices, ascending; empty when no solution is known
+    complete: bool  # whether every first action of a shortest solution is included
     steps: int  # actions to success, STOP included; 0 when no solution is known
 
 
 def solved(actions: tuple[Action, ...], least_edits: int, budget: Budget) -> Solution:
-    return Solution(Status.SOLVED, actions, least_edits, budget.scenes_looked_at)
+    return Solution(Status.SOLVED, actions, least_edits, budget.spent)
 
 
 def unsolvable(reason: str, least_edits: int, budget: Budget) -> Solution:
-    return Solution(Status.UNSOLVABLE, (), least_edits, budget.scenes_looked_at, reason)
+    return Solution(Status.UNSOLVABLE, (), least_edits, budget.spent, reason)
 
 
 def not_found(least_edits: int, budget: Budget, reason: str = "") -> Solution:
-    reason = reason or f"nothing found in {budget.scenes_looked_at:,} scenes; a larger budget may help"
-    return Solution(Status.NOT_FOUND, (), least_edits, budget.scenes_looked_at, reason)
+    reason = reason or f"nothing found in {budget.spent:,} scenes; a larger budget may help"
+    return Solution(Status.NOT_FOUND, (), least_edits, budget.spent, reason)

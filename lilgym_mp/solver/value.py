@@ -1,4 +1,4 @@
-"""What a state is worth to one who plays a shortest solution from it."""
+"""The value of a state when a shortest solution is played from it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from lilgym_mp.solver.solution import Solution
 
 
 def value(solution: Solution, dynamics: Dynamics, discount: float = 1.0) -> float:
-    """The return of the solution; of an immediate STOP where there is none, since nothing left is worth more."""
-    worth = dynamics.rules.signals
+    """The discounted return of the solution; without one, of an immediate STOP, which is then the best action."""
+    signals = dynamics.rules.signals
     if not solution.solved:
-        return worth[Outcome.WRONG_STOP].reward
+        return signals[Outcome.WRONG_STOP].reward
     edits = solution.steps - 1
-    edit_worth = worth[Outcome.CONTINUES].reward
-    return sum(edit_worth * discount**step for step in range(edits)) + worth[Outcome.SUCCESS].reward * discount**edits
+    per_edit, success = signals[Outcome.CONTINUES].reward, signals[Outcome.SUCCESS].reward
+    return sum(per_edit * discount**step for step in range(edits)) + success * discount**edits

@@ -1,4 +1,4 @@
-"""Short ways to write tasks and to play solutions, for the solver's tests."""
+"""Helpers of the solver's tests: tasks, MDPs, playing actions, and exhaustive trial."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def mdp(
 
 
 def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outcome:
-    """The outcome of the last action; every one before it must let the episode go on."""
+    """The outcome of the last action; none before it may end the episode."""
     *edits, last = actions
     for edit in edits:
         transition = dynamics.step(state, edit)
@@ -31,12 +31,12 @@ def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outc
     return dynamics.step(state, last).outcome
 
 
-def edits_by_trial(dynamics: Dynamics, state: State, most_edits: int) -> tuple[int | None, set[int]]:
-    """By trying every legal action, layer by layer: edits to the nearest success, and the first actions to there."""
+def edits_by_trial(dynamics: Dynamics, state: State, max_edits: int) -> tuple[int | None, set[int]]:
+    """The distance to the nearest goal and the optimal first actions, breadth-first over all legal actions."""
     if dynamics.goal_reached(state):
         return 0, {0}
     layer: dict[Scene, tuple[State, set[int]]] = {state.scene: (state, set())}
-    for edits in range(1, most_edits + 1):
+    for edits in range(1, max_edits + 1):
         following: dict[Scene, tuple[State, set[int]]] = {}
         for here, firsts in layer.values():
             for number in dynamics.legal_mask(here).nonzero()[0][1:].tolist():

@@ -203,7 +203,7 @@ def test_shaping__of_a_game_changes_returns_by_the_starts_potential(corpus: str,
 
 @pytest.mark.parametrize("edits", [0, 1, 2])
 @pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_reverse_curriculum__starts_so_many_edits_from_success(make: Make, configuration: str, edits: int):
+def test_reverse_curriculum__starts_that_many_edits_from_success(make: Make, configuration: str, edits: int):
     plain = make(configuration)
     env = ReverseCurriculum(make(configuration), edits)
     for task_id in env.unwrapped.evaluation_tasks():

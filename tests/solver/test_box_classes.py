@@ -1,4 +1,4 @@
-"""Boxes with the same face can stand for each other."""
+"""Boxes with equal signatures are interchangeable."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.solver import Solver, tower
-from lilgym_mp.solver.faces import face_of
+from lilgym_mp.solver import Solver, tower_search
+from lilgym_mp.solver.box_classes import signature_of
 from tests.scenes import B, K, Y, scatter_boxes, tower_boxes
 from tests.scenes import tower as stack
 from tests.solver.tasks import mdp, task
 
-SEEN_BOX_BY_BOX = (
+SEPARABLE = (
     "count(filter_obj(all_boxes, lambda b: b.is_tower() and count(b) == 2)) == 1",
     "exist(filter_obj(all_items, lambda x: is_blue(x) and exist(get_above(x)))) or count(all_items) > 5",
     "All(filter_obj(all_boxes, exist), lambda b: is_black(unique(filter_obj(b, is_top))))",
@@ -24,20 +24,20 @@ SEEN_BOX_BY_BOX = (
 )
 
 
-@pytest.mark.parametrize("program", SEEN_BOX_BY_BOX)
+@pytest.mark.parametrize("program", SEPARABLE)
 @pytest.mark.parametrize("boxes", [tower_boxes, scatter_boxes()], ids=["tower", "scatter"])
 @given(data=st.data())
 @settings(max_examples=20)
-def test_face__settles_the_truth(program: str, boxes: st.SearchStrategy[Box], data: st.DataObject):
-    face = face_of(program)
-    assert face is not None
+def test_signature__determines_the_programs_value(program: str, boxes: st.SearchStrategy[Box], data: st.DataObject):
+    signature = signature_of(program)
+    assert signature is not None
     drawn = data.draw(st.lists(boxes, min_size=3, max_size=9))
     left, middle, right = drawn[:3]
     for box in drawn[3:]:
-        for place, known in enumerate((left, middle, right)):
-            if face(known) == face(box):
+        for index, known in enumerate((left, middle, right)):
+            if signature(known) == signature(box):
                 scene = Scene((left, middle, right))
-                assert compile_program(program)(scene) == compile_program(program)(scene.with_box(place, box))
+                assert compile_program(program)(scene) == compile_program(program)(scene.with_box(index, box))
 
 
 @pytest.mark.parametrize(
@@ -51,23 +51,23 @@ def test_face__settles_the_truth(program: str, boxes: st.SearchStrategy[Box], da
         "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(all_boxes, lambda c: count(b) == count(c)))))",
     ],
 )
-def test_face__is_not_known_where_boxes_are_not_asked_one_by_one(program: str):
-    assert face_of(program) is None
+def test_signature__is_none_if_the_program_is_not_separable(program: str):
+    assert signature_of(program) is None
 
 
-def test_face__tells_an_error_from_a_value():
-    face = face_of("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))")
-    assert face is not None
-    assert len({face(Box(tuple(blocks))) for blocks in (stack(B), stack(K), stack(B, Y))}) == 3
+def test_signature__distinguishes_errors_from_values():
+    signature = signature_of("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))")
+    assert signature is not None
+    assert len({signature(Box(tuple(blocks))) for blocks in (stack(B), stack(K), stack(B, Y))}) == 3
 
 
-def test_search_by_faces__finds_solutions_as_short_as_looking_at_every_scene(monkeypatch: pytest.MonkeyPatch):
+def test_search_by_class__finds_solutions_as_short_as_exhaustive_search(monkeypatch: pytest.MonkeyPatch):
     starts = load_tasks("builtin", "tower", "flipit", "dev")[:120:2]
-    programs = [*SEEN_BOX_BY_BOX, "count(all_items) == 5", "count(filter_color(all_items, Color.BLUE)) == 13"]
+    programs = [*SEPARABLE, "count(all_items) == 5", "count(filter_color(all_items, Color.BLUE)) == 13"]
     dynamics = mdp("tower", horizon=6)
     tasks = [*starts, *map(task, programs)]
-    plain = [Solver(dynamics).solve(one) for one in tasks]
-    monkeypatch.setattr(tower, "MOST_NEAR_EDITS", 0)
-    by_faces = [Solver(dynamics).solve(one) for one in tasks]
-    assert [(one.status, one.steps) for one in by_faces] == [(one.status, one.steps) for one in plain]
-    assert sum(one.scenes for one in by_faces) < sum(one.scenes for one in plain)
+    exhaustive = [Solver(dynamics).solve(one) for one in tasks]
+    monkeypatch.setattr(tower_search, "MAX_EXHAUSTIVE_EDITS", 0)
+    by_class = [Solver(dynamics).solve(one) for one in tasks]
+    assert [(one.status, one.steps) for one in by_class] == [(one.status, one.steps) for one in exhaustive]
+    assert sum(one.scenes for one in by_class) < sum(one.scenes for one in exhaustive)

@@ -30,7 +30,7 @@ def test_solution__of_a_task_solved_at_its_start_is_stop():
     assert (solution.actions, solution.proven_optimal) == ((STOP,), True)
 
 
-def test_solution__takes_off_what_is_above_and_puts_on_what_is_missing():
+def test_solution__replaces_the_block_on_top():
     start = scene(left=tower(Y, K))
     solution = Solver(mdp("tower")).solve(
         task("get_set_colors(all_boxes[0].all_items_in_box()) == {Color.YELLOW, Color.BLUE}", start)
@@ -47,7 +47,7 @@ def test_solution__makes_a_true_statement_false():
 
 @given(st.tuples(tower_boxes, tower_boxes, tower_boxes), st.sampled_from(PROGRAMS), st.booleans())
 @settings(max_examples=25)
-def test_solution__is_as_short_as_trying_everything_finds(boxes: tuple[Box, Box, Box], program: str, target: bool):
+def test_solution__is_as_short_as_exhaustive_trial_finds(boxes: tuple[Box, Box, Box], program: str, target: bool):
     dynamics = mdp("tower", horizon=4)
     state = dynamics.start(task(program, dynamics.appearance.check_scene(Scene(boxes)), target=target))
     edits, firsts = edits_by_trial(dynamics, state, 3)
@@ -68,25 +68,25 @@ def test_horizon__leaves_its_last_action_to_stop(rules: str):
     assert (solution.status, solution.reason) == (Status.UNSOLVABLE, "no scene within 5 edits has that value")
 
 
-def test_horizon__counts_the_actions_that_were_taken():
+def test_horizon__counts_the_actions_already_taken():
     dynamics = mdp("tower", horizon=7)
     state = State(task(SIX_BLOCKS), Scene.empty(), steps=1)
     assert Solver(dynamics).solve_from(state).status is Status.UNSOLVABLE
 
 
-def test_horizon__over_is_the_callers_mistake():
+def test_horizon__that_is_over_is_a_value_error():
     state = State(task(SIX_BLOCKS), Scene.empty(), steps=12)
     with pytest.raises(ValueError, match="no action is left: 12 of 12 were taken"):
         Solver(mdp("tower")).solve_from(state)
 
 
-def test_unsolvable__is_proven_by_looking_at_every_scene_in_reach():
+def test_unsolvable__is_proven_by_examining_every_scene_within_reach():
     solution = Solver(mdp("tower", horizon=4)).solve(task(NEVER))
     scenes_within_three_edits = 1 + 9 + 54 + 270
     assert (solution.status, solution.scenes) == (Status.UNSOLVABLE, scenes_within_three_edits)
 
 
-def test_budget__spent_is_no_proof():
+def test_budget__that_is_exhausted_is_no_proof():
     solution = Solver(mdp("tower"), budget=100).solve(task(NEVER))
     assert (solution.status, solution.scenes) == (Status.NOT_FOUND, 100)
     assert "nothing found in 100 scenes" in solution.reason
@@ -98,12 +98,12 @@ def test_budget__must_be_positive(budget: int):
         Solver(mdp("tower"), budget)
 
 
-def test_optimal_actions__are_stop_alone_where_stop_succeeds():
+def test_optimal_actions__are_stop_alone_if_stop_succeeds():
     found = Solver(mdp("tower")).optimal_actions(mdp("tower").start(task("count(all_items) == 0")))
     assert (found.actions, found.complete, found.steps) == ((0,), True, 1)
 
 
-def test_optimal_actions__come_in_any_order_of_boxes():
+def test_optimal_actions__include_edits_of_every_box():
     dynamics = mdp("tower")
     start = dynamics.start(task("All(all_boxes, lambda b: count(filter_color(b, Color.BLUE)) == 1 and count(b) == 1)"))
     expected = {dynamics.appearance.encode(AddBlock(box, Colour.BLUE)) for box in range(3)}

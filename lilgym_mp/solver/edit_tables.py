@@ -1,6 +1,6 @@
-"""Every edit of a box of scattered items at once: where each addition comes to rest, and what each removal takes away.
+"""All edits of a Scatter box at once, as arrays: where each addition comes to rest and which item each removal takes.
 
-The same tables that `appearances` places single items by, indexed for all cells and kinds together.
+Uses the same lookup tables as `appearances`, indexed for all cells and footprints together.
 """
 
 from __future__ import annotations
@@ -23,77 +23,79 @@ from lilgym_mp.appearances.placement import (
     placement_tables,
 )
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, Colour, Item, Shape
-from lilgym_mp.solver.item_samples import BEYOND, PLACE_COUNT, places
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, Item
+from lilgym_mp.solver.canonical_items import COLOUR_COUNT, OVERHANG, TYPES_PER_SIZE, ZONE_COUNT, ZONE_PAIR_COUNT, zones
 
-KEPT_BOXES = 8_192  # whose edits are kept
+CACHE_SIZE = 8_192  # boxes
 
 
-class Additions(NamedTuple):
-    """What each addition to one box does. Cells are numbered as actions number them: columns first, then rows."""
+class AdditionTable(NamedTuple):
+    """The result of every addition to one box. Cells are in the order of action indices: by column, then row."""
 
-    valid: BoolArray  # (cells, 9) by kind: whether an item of it can be added
-    x: Int64Array  # (cells, 9) where it comes to rest; anything where it cannot be added
+    valid: BoolArray  # (cells, 9) by footprint
+    x: Int64Array  # (cells, 9) where the item comes to rest; undefined where invalid
     y: Int64Array  # (cells, 9)
-    samples: Int64Array  # (cells * 27,) in the order of ADD's numbers: the item's sample, -1 where invalid
+    canonical: Int64Array  # (cells * 27,) the item's `canonical_index`, -1 where invalid; in the order of ADD actions
 
-    def item(self, number: int) -> Item:
-        """The item that the valid addition with that number, counted in this box, brings."""
-        cell, item_type = divmod(number, len(ITEM_TYPES))
+    def item(self, addition: int) -> Item:
+        """The item that a valid addition adds; `addition` is its index in `canonical`."""
+        cell, item_type = divmod(addition, len(ITEM_TYPES))
         shape, colour, size = ITEM_TYPES[item_type]
         footprint = ITEM_TYPE_FOOTPRINTS[item_type]
         return Item(int(self.x[cell, footprint]), int(self.y[cell, footprint]), shape, colour, size)
 
 
-@lru_cache(maxsize=KEPT_BOXES)
-def additions(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tuple[Item, ...]) -> Additions:
-    """The additions to a box with these items; `frame_x` is its left border in the coordinates that are rounded."""
+@lru_cache(maxsize=CACHE_SIZE)
+def addition_table(scatter: Scatter, rules: PlacementRules, frame_x: int, items: tuple[Item, ...]) -> AdditionTable:
+    """The additions to a box with these items. `frame_x`: see `frame_x_of`."""
     width, height = scatter.cell
     found_x, found_y, valid = box_legality(width, height, searches=scatter.searches(rules)).first_places(items)
     if items and not scatter.is_native:
         x, y = _snapped(found_x, found_y, valid, items, rules, frame_x)
     else:
         x, y = found_x, found_y
-    return Additions(valid, x, y, _samples(x, y, valid))
+    return AdditionTable(valid, x, y, _canonical_indices(x, y, valid))
 
 
-@lru_cache(maxsize=KEPT_BOXES)
+@lru_cache(maxsize=CACHE_SIZE)
 def addable_item_types(scatter: Scatter, rules: PlacementRules, items: tuple[Item, ...]) -> BoolArray:
-    """(cells, 27) whether an item of each look can be added to each cell of a box with these items."""
+    """(cells, 27) whether an item of each type can be added to each cell of a box with these items."""
     legality = box_legality(*scatter.cell, searches=scatter.searches(rules))
     return legality.addable(items)[..., _ADD_FOOTPRINTS].reshape(-1, len(ITEM_TYPES))
 
 
-def addition_numbers(scatter: Scatter, index: int, additions: Int64Array) -> Int64Array:
-    """The actions' numbers, from those of additions counted in box `index`."""
+def addition_actions(scatter: Scatter, index: int, additions: Int64Array) -> Int64Array:
+    """The action indices of additions to box `index`, from their indices in its `AdditionTable`."""
     return additions + add_index(scatter.box_cells[index].start, 0)
 
 
-def removal_numbers(scatter: Scatter, index: int, cells: Int64Array) -> Int64Array:
-    """The actions' numbers, from the cells of removals counted in box `index`."""
+def removal_actions(scatter: Scatter, index: int, cells: Int64Array) -> Int64Array:
+    """The action indices of removals from cells of box `index`, from the cells' indices in the box."""
     return cells + remove_index(scatter.box_cells[index].start, scatter.cell_count)
 
 
-def frame_of(rules: PlacementRules, index: int) -> int:
-    """The left border of box `index` in the coordinates that the rules round."""
+def frame_x_of(rules: PlacementRules, index: int) -> int:
+    """The x of box `index` in the frame in which the rules round coordinates: the image's, or the box's own."""
     return index * BOX_PITCH if rules.rounds_in_image else 0
 
 
 class _Tables(NamedTuple):
-    clearance: UInt8Array  # (9, 9, 69, 69), and beyond these offsets nothing is near
-    moves: UInt8Array  # likewise
-    tied: BoolArray  # likewise: whether nearest points are settled in place
+    """`PlacementTables` as arrays of shape (9, 9, 69, 69); at larger offsets items are too far apart to matter."""
+
+    clearance: UInt8Array
+    moves: UInt8Array
+    tied: BoolArray  # whether the snap is ambiguous: several pairs of nearest points
 
 
 @cache
 def _tables() -> _Tables:
     tables = placement_tables()
-    form = (FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
-    clearance = np.frombuffer(b"".join(map(b"".join, tables.clearance)), np.uint8).reshape(form)
-    moves = np.frombuffer(b"".join(map(b"".join, tables.moves)), np.uint8).reshape(form)
+    shape = (FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
+    clearance = np.frombuffer(b"".join(map(b"".join, tables.clearance)), np.uint8).reshape(shape)
+    moves = np.frombuffer(b"".join(map(b"".join, tables.moves)), np.uint8).reshape(shape)
     tied = np.zeros(clearance.size, np.bool_)
     tied[list(tables.ties)] = True
-    return _Tables(clearance, moves, tied.reshape(form))
+    return _Tables(clearance, moves, tied.reshape(shape))
 
 
 _FOOTPRINTS = np.arange(FOOTPRINT_COUNT)
@@ -101,7 +103,7 @@ _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
 
 def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64Array:
-    """(items, cells, kinds) the clearance codes of an item of each kind at (x, y) to each item."""
+    """(items, cells, footprints) the clearance codes between each item and one of each footprint at (x, y)."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])
     dx = x - placed[:, 0, None, None] + OFFSET_LIMIT
     dy = y - placed[:, 1, None, None] + OFFSET_LIMIT
@@ -114,7 +116,7 @@ def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64A
 def _snapped(
     x: Int64Array, y: Int64Array, valid: BoolArray, items: tuple[Item, ...], rules: PlacementRules, frame_x: int
 ) -> tuple[Int64Array, Int64Array]:
-    """Where items that found their places at (x, y) come to rest."""
+    """Where additions at (x, y) come to rest after snapping to their nearest neighbour."""
     codes = _clearances(x, y, items)
     closest = codes.argmin(axis=0)
     cells, footprints = (valid & (codes.min(axis=0) < FIRST_TOO_FAR)).nonzero()
@@ -136,33 +138,35 @@ def _snapped(
 def _moves(
     footprints: Int64Array, x: Int64Array, y: Int64Array, others: Int64Array, items: tuple[Item, ...], frame_x: int
 ) -> tuple[Int64Array, Int64Array]:
-    """By how much each new item moves to the one of `items` that `others` says."""
+    """By how much each new item moves towards `items[others[i]]`."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
-    place = (footprints, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
-    codes = _tables().moves[place].astype(np.int64)
+    entry = (footprints, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
+    codes = _tables().moves[entry].astype(np.int64)
     move_x, move_y = (codes >> 4) - LARGEST_MOVE, (codes & 15) - LARGEST_MOVE
-    apart = _tables().tied[place] | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
+    # Ties, and neighbours beyond the frame's left or top, depend on absolute coordinates.
+    special = _tables().tied[entry] | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
     move = placement_tables().move
-    for index in apart.nonzero()[0].tolist():
+    for index in special.nonzero()[0].tolist():
         other = items[int(others[index])]
         move_x[index], move_y[index] = move(int(footprints[index]), int(x[index]), int(y[index]), other, frame_x)
     return move_x, move_y
 
 
 @cache
-def _places() -> Int64Array:
-    return np.array(places())
+def _zones() -> Int64Array:
+    return np.array(zones())
 
 
-def _samples(x: Int64Array, y: Int64Array, valid: BoolArray) -> Int64Array:
-    """`item_samples.sample_number` for every addition, -1 where invalid."""
+def _canonical_indices(x: Int64Array, y: Int64Array, valid: BoolArray) -> Int64Array:
+    """`canonical_index` of every addition's item, -1 where invalid."""
     shapes, colours, sizes = np.array(ITEM_TYPES).T
-    by_pixel = _places()
-    item_types = sizes * PLACE_COUNT**2
+    by_pixel = _zones()
     footprints = _ADD_FOOTPRINTS
-    place = by_pixel[sizes, x[:, footprints] + BEYOND] * PLACE_COUNT + by_pixel[sizes, y[:, footprints] + BEYOND]
-    numbers = (item_types + place) * (len(Shape) * len(Colour)) + shapes * len(Colour) + colours
-    return np.where(valid[:, footprints], numbers, -1).ravel()
+    zone_pairs = (
+        by_pixel[sizes, x[:, footprints] + OVERHANG] * ZONE_COUNT + by_pixel[sizes, y[:, footprints] + OVERHANG]
+    )
+    indices = (sizes * ZONE_PAIR_COUNT + zone_pairs) * TYPES_PER_SIZE + shapes * COLOUR_COUNT + colours
+    return np.where(valid[:, footprints], indices, -1).ravel()
 
 
 @cache
@@ -170,11 +174,11 @@ def _areas(width: int, height: int) -> Int64Array:
     return np.array(cell_areas(width, height))
 
 
-@lru_cache(maxsize=KEPT_BOXES)
-def removed(cell: tuple[int, int], items: tuple[Item, ...]) -> Int64Array:
-    """(cells,) position of the item that a removal there takes away, -1 where there is none.
+@lru_cache(maxsize=CACHE_SIZE)
+def removal_table(cell: tuple[int, int], items: tuple[Item, ...]) -> Int64Array:
+    """(cells,) the position of the item that a removal from each cell takes, -1 if there is none.
 
-    It is the one that covers most of the cell, the first of equals.
+    It is the item that covers the largest area of the cell, the first of equals.
     """
     width, height = cell
     columns, rows = BOX_SIDE // width, BOX_SIDE // height

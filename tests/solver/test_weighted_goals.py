@@ -1,4 +1,4 @@
-"""Plans for weighted goals satisfy as much probability as they say, and as the best scene in reach does."""
+"""Plans for weighted goals have the mass that they state, and as much as the best reachable scene."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def goals(*weighted: tuple[str, float]) -> list[WeightedGoal]:
 
 
 def final_scene(dynamics: Dynamics, start: Scene, plan: WeightedPlan) -> Scene:
-    """Where the plan stops; every edit must be valid."""
+    """The scene at STOP; every edit must be valid."""
     state = dynamics.start(task("True", start))
     for action in plan.actions[:-1]:
         transition = dynamics.step(state, action)
@@ -55,11 +55,11 @@ def mass_of(given: Sequence[WeightedGoal], at: Scene) -> float:
     return sum(goal.probability for goal in given if task(goal.program).truth(at) == goal.target)
 
 
-def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[WeightedGoal], most_edits: int) -> list[float]:
-    """The most mass of any scene at most that many edits away, by the number of edits, by trying every action."""
+def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[WeightedGoal], max_edits: int) -> list[float]:
+    """The highest mass of any scene within 0, 1, ... `max_edits` edits, by trying every action."""
     layer = {start}
     best = [mass_of(given, start)]
-    for _ in range(most_edits):
+    for _ in range(max_edits):
         following: set[Scene] = set()
         for here in layer:
             state = State(task("True"), here, 0)
@@ -72,7 +72,7 @@ def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[Weighte
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_one_goal__is_planned_for_as_the_expert_does(appearance: str, start: str):
+def test_one_goal__is_solved_as_a_task(appearance: str, start: str):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     for one in load_tasks("builtin", appearance, start, "dev")[::12]:
@@ -95,7 +95,7 @@ MIXES = [
 
 @pytest.mark.parametrize("mix", range(len(MIXES)))
 @pytest.mark.parametrize("number", range(3))
-def test_mass__is_the_most_that_any_scene_in_reach_has(mix: int, number: int):
+def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, number: int):
     given, start = MIXES[mix], STARTS["tower"][number]
     dynamics = mdp("tower")
     best = best_mass_by_trial(dynamics, start, given, 3)
@@ -106,7 +106,7 @@ def test_mass__is_the_most_that_any_scene_in_reach_has(mix: int, number: int):
 
 @pytest.mark.parametrize("mix", range(len(MIXES)))
 @pytest.mark.parametrize("number", range(3))
-def test_mass__is_no_less_than_one_edit_reaches_in_scatter(mix: int, number: int):
+def test_mass__is_the_highest_within_one_edit_in_scatter(mix: int, number: int):
     given, start = MIXES[mix], STARTS["scatter"][number]
     dynamics = mdp("scatter")
     plan = Solver(dynamics).plan_for(given, start, 1)
@@ -115,7 +115,7 @@ def test_mass__is_no_less_than_one_edit_reaches_in_scatter(mix: int, number: int
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("mix", range(len(MIXES)))
-def test_satisfied__is_what_holds_where_the_plan_stops(appearance: str, mix: int):
+def test_satisfied__are_the_goals_that_hold_at_stop(appearance: str, mix: int):
     dynamics = mdp(appearance)
     for start, edits_left in itertools.product(STARTS[appearance], (0, 2, 11)):
         plan = Solver(dynamics).plan_for(MIXES[mix], start, edits_left)

@@ -1,4 +1,4 @@
-"""Scatter is solved by what its program asks, under the exact rules of placement."""
+"""Solutions in Scatter are valid under the exact rules of placement, and as short as is claimed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PROGRAMS = (
 )  # fmt: skip
 
 
-# In the release nothing lies lower than its cell, as its search of the cell finds no place.
+# Under the release's rules no item lies lower than the top of its cell: its search of the cell finds no other place.
 @pytest.mark.parametrize(
     ("rules", "program"),
     [("paper", program) for program in PROGRAMS]
@@ -60,30 +60,30 @@ def test_solution__succeeds_on_other_grids(program: str, grid: tuple[int, int] |
     assert outcome(dynamics, dynamics.start(task(program)), solution.actions) is Outcome.SUCCESS
 
 
-def test_solution__removes_what_must_go():
+def test_solution__removes_an_item():
     start = scene(left=[circle(0, 0, colour=B), circle(40, 40, colour=K)])
     solution = Solver(mdp("scatter")).solve(task(BLUE_CIRCLE, start, target=False))
     assert solution.actions == (RemoveItem(0, 0), STOP)
 
 
-def test_solution__is_proven_shortest_where_the_sketch_needs_as_many_edits():
+def test_solution__is_proven_shortest_if_it_attains_the_abstract_distance():
     solution = Solver(mdp("scatter")).solve(task(TWO_CORNERS))
     assert (solution.steps, solution.proven_optimal) == (3, True)
 
 
-def test_solution__knows_that_a_small_item_needs_another_to_lie_lower_than_its_cell():
-    """A small item put into an empty cell lies at its top; only what is there already makes it lie lower."""
+def test_solution__is_proven_shortest_if_shorter_abstract_paths_are_infeasible():
+    """A small item added to an empty cell lies at its top; only another item in that place makes it lie lower."""
     solution = Solver(mdp("scatter")).solve(task(SMALL_AT_THE_FLOOR))
     assert (solution.steps, solution.proven_optimal) == (3, True)
 
 
-def test_solution__of_what_items_are_to_each_other_is_proven_for_up_to_two_edits():
+def test_solution__of_a_relational_program_is_proven_for_up_to_two_edits():
     solution = Solver(mdp("scatter")).solve(task(BLACK_OVER_YELLOW))
     assert (solution.steps, solution.proven_optimal) == (3, True)
 
 
 @pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
-def test_solution__needs_no_edit_to_stop(program: str):
+def test_solution__of_a_task_solved_at_its_start_is_stop(program: str):
     start = scene(left=[circle(0, 0, colour=B), triangle(0, 60, colour=Y), square(40, 0, colour=K)])
     assert Solver(mdp("scatter", horizon=1)).solve(task(program, start)).actions == (STOP,)
 
@@ -93,25 +93,25 @@ def test_horizon__of_one_action_leaves_no_edit(program: str):
     assert Solver(mdp("scatter", horizon=1)).solve(task(program)).status is Status.UNSOLVABLE
 
 
-def test_unsolvable__is_proven_where_too_many_items_are_needed():
+def test_unsolvable__is_proven_if_too_many_items_are_needed():
     solution = Solver(mdp("scatter")).solve(task(FIVE_A_BOX))
     assert (solution.status, solution.least_edits) == (Status.UNSOLVABLE, 12)
     assert solution.reason == "no scene within 11 edits has that value"
 
 
-def test_unsolvable__is_not_claimed_where_only_the_budget_is_spent():
+def test_unsolvable__is_not_claimed_if_the_budget_is_exhausted():
     assert Solver(mdp("scatter"), budget=50).solve(task(FIVE_A_BOX)).status is Status.NOT_FOUND
 
 
-def test_unsolvable__is_not_claimed_where_success_is_not_the_programs_truth():
+def test_unsolvable__is_not_claimed_if_success_is_not_the_programs_value():
     goal = scene(left=[circle(3, 7)])
     matching = MatchingTask("one", "A statement.", "True", True, Scene.empty(), frozenset({content(goal)}))
     solution = Solver(mdp("scatter")).solve(matching)
     assert solution.status is Status.NOT_FOUND
-    assert "not the truth of its program" in solution.reason
+    assert "not the value of its program" in solution.reason
 
 
-def test_proof__holds_against_trying_every_single_edit():
+def test_proof__agrees_with_trying_every_single_edit():
     dynamics = mdp("scatter")
     solver = Solver(dynamics)
     far = (one for one in load_tasks("builtin", "scatter", "flipit", "dev") if solver.solve(one).least_edits > 1)
@@ -127,7 +127,7 @@ def test_solutions__are_the_same_every_time():
 
 @pytest.mark.parametrize("program", [BLUE_CIRCLE, TWO_CORNERS, BLACK_OVER_YELLOW, TOUCHING_PAIR])
 @pytest.mark.parametrize("start", [Scene.empty(), CROWD], ids=["empty", "crowd"])
-def test_optimal_actions__are_all_that_trying_every_action_finds(program: str, start: Scene):
+def test_optimal_actions__agree_with_trying_every_action(program: str, start: Scene):
     dynamics = mdp("scatter")
     state = dynamics.start(task(program, start, target=not task(program).truth(start)))
     edits, firsts = edits_by_trial(dynamics, state, 1)
@@ -138,7 +138,7 @@ def test_optimal_actions__are_all_that_trying_every_action_finds(program: str, s
         assert found.steps > 2
 
 
-def test_optimal_actions__lead_on_to_shortest_solutions():
+def test_optimal_actions__start_shortest_solutions():
     dynamics = mdp("scatter")
     state = dynamics.start(task(TWO_CORNERS))
     solver = Solver(dynamics)
@@ -150,14 +150,14 @@ def test_optimal_actions__lead_on_to_shortest_solutions():
             assert (solver.solve_from(transition.state).steps == 2) == (number in found.actions)
 
 
-def test_optimal_actions__of_what_items_are_to_each_other_are_not_called_complete_beyond_one_edit():
+def test_optimal_actions__of_a_relational_program_are_not_called_complete_beyond_one_edit():
     dynamics = mdp("scatter")
     found = Solver(dynamics).optimal_actions(dynamics.start(task(BLACK_OVER_YELLOW)))
     assert found.actions
     assert not found.complete
 
 
-def test_order__is_heeded_where_the_program_indexes():
+def test_order__is_respected_if_the_program_depends_on_it():
     start = scene(left=[circle(0, 0, colour=K), circle(40, 0, colour=B)], middle=[circle(0, 0, colour=K)])
     solution = Solver(mdp("scatter")).solve(task(SAME_COLOURS, start))
     assert (solution.steps, solution.proven_optimal) == (2, True)
@@ -166,7 +166,7 @@ def test_order__is_heeded_where_the_program_indexes():
     assert edit.colour is B
 
 
-def test_state__in_the_middle_of_an_episode_is_solved_within_what_is_left():
+def test_state__in_the_middle_of_an_episode_is_solved_within_the_rest_of_the_horizon():
     state = State(task(TWO_CORNERS), Scene.empty(), steps=9)
     assert Solver(mdp("scatter")).solve_from(state).steps == 3
     assert Solver(mdp("scatter")).solve_from(state._replace(steps=10)).status is Status.UNSOLVABLE

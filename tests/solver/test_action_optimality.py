@@ -1,4 +1,4 @@
-"""Sets of first actions are what trying every action finds, and tables of edits are what the rules do."""
+"""Sets of first actions agree with exhaustive trial, and tables of edits with the rules."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.solver import Solver
-from lilgym_mp.solver.box_edits import (
+from lilgym_mp.solver.canonical_items import canonical_index
+from lilgym_mp.solver.edit_tables import (
     addable_item_types,
-    addition_numbers,
-    additions,
-    frame_of,
-    removal_numbers,
-    removed,
+    addition_actions,
+    addition_table,
+    frame_x_of,
+    removal_actions,
+    removal_table,
 )
-from lilgym_mp.solver.item_samples import sample_number
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
 from tests.solver.tasks import edits_by_trial, mdp, task
 
@@ -28,7 +28,7 @@ CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for
 
 
 def strayed(dynamics: Dynamics, state: State, edits: int, seed: int) -> State:
-    """The state after so many random legal edits."""
+    """The state after `edits` random legal edits."""
     rng = random.Random(seed)
     for _ in range(edits):
         number = rng.choice(dynamics.legal_mask(state).nonzero()[0][1:].tolist())
@@ -37,22 +37,22 @@ def strayed(dynamics: Dynamics, state: State, edits: int, seed: int) -> State:
 
 
 def least_steps(dynamics: Dynamics, state: State) -> int:
-    """Steps of a shortest solution; for trial of sets, from a solver that has answered nothing else."""
+    """Steps of a shortest solution, from a new solver with an empty cache."""
     return Solver(dynamics).solve_from(state).steps
 
 
 @pytest.mark.parametrize(("appearance", "start"), CONFIGURATIONS)
-def test_sets__are_what_trying_every_action_finds(appearance: str, start: str):
+def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
-    most_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
+    max_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
     checked = 0
     for number, one in enumerate(load_tasks("builtin", appearance, start, "train")[: 20 * stride : stride]):
         state = strayed(dynamics, dynamics.start(one), number % 4, number)
-        edits, firsts = edits_by_trial(dynamics, state, most_edits)
+        edits, firsts = edits_by_trial(dynamics, state, max_edits)
         found = solver.optimal_actions(state)
         if edits is None:
-            assert found.steps == 0 or found.steps > most_edits + 1, one.id
+            assert found.steps == 0 or found.steps > max_edits + 1, one.id
         else:
             checked += 1
             assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1), one.id
@@ -73,8 +73,8 @@ FULL = scene(
 @pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
 @pytest.mark.parametrize("start", [scene(), FULL], ids=["empty", "full"])
-def test_sets__of_several_edits_hold_every_action_from_which_one_less_remains(rules: str, program: str, start: Scene):
-    """Every action of the set is tried, and of the others some."""
+def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules: str, program: str, start: Scene):
+    """On a sample of the actions in the set and of the others."""
     dynamics = mdp("scatter", rules)
     state = dynamics.start(task(program, start, target=not task(program).truth(start)))
     found = Solver(dynamics).optimal_actions(state)
@@ -93,7 +93,7 @@ def test_sets__of_several_edits_hold_every_action_from_which_one_less_remains(ru
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_sets__of_many_states_are_those_of_each(appearance: str):
+def test_optimal_sets__equal_single_calls(appearance: str):
     dynamics = mdp(appearance)
     tasks = load_tasks("builtin", appearance, "flipit", "dev")[:12]
     states = [strayed(dynamics, dynamics.start(one), seed, seed) for seed in range(3) for one in tasks]
@@ -101,7 +101,7 @@ def test_sets__of_many_states_are_those_of_each(appearance: str):
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_sets__heed_the_edits_that_are_left(appearance: str):
+def test_sets__depend_on_the_edits_left(appearance: str):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     far = dynamics.start(task("count(all_items) == 5"))
@@ -113,7 +113,7 @@ def test_sets__heed_the_edits_that_are_left(appearance: str):
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize("grid", [(19, 5), (38, 10), (19, 1)])
-def test_box_edits__are_what_the_rules_do(rules: str, grid: tuple[int, int]):
+def test_edit_tables__agree_with_the_rules(rules: str, grid: tuple[int, int]):
     dynamics = mdp("scatter", rules, grid=grid)
     scatter, placement = dynamics.appearance, dynamics.rules.placement
     assert isinstance(scatter, Scatter)
@@ -121,31 +121,30 @@ def test_box_edits__are_what_the_rules_do(rules: str, grid: tuple[int, int]):
     for seed, one in enumerate(load_tasks("builtin", "scatter", "flipit", "train")[:160:20]):
         state = strayed(dynamics, dynamics.start(one), seed % 5, seed)
         for index, box in enumerate(state.scene.boxes):
-            brought = additions(scatter, placement, frame_of(placement, index), box.items)
-            taken = removed(scatter.cell, box.items)
+            table = addition_table(scatter, placement, frame_x_of(placement, index), box.items)
+            removed = removal_table(scatter.cell, box.items)
             addable = addable_item_types(scatter, placement, box.items).ravel()
-            adds = addition_numbers(scatter, index, np.arange(len(addable))).tolist()
-            removals = removal_numbers(scatter, index, np.arange(len(taken))).tolist()
+            adds = addition_actions(scatter, index, np.arange(len(addable))).tolist()
+            removals = removal_actions(scatter, index, np.arange(len(removed))).tolist()
             for number in rng.sample(adds, 60):
                 after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
-                sample = brought.samples[number - adds[0]]
+                canonical = table.canonical[number - adds[0]]
                 assert addable[number - adds[0]] == (invalid is None)
                 if invalid:
-                    assert sample == -1
+                    assert canonical == -1
                 else:
                     item = after.boxes[index].items[-1]
-                    assert (brought.item(number - adds[0]), sample) == (item, sample_number(item))
+                    assert (table.item(number - adds[0]), canonical) == (item, canonical_index(item))
             for number in rng.sample(removals, 5):
                 after, invalid = scatter.apply(state.scene, scatter.decode(number), placement)
-                position = taken[number - removals[0]]
+                position = removed[number - removals[0]]
                 assert (after.boxes[index] if not invalid else None) == (
                     box.without(int(position)) if position >= 0 else None
                 )
 
 
-def test_box_edits__of_stacks_count_as_any_box():
-    """Boxes of towers are boxes of items, too."""
+def test_removal_table__takes_stacks_of_blocks():
     scatter = mdp("scatter").appearance
     assert isinstance(scatter, Scatter)
     box = Box(tuple(tower(B, K)))
-    assert set(removed(scatter.cell, box.items).tolist()) == {-1, 0, 1}
+    assert set(removal_table(scatter.cell, box.items).tolist()) == {-1, 0, 1}

@@ -1,0 +1,168 @@
+"""Abstract boxes: a box without geometry, as the classes of its items under a program's item features.
+
+Every edit of a box is also an edit of its abstraction, so abstract distances are lower bounds; and a program that is
+not relational has the same value in an abstract scene as in every scene that it abstracts. A search over abstract
+scenes therefore finds how few edits can suffice and which; `refinement` turns them into actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Colour, Item, Shape, Size
+from lilgym_mp.solver.box_editor import ItemType
+from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
+from lilgym_mp.solver.program_features import ItemFeature, ProgramFeatures
+
+AbstractBox = tuple[int, ...]  # the class of each item; sorted unless order matters
+
+
+class AbstractEdit(NamedTuple):
+    """The addition of an item of a class, or the removal of the item at a position."""
+
+    item_class: int
+    position: int | None  # None: an addition
+
+    @property
+    def adds(self) -> bool:
+        return self.position is None
+
+
+class ItemClasses:
+    """The equivalence classes of items with equal feature values."""
+
+    def __init__(self, features: ProgramFeatures) -> None:
+        classes, firsts = _classes(features.item_features)
+        self.by_canonical_item = classes  # (1323,)
+        self._by_canonical_item: list[int] = classes.tolist()
+        self.representatives = [canonical_items()[first] for first in firsts]  # by class
+        self.canonical_counts: list[int] = np.bincount(classes).tolist()  # by class, of its canonical items
+        self.item_types = _one_colour_per_footprint(classes, len(firsts))  # by class
+
+    @cached_property
+    def by_item_type(self) -> Int64Array | None:
+        """(27,) the class of each item type, in the order of action indices; None if classes depend on position."""
+        by_zone = self.by_canonical_item.reshape(len(Size), -1, len(Shape), len(Colour))
+        if (by_zone != by_zone[:, :1]).any():
+            return None
+        return by_zone[:, 0].transpose(1, 2, 0).ravel()
+
+    def __len__(self) -> int:
+        return len(self.representatives)
+
+    def of(self, item: Item) -> int:
+        """The item's class."""
+        return self._by_canonical_item[canonical_index(item)]
+
+
+def _classes(features: Sequence[ItemFeature]) -> tuple[Int64Array, list[int]]:
+    """The class of each canonical item, and the first canonical item of each class, by which classes are ordered."""
+    combined = np.zeros(len(canonical_items()), np.int64)
+    for feature in features:
+        _, combined = np.unique(combined * len(canonical_items()) + feature.values, return_inverse=True)
+    _, firsts, classes = np.unique(combined, return_index=True, return_inverse=True)
+    order = np.argsort(firsts)
+    return np.argsort(order)[classes], firsts[order].tolist()
+
+
+def _one_colour_per_footprint(classes: Int64Array, count: int) -> list[tuple[ItemType, ...]]:
+    """By class: the item types that its items can have, one colour for each footprint, small ones first."""
+    _, firsts = np.unique(classes * FOOTPRINT_COUNT + _footprints(), return_index=True)
+    item_types: list[list[ItemType]] = [[] for _ in range(count)]
+    chosen: list[int] = firsts.tolist()
+    pairs = [(canonical_items()[first], int(classes[first])) for first in chosen]
+    for item, item_class in sorted(pairs, key=lambda pair: _by_size(pair[0])):
+        item_types[item_class].append((item.shape, item.colour, item.size))
+    return [tuple(found) for found in item_types]
+
+
+def _by_size(item: Item) -> tuple[int, int]:
+    return item.size, -item.shape  # triangles first: they leave more space than other shapes of their size
+
+
+@cache
+def _footprints() -> Int64Array:
+    """(1323,) the footprint of each canonical item."""
+    return np.array([item.footprint for item in canonical_items()])
+
+
+class Abstraction:
+    """The abstraction of boxes under some features."""
+
+    def __init__(self, features: ProgramFeatures) -> None:
+        self.features = features
+        self.classes = ItemClasses(features)
+        self.order_matters = features.order_matters
+        self._representatives: dict[AbstractBox, Box] = {}
+        self._layers: dict[AbstractBox, AbstractLayers] = {}
+
+    def abstract(self, box: Box) -> AbstractBox:
+        return self.from_classes([self.classes.of(item) for item in box.items])
+
+    def from_classes(self, item_classes: Sequence[int]) -> AbstractBox:
+        return tuple(item_classes if self.order_matters else sorted(item_classes))
+
+    def representative(self, abstract_box: AbstractBox) -> Box:
+        """A box with this abstraction. Its items may overlap."""
+        box = self._representatives.get(abstract_box)
+        if box is None:
+            items = self.classes.representatives
+            box = self._representatives[abstract_box] = Box(tuple([items[item_class] for item_class in abstract_box]))
+        return box
+
+    def layers(self, box: Box) -> AbstractLayers:
+        """The layers of the box's abstraction, shared by all boxes that have it."""
+        abstract_box = self.abstract(box)
+        found = self._layers.get(abstract_box)
+        if found is None:
+            found = self._layers[abstract_box] = AbstractLayers(self, abstract_box)
+        return found
+
+
+class AbstractLayers:
+    """The breadth-first layers of an abstract box, given as representative boxes; extended on demand."""
+
+    def __init__(self, abstraction: Abstraction, start: AbstractBox) -> None:
+        self._abstraction = abstraction
+        self._layers: list[list[AbstractBox]] = [[start]]
+        self._boxes: list[list[Box]] = [[abstraction.representative(start)]]
+        self._paths: dict[tuple[Item, ...], tuple[AbstractEdit, ...]] = {self._boxes[0][0].items: ()}
+
+    def layer(self, edits: int) -> Sequence[Box]:
+        while len(self._layers) <= edits:
+            self._add_layer()
+        return self._boxes[edits]
+
+    def path(self, box: Box) -> tuple[AbstractEdit, ...]:
+        """A shortest path to the abstract box represented by `box`, which must be in a layer."""
+        return self._paths[box.items]
+
+    def _add_layer(self) -> None:
+        representative = self._abstraction.representative
+        found: list[AbstractBox] = []
+        for abstract_box in self._layers[-1]:
+            path = self._paths[representative(abstract_box).items]
+            for edit, after in self._successors(abstract_box):
+                items = representative(after).items
+                if items not in self._paths:
+                    self._paths[items] = (*path, edit)
+                    found.append(after)
+        self._layers.append(found)
+        self._boxes.append([representative(abstract_box) for abstract_box in found])
+
+    def _successors(self, abstract_box: AbstractBox) -> list[tuple[AbstractEdit, AbstractBox]]:
+        from_classes = self._abstraction.from_classes
+        additions = [
+            (AbstractEdit(item_class, None), from_classes((*abstract_box, item_class)))
+            for item_class in range(len(self._abstraction.classes))
+        ]
+        removals = [
+            (AbstractEdit(item_class, position), abstract_box[:position] + abstract_box[position + 1 :])
+            for position, item_class in enumerate(abstract_box)
+        ]
+        return removals + additions

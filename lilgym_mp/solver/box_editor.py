@@ -1,0 +1,108 @@
+"""Single edits of a Scatter box under the exact rules of placement."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from lilgym_mp.actions import AddItem, RemoveItem
+from lilgym_mp.appearances import PlacementRules, Scatter
+from lilgym_mp.appearances.numbering import ITEM_TYPES
+from lilgym_mp.programs.functions.items import MARGIN, WIDE_MARGIN
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Box, Colour, Item, Scene, Shape, Size
+
+MAX_EXHAUSTIVE_CELLS = 10  # columns or rows of a box up to which every cell is tried; finer grids are sampled
+COARSE_STEP = 10  # pixels between the sampled cells of fine grids, away from walls and items
+REMOVAL_STEP = 3  # pixels between the points of an item at which fine grids are sampled for its removal
+
+BoxEdit = AddItem | RemoveItem
+ItemType = tuple[Shape, Colour, Size]
+EMPTY_BOX = Box()
+
+
+class EditedBox(NamedTuple):
+    """An edit of one box and the resulting box."""
+
+    edit: BoxEdit
+    box: Box
+
+
+class BoxEditor:
+    """Applies single edits to box `index` of a scene."""
+
+    def __init__(self, scatter: Scatter, rules: PlacementRules, index: int) -> None:
+        self._scatter = scatter
+        self._rules = rules
+        self._index = index
+        self.is_exhaustive = max(BOX_SIDE // side for side in scatter.cell) <= MAX_EXHAUSTIVE_CELLS  # tries every cell
+
+    def added(self, box: Box, item_type: ItemType, x: int, y: int) -> EditedBox | None:
+        """The addition of an item of that type to the cell at pixel (x, y); None if it is invalid."""
+        return self._edited(box, AddItem(*self._cell(x, y), *item_type))
+
+    def removed(self, box: Box, position: int) -> EditedBox | None:
+        """The removal of the item at that position; None if no cell that is tried removes it."""
+        expected = box.items[:position] + box.items[position + 1 :]
+        for column, row in self._cells_of(box.items[position]):
+            edited = self._edited(box, RemoveItem(column, row))
+            if edited is not None and edited.box.items == expected:
+                return edited
+        return None
+
+    def all_edits(self, box: Box) -> Iterator[EditedBox]:
+        """Every valid addition and removal in the cells that are tried."""
+        corners = self.corners(box)
+        for x, y in corners:
+            for item_type in ITEM_TYPES:
+                edited = self.added(box, item_type, x, y)
+                if edited is not None:
+                    yield edited
+        for x, y in corners:
+            edited = self._edited(box, RemoveItem(*self._cell(x, y)))
+            if edited is not None:
+                yield edited
+
+    def corners(self, box: Box) -> Sequence[tuple[int, int]]:
+        """The top-left pixels of the cells to try: on coarse grids all cells, on fine grids those next to walls and
+        items and a sample of the others."""
+        width, height = self._scatter.cell
+        xs = _cell_starts(width, [(item.x, item.side) for item in box.items])
+        ys = _cell_starts(height, [(item.y, item.side) for item in box.items])
+        return [(x, y) for x in xs for y in ys]
+
+    def _edited(self, box: Box, edit: BoxEdit) -> EditedBox | None:
+        boxes = [EMPTY_BOX] * BOX_COUNT
+        boxes[self._index] = box
+        left, middle, right = boxes
+        after, invalid = self._scatter.apply(Scene((left, middle, right)), edit, self._rules)
+        return None if invalid else EditedBox(edit, after.boxes[self._index])
+
+    def _cell(self, x: int, y: int) -> tuple[int, int]:
+        width, height = self._scatter.cell
+        return (self._index * BOX_PITCH + x) // width, y // height
+
+    def _cells_of(self, item: Item) -> Iterable[tuple[int, int]]:
+        """The cells that the item covers, the one at its centre first; on fine grids, a sample of them."""
+        half = item.side // 2
+        centre = [(item.x + half, item.y + half)]
+        step_x, step_y = self._scatter.cell if self.is_exhaustive else (REMOVAL_STEP, REMOVAL_STEP)
+        xs, ys = _points(item.x, item.side, step_x), _points(item.y, item.side, step_y)
+        points = itertools.chain(centre, itertools.product(xs, ys))
+        return dict.fromkeys(self._cell(x, y) for x, y in points if 0 <= x < BOX_SIDE and 0 <= y < BOX_SIDE)
+
+
+def _points(start: int, side: int, step: int) -> list[int]:
+    """Every `step`-th pixel of a side, and its last."""
+    return [*range(start, start + side - 1, step), start + side - 1]
+
+
+def _cell_starts(cell: int, spans: Sequence[tuple[int, int]]) -> list[int]:
+    """The first pixels, along one axis, of the cells to try. `spans`: each item's start and side."""
+    if BOX_SIDE // cell <= MAX_EXHAUSTIVE_CELLS:
+        return list(range(0, BOX_SIDE, cell))
+    pixels = {*range(0, BOX_SIDE, COARSE_STEP), MARGIN, WIDE_MARGIN}
+    pixels.update(BOX_SIDE - side - gap for side in SIZE_PIXELS for gap in (0, MARGIN, WIDE_MARGIN))
+    pixels.update(start + side for start, side in spans)
+    pixels.update(start - side for start, _ in spans for side in SIZE_PIXELS)
+    return sorted({pixel // cell * cell for pixel in pixels if 0 <= pixel < BOX_SIDE})

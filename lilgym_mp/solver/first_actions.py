@@ -1,0 +1,368 @@
+"""Reachable box classes of Scatter scenes, and all first actions on shortest paths to them.
+
+For programs that are not relational. Abstract paths say which classes of items may be added or removed first; tables
+of all edits of a box say which actions do that. The rest of the path must still be feasible after the first action. In
+other boxes it is if it is now; in the same box it is if it has a refinement now that the first action does not affect,
+and otherwise a refinement is sought in the edited box.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.actions import AddItem
+from lilgym_mp.appearances import PlacementRules, Scatter
+from lilgym_mp.appearances.placement import LARGEST_MOVE, SNAP_REACH
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    BOX_PITCH,
+    FOOTPRINT_COUNT,
+    FOOTPRINT_SIDES,
+    SIZE_PIXELS,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    Shape,
+    Size,
+)
+from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction, AbstractLayers
+from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
+from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, ReachableClasses
+from lilgym_mp.solver.edit_tables import (
+    AdditionTable,
+    addable_item_types,
+    addition_actions,
+    addition_table,
+    frame_x_of,
+    removal_actions,
+    removal_table,
+)
+from lilgym_mp.solver.layered_search import Budget
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
+
+MAX_GOALS = 40  # abstract boxes of one class, at one distance, that are refined
+MAX_REMAINDERS = 8  # rests of paths after a first edit that are refined
+MAX_CHECKED = 60  # additions of one item class after which the rest of the path is refined one by one
+ABSTRACT_BOX_COST = 5  # budget spent on finding the class of an abstract box, in class triples
+CLEARANCE = SNAP_REACH + LARGEST_MOVE + 1  # pixels between items beyond which neither affects the other's placement
+
+Remainder = tuple[AbstractEdit, ...]  # the rest of an abstract path, in any order
+
+
+class FirstActions(NamedTuple):
+    """First actions on shortest paths to a goal."""
+
+    actions: frozenset[int]
+    complete: bool  # whether all of them are included
+
+
+NO_ACTIONS = FirstActions(frozenset(), complete=True)
+
+
+class ScatterReachability:
+    """The box classes that can be reached from a scene, whether they are feasible, and how."""
+
+    def __init__(
+        self,
+        scatter: Scatter,
+        rules: PlacementRules,
+        editors: Sequence[BoxEditor],
+        scene: Scene,
+        abstraction: Abstraction,
+        space: ClassSpace,
+    ) -> None:
+        self._new_box = partial(_BoxReachability, scatter, rules, editors, abstraction, space)
+        self._boxes = [self._new_box(index, scene.boxes[index]) for index in range(BOX_COUNT)]
+
+    @property
+    def reachable(self) -> list[ReachableClasses]:
+        return [box.reachable for box in self._boxes]
+
+    def with_box(self, index: int, box: Box) -> ScatterReachability:
+        """The reachability from the scene with box `index` replaced."""
+        other = copy(self)
+        other._boxes = [*self._boxes]
+        other._boxes[index] = self._new_box(index, box)
+        return other
+
+    def failure(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> NoRefinement | None:
+        """None if at least one goal is feasible. Raises BudgetExhaustedError."""
+        result = NoRefinement.INFEASIBLE
+        for edit_counts, triple in goals:
+            failure = self._goal_failure(edit_counts, triple, budget)
+            if failure is None:
+                return None
+            result = result if failure is NoRefinement.INFEASIBLE else failure
+        return result
+
+    def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit] | None:
+        """Edits that lead to boxes of these classes, in the given numbers; None if none were found.
+
+        Raises BudgetExhaustedError.
+        """
+        edits: list[BoxEdit] = []
+        for box, box_edits, box_class in zip(self._boxes, edit_counts, triple, strict=True):
+            refinement = box.refinement(box_edits, box_class, budget)
+            if isinstance(refinement, NoRefinement):
+                return None
+            edits.extend(refinement)
+        return edits
+
+    def first_actions(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> FirstActions:
+        """The first actions on shortest paths to the feasible goals. Raises BudgetExhaustedError."""
+        actions: set[int] = set()
+        complete = True
+        seen: set[tuple[int, int, int]] = set()
+        for edit_counts, triple in goals:
+            failure = self._goal_failure(edit_counts, triple, budget)
+            complete = complete and failure is not NoRefinement.UNDECIDED
+            for index, box in enumerate(self._boxes if failure is None else ()):
+                key = (index, edit_counts[index], triple[index])
+                if key not in seen:
+                    seen.add(key)
+                    found = box.first_actions(edit_counts[index], triple[index], budget)
+                    actions |= found.actions
+                    complete = complete and found.complete
+        return FirstActions(frozenset(actions), complete)
+
+    def _goal_failure(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> NoRefinement | None:
+        """None if the goal is feasible in each box."""
+        failures = [box.failure(edit_counts[index], triple[index], budget) for index, box in enumerate(self._boxes)]
+        infeasible = NoRefinement.INFEASIBLE in failures
+        return NoRefinement.INFEASIBLE if infeasible else next(filter(None, failures), None)
+
+
+class _BoxReachability:
+    """Reachable classes of one box."""
+
+    def __init__(
+        self,
+        scatter: Scatter,
+        rules: PlacementRules,
+        editors: Sequence[BoxEditor],
+        abstraction: Abstraction,
+        space: ClassSpace,
+        index: int,
+        box: Box,
+    ) -> None:
+        self._scatter = scatter
+        self._rules = rules
+        self._editor = editors[index]
+        self._index = index
+        self._box = box
+        self._abstraction = abstraction
+        self._item_classes = [abstraction.classes.of(item) for item in box.items]
+        abstract_box = abstraction.from_classes(self._item_classes)
+        self._layers: AbstractLayers = abstraction.layers(box)
+        self.reachable = space.reachable(("abstract", abstract_box), self._layers, ABSTRACT_BOX_COST)
+        self._refinements: dict[tuple[int, int], Refinement | NoRefinement] = {}  # by edits and class
+        self._first_actions: dict[tuple[int, int], FirstActions] = {}  # by edits and class
+
+    # Feasibility
+
+    def refinement(self, edits: int, box_class: int, budget: Budget) -> Refinement | NoRefinement:
+        """`edits` edits that lead to a box of the class. Raises BudgetExhaustedError."""
+        if not edits:
+            return ()
+        found = self._refinements.get((edits, box_class))
+        if found is None:
+            found = self._refine_any_goal(self._goals(edits, box_class, budget), budget)
+            self._refinements[edits, box_class] = found
+        return found
+
+    def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
+        """None if `edits` edits can lead to a box of the class. Raises BudgetExhaustedError."""
+        if edits == 1:
+            return None if self.first_actions(edits, box_class, budget).actions else NoRefinement.INFEASIBLE
+        found = self.refinement(edits, box_class, budget)
+        return found if isinstance(found, NoRefinement) else None
+
+    def _goals(self, edits: int, box_class: int, budget: Budget) -> Sequence[Box]:
+        return self.reachable.layer(edits, budget)[box_class]
+
+    def _refine_any_goal(self, goals: Sequence[Box], budget: Budget) -> Refinement | NoRefinement:
+        paths = [self._layers.path(goal) for goal in goals[:MAX_GOALS]]
+        return self._refine_any(paths, self._box, budget, all_paths=len(goals) <= MAX_GOALS)
+
+    def _refine_any_remainder(
+        self, remainders: Sequence[Remainder], box: Box, budget: Budget
+    ) -> Refinement | NoRefinement:
+        all_paths = len(remainders) <= MAX_REMAINDERS
+        return self._refine_any(remainders[:MAX_REMAINDERS], box, budget, all_paths=all_paths)
+
+    def _refine_any(
+        self, paths: Sequence[Remainder], box: Box, budget: Budget, *, all_paths: bool
+    ) -> Refinement | NoRefinement:
+        """The first refinement found of one of the paths. `all_paths`: whether failure of all of them is a proof."""
+        failure = NoRefinement.INFEASIBLE if all_paths else NoRefinement.UNDECIDED
+        for path in paths:
+            found = self._refine(path, box, budget)
+            if not isinstance(found, NoRefinement):
+                return found
+            failure = failure if found is NoRefinement.INFEASIBLE else found
+        return failure
+
+    def _refine(self, path: Remainder, box: Box, budget: Budget, *, reverse: bool = False) -> Refinement | NoRefinement:
+        return refine(path, box, self._editor, self._abstraction, budget, reverse=reverse)
+
+    # First actions
+
+    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
+        """The first actions on paths of `edits` edits to boxes of the class. Raises BudgetExhaustedError."""
+        if not edits:
+            return NO_ACTIONS
+        found = self._first_actions.get((edits, box_class))
+        if found is None:
+            goals = self._goals(edits, box_class, budget)
+            found = self._single_edits(goals) if edits == 1 else self._first_of_many(goals, budget)
+            self._first_actions[edits, box_class] = found
+        return found
+
+    def _single_edits(self, goals: Sequence[Box]) -> FirstActions:
+        abstract_goals = {self._abstraction.abstract(goal) for goal in goals}
+        return FirstActions(frozenset(self._actions_to(abstract_goals)), complete=True)
+
+    def _actions_to(self, goals: set[AbstractBox]) -> Iterator[int]:
+        """The actions that lead to one of these abstract boxes."""
+        from_classes, item_classes = self._abstraction.from_classes, self._item_classes
+        for item_class in range(len(self._abstraction.classes)):
+            if from_classes((*item_classes, item_class)) in goals:
+                yield from self._addition_actions(self._additions(item_class))
+        for position in range(len(item_classes)):
+            if from_classes((*item_classes[:position], *item_classes[position + 1 :])) in goals:
+                yield from self._removal_actions(position)
+
+    def _addition_table(self) -> AdditionTable:
+        frame_x = frame_x_of(self._rules, self._index)
+        return addition_table(self._scatter, self._rules, frame_x, self._box.items)
+
+    def _additions(self, item_class: int) -> Int64Array:
+        """The additions of items of the class, as indices in the addition table."""
+        classes = self._abstraction.classes
+        if classes.by_item_type is not None:
+            item_types = addable_item_types(self._scatter, self._rules, self._box.items)
+            return (item_types & (classes.by_item_type == item_class)).ravel().nonzero()[0]
+        canonical = self._addition_table().canonical
+        return ((classes.by_canonical_item[canonical] == item_class) & (canonical >= 0)).nonzero()[0]
+
+    def _addition_actions(self, additions: Int64Array) -> list[int]:
+        found: list[int] = addition_actions(self._scatter, self._index, additions).tolist()
+        return found
+
+    def _removal_actions(self, position: int) -> list[int]:
+        """The actions that remove the item at that position."""
+        cells = (removal_table(self._scatter.cell, self._box.items) == position).nonzero()[0]
+        found: list[int] = removal_actions(self._scatter, self._index, cells).tolist()
+        return found
+
+    def _first_of_many(self, goals: Sequence[Box], budget: Budget) -> FirstActions:
+        if self._abstraction.order_matters:
+            return FirstActions(frozenset(), complete=False)
+        remainders: dict[AbstractEdit, list[Remainder]] = {}  # by first edit
+        for goal in goals[:MAX_GOALS]:
+            path = [edit if edit.adds else AbstractEdit(edit.item_class, 0) for edit in self._layers.path(goal)]
+            for edit in dict.fromkeys(path):
+                remainder = Counter(path)
+                remainder[edit] -= 1
+                remainders.setdefault(edit, []).append(tuple(remainder.elements()))
+        actions: set[int] = set()
+        complete = len(goals) <= MAX_GOALS
+        for edit, after in remainders.items():
+            find = self._first_additions if edit.adds else self._first_removals
+            found = find(edit.item_class, after, budget)
+            actions |= found.actions
+            complete = complete and found.complete
+        return FirstActions(frozenset(actions), complete)
+
+    def _first_removals(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
+        """The removals of an item of the class after which one of `remainders` is feasible."""
+        actions: set[int] = set()
+        complete = True
+        for position, other in enumerate(self._item_classes):
+            if other == item_class:
+                found = self._refine_any_remainder(remainders, self._box.without(position), budget)
+                complete = complete and found is not NoRefinement.UNDECIDED
+                if not isinstance(found, NoRefinement):
+                    actions.update(self._removal_actions(position))
+        return FirstActions(frozenset(actions), complete)
+
+    def _first_additions(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
+        """The additions of an item of the class after which one of `remainders` is feasible.
+
+        Feasibility does not depend on colour, so it is checked once for each cell and footprint.
+        """
+        table = self._addition_table()
+        chosen = np.zeros(table.canonical.shape, np.bool_)
+        chosen[self._additions(item_class)] = True
+        by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
+        cells, footprints = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT).nonzero()
+        left, top = table.x[cells, footprints], table.y[cells, footprints]
+        sides = np.array(FOOTPRINT_SIDES)[footprints]
+        squares = np.stack([left, top, left + sides, top + sides], axis=1)
+        feasible, complete = self._feasible_additions(_PlacedItems(squares, footprints), remainders, budget)
+        allowed = np.zeros((len(table.valid), FOOTPRINT_COUNT), np.bool_)
+        allowed[cells[feasible], footprints[feasible]] = True
+        by_item_type &= allowed.reshape(-1, len(Shape), 1, len(Size))
+        return FirstActions(frozenset(self._addition_actions(chosen.nonzero()[0])), complete)
+
+    def _feasible_additions(
+        self, added: _PlacedItems, remainders: Sequence[Remainder], budget: Budget
+    ) -> tuple[BoolArray, bool]:
+        """(n,) after which additions one of `remainders` is known to be feasible, and whether this is exact."""
+        feasible = np.zeros(len(added.footprints), np.bool_)
+        for remainder in remainders[:MAX_REMAINDERS]:
+            for reverse in (False, True):
+                found = self._refine(remainder, self._box, budget, reverse=reverse)
+                if not isinstance(found, NoRefinement) and not feasible.all():
+                    feasible |= self._unaffected(found, added.squares)
+        complete = True
+        for checked, index in enumerate((~feasible).nonzero()[0].tolist()):
+            if checked == MAX_CHECKED:
+                return feasible, False
+            if not feasible[index]:
+                found = self._refine_any_remainder(remainders, self._box.with_item(added.item(index)), budget)
+                if isinstance(found, NoRefinement):
+                    complete = complete and found is NoRefinement.INFEASIBLE
+                    continue
+                feasible[index] = True
+                if self._unaffected(found, added.squares[index : index + 1])[0]:  # it holds without the addition too
+                    feasible |= self._unaffected(found, added.squares)
+        return feasible, complete
+
+    def _unaffected(self, edits: Sequence[BoxEdit], squares: Int64Array) -> BoolArray:
+        """(n,) whether the edits have the same result with and without an item in each of the (n, 4) squares."""
+        regions = np.array([self._region(edit) for edit in edits])
+        left, top, right, bottom = (squares[:, None, side] for side in range(4))
+        overlaps = (left < regions[:, 2]) & (right > regions[:, 0]) & (top < regions[:, 3]) & (bottom > regions[:, 1])
+        unaffected: BoolArray = np.logical_not(overlaps.any(axis=1))
+        return unaffected
+
+    def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
+        """The region (left, top, right, bottom) outside of which items do not affect the edit."""
+        width, height = self._scatter.cell
+        x, y = edit.column * width - self._index * BOX_PITCH, edit.row * height
+        if isinstance(edit, AddItem):
+            side = SIZE_PIXELS[edit.size]
+            return x - CLEARANCE, y - CLEARANCE, x + width + side + CLEARANCE, y + height + side + CLEARANCE
+        return x, y, x + width, y + height
+
+
+class _PlacedItems(NamedTuple):
+    """n added items without their colours."""
+
+    squares: Int64Array  # (n, 4) left, top, right, bottom; the last two exclusive
+    footprints: Int64Array  # (n,)
+
+    def item(self, index: int) -> Item:
+        """Item `index` in an arbitrary colour."""
+        left, top, *_ = self.squares[index].tolist()
+        shape, size = divmod(int(self.footprints[index]), len(Size))
+        return Item(left, top, Shape(shape), Colour.YELLOW, Size(size))

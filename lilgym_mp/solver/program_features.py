@@ -1,0 +1,258 @@
+"""Static analysis of programs: the features of items, boxes and scenes on which a program's value depends.
+
+Many programs test items one by one, for attributes or walls, and nothing else. Such a program cannot distinguish two
+scenes whose boxes contain items with equal feature values, so it can be solved on those values alone, before any
+geometry is considered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.programs.syntax import (
+    Arithmetic,
+    Call,
+    Constant,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    children,
+)
+from lilgym_mp.programs.values import BoxView, ItemView, Side
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import Box, Item
+from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
+
+ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the language's name: the field of Item
+LOGIC_WORDS: dict[str, Callable[..., BoolArray]] = {"AND": np.logical_and, "OR": np.logical_or, "NOT": np.logical_not}
+NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # of words that never inspect an item
+FEATURE_CACHE_SIZE = 4_096
+PROGRAM_CACHE_SIZE = 4_096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ItemFeature:
+    """A function of a single item. Compared by identity: equal features are the same cached object."""
+
+    values: Int64Array  # (1323,) its value, as an integer code, for each canonical item
+
+    def __call__(self, item: Item) -> int:
+        return int(self.values[canonical_index(item)])
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramFeatures:
+    """Everything on which a program's value can depend."""
+
+    item_features: tuple[ItemFeature, ...]
+    order_matters: bool  # whether the value may depend on the order of a box's items
+    relations: tuple[Word, ...]  # words that relate items to other items
+    tests_towers: bool  # whether the program tests if a box is a tower
+
+    @property
+    def relational(self) -> bool:
+        """Whether item features alone do not determine the program's value."""
+        return self.tests_towers or bool(self.relations)
+
+
+@lru_cache(maxsize=PROGRAM_CACHE_SIZE)
+def program_features(tree: Node) -> ProgramFeatures:
+    """The features of the program with this syntax tree. Conservative: it may include some that do not matter."""
+    found = dict.fromkeys(_features(tree))
+    return ProgramFeatures(
+        item_features=tuple(feature for feature in found if not isinstance(feature, Word | _BoxFeature)),
+        order_matters=_BoxFeature.ORDER in found,
+        relations=tuple(feature for feature in found if isinstance(feature, Word)),
+        tests_towers=_BoxFeature.TOWER in found,
+    )
+
+
+def merged_features(programs: Sequence[ProgramFeatures]) -> ProgramFeatures:
+    """The union of the features of several programs."""
+    return ProgramFeatures(
+        item_features=tuple(dict.fromkeys(feature for program in programs for feature in program.item_features)),
+        order_matters=any(program.order_matters for program in programs),
+        relations=tuple(dict.fromkeys(word for program in programs for word in program.relations)),
+        tests_towers=any(program.tests_towers for program in programs),
+    )
+
+
+class _BoxFeature(Enum):
+    ORDER = "the order of items"
+    TOWER = "whether a box is a tower"
+
+
+_Feature = ItemFeature | Word | _BoxFeature
+
+
+def _features(node: Node) -> Iterator[_Feature]:
+    """Every feature in the tree, with repetitions."""
+    predicate = _as_predicate(node)
+    if predicate is not None:
+        yield _predicate_feature(predicate)
+        return
+    match node:
+        case Call(word=word) | WordName(word=word):
+            yield from _word_features(word, node)
+        case Member(name=name) if name in ATTRIBUTES:
+            yield _attribute_feature(name)
+        case Member(name="is_tower"):
+            yield _BoxFeature.TOWER
+        case Subscript(of=of) | Slice(of=of) if of != SceneName("all_boxes"):
+            yield _BoxFeature.ORDER
+        case Arithmetic(operator="+", left=left, right=right) if not (_is_number(left) and _is_number(right)):
+            yield _BoxFeature.ORDER
+        case _:
+            pass
+    for child in children(node):
+        yield from _features(child)
+
+
+def _word_features(word: Word, node: Call | WordName) -> Iterator[_Feature]:
+    attribute = next((name for name in ATTRIBUTES if name in word.name), None)
+    if word.group == "attributes" and attribute is not None:
+        value = node.arguments[1] if isinstance(node, Call) and word.name.startswith("filter") else None
+        if isinstance(value, Constant):
+            yield _equality_feature(attribute, cast("Enum", value.value))
+        else:
+            yield _attribute_feature(attribute)
+        if word.name.startswith("query"):
+            yield _BoxFeature.ORDER
+    elif isinstance(node, Call) and _is_item_test(word) and _has_constant_sides(node):
+        yield _predicate_feature(Call(word, (Variable("x"), *node.arguments[1:])))
+    elif word.group != "attributes" and word.group not in NEUTRAL_GROUPS:
+        yield word
+    if word.name == "min":
+        yield _BoxFeature.ORDER
+
+
+def _is_number(node: Node) -> bool:
+    match node:
+        case Constant() | Arithmetic():
+            return True
+        case Call(word=word):
+            return word.result == "int"
+        case _:
+            return False
+
+
+# Predicates on one item
+
+
+def _as_predicate(node: Node) -> Node | None:
+    """The node as a predicate on the variable x, if it combines tests of one and the same item; else None."""
+    match node:
+        case WordName(word=word) if _is_item_test(word) and all(p.optional for p in word.parameters[1:]):
+            return Call(word, (Variable("x"), *(None for _ in word.parameters[1:])))
+        case Call() | Logic() | Not() if len(names := set(_tested_variables(node))) == 1 and None not in names:
+            return _renamed(node)
+        case _:
+            return None
+
+
+def _tested_variables(node: Node) -> Iterator[str | None]:
+    """The variables tested in a logical combination of item tests; None for any part that is not an item test."""
+    match node:
+        case Call(word=word, arguments=(Variable(name=name), *_)) if _is_item_test(word):
+            yield name if _has_constant_sides(node) else None
+        case Logic() | Not():
+            for child in children(node):
+                yield from _tested_variables(child)
+        case Call(word=word) if word.name in LOGIC_WORDS:
+            for child in children(node):
+                yield from _tested_variables(child)
+        case _:
+            yield None
+
+
+def _has_constant_sides(call: Call) -> bool:
+    sides = call.arguments[1:]
+    return all(side is None or (isinstance(side, Constant) and isinstance(side.value, Side)) for side in sides)
+
+
+def _is_item_test(word: Word) -> bool:
+    """Whether the word is a predicate on one item that depends on nothing else but sides given as arguments."""
+    types = [parameter.type.name for parameter in word.parameters]
+    takes_one_item = types[:1] == ["item"] and set(types[1:]) <= {"Side"}
+    return takes_one_item and word.result == "bool" and word.depends_on_item_only
+
+
+def _renamed(node: Node) -> Node:
+    """The node with every variable renamed to x."""
+    match node:
+        case Variable():
+            return Variable("x")
+        case Call(word=word, arguments=arguments):
+            return Call(word, tuple(argument and _renamed(argument) for argument in arguments))
+        case Logic(operator=operator, operands=operands):
+            return Logic(operator, tuple(map(_renamed, operands)))
+        case Not(operand=operand):
+            return Not(_renamed(operand))
+        case _:
+            return node
+
+
+# Features with their values for all canonical items
+
+
+@lru_cache(maxsize=FEATURE_CACHE_SIZE)
+def _predicate_feature(predicate: Node) -> ItemFeature:
+    return ItemFeature(_predicate_values(predicate).astype(np.int64))
+
+
+def _predicate_values(predicate: Node) -> BoolArray:
+    """(1323,) the value of a predicate on x for each canonical item."""
+    match predicate:
+        case Not(operand=operand):
+            return ~_predicate_values(operand)
+        case Logic(operator=operator, operands=operands):
+            combine = np.logical_and if operator == "and" else np.logical_or
+            return combine.reduce([_predicate_values(operand) for operand in operands])
+        case Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
+            return _item_test_values(word, tuple(map(_side, sides)))
+        case Call(word=word, arguments=arguments):
+            operands = [_predicate_values(argument) for argument in arguments if argument is not None]
+            return LOGIC_WORDS[word.name](*operands)
+        case _:
+            raise AssertionError(f"{predicate} is not a predicate on one item")
+
+
+def _side(node: Node | None) -> Side | None:
+    return cast("Side", node.value) if isinstance(node, Constant) else None
+
+
+@lru_cache(maxsize=FEATURE_CACHE_SIZE)
+def _item_test_values(word: Word, sides: tuple[Side | None, ...]) -> BoolArray:
+    """(1323,) the value of an item test for each canonical item; None stands for a side's default."""
+    defaults = [parameter.default for parameter in word.parameters[1:]]
+    given = [default if side is None else side for side, default in zip(sides, defaults, strict=True)]
+    empty = BoxView(Box())
+    return np.array([word.function(ItemView(item, empty, 0), *given) for item in canonical_items()])
+
+
+@lru_cache
+def _attribute_feature(name: str) -> ItemFeature:
+    return ItemFeature(_field_values(name))
+
+
+@lru_cache
+def _equality_feature(name: str, value: Enum) -> ItemFeature:
+    return ItemFeature((_field_values(name) == value.value).astype(np.int64))
+
+
+def _field_values(name: str) -> Int64Array:
+    field = Item._fields.index(ATTRIBUTES[name])
+    return np.array([item[field] for item in canonical_items()])

@@ -1,0 +1,141 @@
+"""Breadth-first layers of Scatter boxes with heuristic duplicate detection.
+
+For relational programs, and for goals whose abstraction has no refinement. Boxes with equal heuristic signatures, i.e.
+with items alike in class and in the classes of related items, are treated as duplicates, and only the first is kept.
+This finds solutions quickly but proves nothing about those it does not find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from typing import Any
+
+from lilgym_mp.programs import box_functions
+from lilgym_mp.programs.values import BoxView
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import Box, Colour, Item, Shape, Size
+from lilgym_mp.solver.abstraction import ItemClasses
+from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor, EditedBox
+from lilgym_mp.solver.layered_search import Budget, LazyList
+from lilgym_mp.solver.program_features import ProgramFeatures
+
+FOOTPRINTS = tuple((shape, size) for size in Size for shape in Shape)  # small ones first: they leave most space
+
+
+class SuccessorGenerator:
+    """Generates the edits of a box, with one colour for each item class that an addition can have."""
+
+    def __init__(self, editor: BoxEditor, classes: ItemClasses, budget: Budget) -> None:
+        self._editor = editor
+        self._classes = classes
+        self._budget = budget
+
+    def __call__(self, box: Box) -> Iterator[EditedBox]:
+        """Every removal, then every addition. Raises BudgetExhaustedError."""
+        yield from self.removals(box)
+        yield from self.additions(box)
+
+    def removals(self, box: Box) -> Iterator[EditedBox]:
+        for position in range(len(box.items)):
+            self._budget.spend()
+            edited = self._editor.removed(box, position)
+            if edited is not None:
+                yield edited
+
+    def additions(self, box: Box) -> Iterator[EditedBox]:
+        corners = self._editor.corners(box)
+        for shape, size in FOOTPRINTS:
+            for x, y in corners:
+                self._budget.spend()
+                edited = self._editor.added(box, (shape, Colour.YELLOW, size), x, y)
+                if edited is not None:
+                    yield from self._recoloured(edited)
+
+    def _recoloured(self, edited: EditedBox) -> Iterator[EditedBox]:
+        """The addition in one colour for each item class; geometry does not depend on colour."""
+        edit, box = edited
+        *others, item = box.items
+        seen: set[int] = set()
+        for colour in Colour:
+            recoloured = item._replace(colour=colour)
+            item_class = self._classes.of(recoloured)
+            if item_class not in seen:
+                seen.add(item_class)
+                yield EditedBox(edit._replace(colour=colour), Box((*others, recoloured)))
+
+
+class PrunedLayers:
+    """The breadth-first layers of a box, with one box for each signature."""
+
+    def __init__(
+        self, box: Box, successors: Callable[[Box], Iterator[EditedBox]], signature: Callable[[Box], Hashable]
+    ) -> None:
+        self._successors = successors
+        self._signature = signature
+        self._layers: list[Iterable[Box]] = [[box]]
+        self._paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]] = {box.items: ()}
+        self._seen: set[Hashable] = {signature(box)}
+
+    def layer(self, edits: int) -> Iterable[Box]:
+        while len(self._layers) <= edits:
+            self._layers.append(LazyList(self._next_layer(self._layers[-1])))
+        return self._layers[edits]
+
+    def path(self, box: Box) -> tuple[BoxEdit, ...]:
+        """The edits that lead to a box of the layers."""
+        return self._paths[box.items]
+
+    def _next_layer(self, boxes: Iterable[Box]) -> Iterator[Box]:
+        for box in boxes:
+            path = self._paths[box.items]
+            for edit, after in self._successors(box):
+                signature = self._signature(after)
+                if signature not in self._seen:
+                    self._seen.add(signature)
+                    self._paths[after.items] = (*path, edit)
+                    yield after
+
+
+class HeuristicSignature:
+    """What a program is likely to depend on in a box: each item's class and size, and the classes of related items."""
+
+    def __init__(self, features: ProgramFeatures, classes: ItemClasses) -> None:
+        self._features = features
+        self._classes = classes
+
+    def __call__(self, box: Box) -> Hashable:
+        item_classes = [self._classes.of(item) for item in box.items]
+        sizes = [item.size for item in box.items]  # they limit what can be placed next to an item
+        try:
+            relations = [_relation_values(word, box, item_classes) for word in self._features.relations]
+        except box_functions.FallbackError:  # the box has too many items
+            return box.items
+        rows = list(zip(item_classes, sizes, *relations, strict=True))
+        is_tower = self._features.tests_towers and box_functions.is_tower(box)
+        return (is_tower, tuple(rows if self._features.order_matters else sorted(rows)))
+
+
+def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
+    """By item: the classes of items that the word relates to it, its value, or for other words the item's position."""
+    if word.depends_on == "box" and word.parameters[0].type.mapped:
+        masks = box_functions.vectorised_relation(word)(box)
+        return [tuple(sorted(_selected(item_classes, masks[position]))) for position in range(len(item_classes))]
+    types = [parameter.type.name for parameter in word.parameters]
+    if word.depends_on == "box" and types == ["item"]:
+        mask = box_functions.vectorised_test(word, ())(box)
+        return [mask >> position & 1 for position in range(len(item_classes))]
+    if types == ["item", "item"]:
+        return _related_classes(word, box, item_classes)
+    return [(item.x, item.y) for item in box.items]
+
+
+def _selected(item_classes: list[int], mask: int) -> list[int]:
+    return [item_class for position, item_class in enumerate(item_classes) if mask >> position & 1]
+
+
+def _related_classes(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
+    """By item: the classes of the other items with which it satisfies a binary predicate."""
+    members = BoxView(box).members
+    return [
+        tuple(sorted(item_classes[y.index] for y in members if y is not x and word.function(x, y))) for x in members
+    ]

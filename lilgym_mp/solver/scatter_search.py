@@ -1,0 +1,323 @@
+"""Search for Scatter: in abstract boxes for what must change, then under the exact rules for edits that change it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Hashable, Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.actions import STOP, Action
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
+from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, AbstractLayers, ItemClasses
+from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
+from lilgym_mp.solver.class_search import class_space, class_triples_at
+from lilgym_mp.solver.edit_tables import addition_actions, addition_table, frame_x_of, removal_actions, removal_table
+from lilgym_mp.solver.first_actions import ScatterReachability
+from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, goals_at
+from lilgym_mp.solver.program_features import merged_features, program_features
+from lilgym_mp.solver.pruned_layers import HeuristicSignature, PrunedLayers, SuccessorGenerator
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
+from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
+
+ABSTRACTION_CACHE_SIZE = 256  # tuples of programs
+MAX_GOALS = 40  # abstract goals at one distance that are refined
+MAX_EXTRA_EDITS = 2  # beyond the abstract distance, before the pruned search takes over
+FIRST_ACTION_BUDGET = 100_000  # scenes examined to check first actions one by one
+
+# By box index, items and abstract path. Shared by the searches from several states.
+RefinementCache = dict[tuple[int, tuple[Item, ...], tuple[AbstractEdit, ...]], Refinement | NoRefinement]
+
+
+@lru_cache(maxsize=ABSTRACTION_CACHE_SIZE)
+def abstraction_of(programs: tuple[str, ...]) -> Abstraction:
+    """The abstraction under the features of all these programs, shared by all tasks that have them."""
+    return Abstraction(merged_features([program_features(compile_program(program).tree) for program in programs]))
+
+
+class ScatterSearch:
+    """Solutions that are proven shortest if possible, and otherwise the best found."""
+
+    budget = 300_000
+
+    def __init__(self, scatter: Scatter, dynamics: Dynamics) -> None:
+        self._scatter = scatter
+        self._placement = dynamics.rules.placement
+        self._editors = [BoxEditor(scatter, self._placement, index) for index in range(BOX_COUNT)]
+        self._exhaustive = all(editor.is_exhaustive for editor in self._editors)
+
+    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
+        if state.task.solved_by(state.scene):
+            return solved((STOP,), 0, budget)
+        if not has_program_goal(state.task):
+            return not_found(1, budget, "success is not the value of its program, by which Scatter tasks are solved")
+        search = self.task_search(state, max_edits, budget, {})
+        try:
+            actions = search.solution()
+        except BudgetExhaustedError:
+            return not_found(search.least_edits, budget)
+        if actions is not None:
+            return solved((*actions, STOP), search.least_edits, budget)
+        if search.least_edits > max_edits:
+            reason = f"no scene within {max_edits} edits has that value"
+            return unsolvable(reason, search.least_edits, budget)
+        return not_found(search.least_edits, budget)
+
+    def task_search(self, state: State, max_edits: int, budget: Budget, cache: RefinementCache) -> _TaskSearch:
+        return _TaskSearch(self._editors, state, max_edits, budget, cache)
+
+    def is_abstractable(self, program: str) -> bool:
+        return not abstraction_of((program,)).features.relational
+
+    def reachability(self, programs: tuple[str, ...], scene: Scene) -> ScatterReachability:
+        space = class_space(programs)
+        # The cached reachable classes refer to the layers of one abstraction, which must outlive its own cache.
+        abstraction: Abstraction = space.retained.setdefault("abstraction", abstraction_of(programs))
+        return ScatterReachability(self._scatter, self._placement, self._editors, scene, abstraction, space)
+
+    def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
+        for edit in edits:
+            scene = self._scatter.apply(scene, edit, self._placement).scene
+        return scene
+
+    # First actions
+
+    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        """First actions of shortest solutions; marked complete only if that is proven."""
+        if state.task.solved_by(state.scene):
+            return ActionSet((self._scatter.encode(STOP),), complete=True, steps=1)
+        abstractable = has_program_goal(state.task) and all(map(self.is_abstractable, programs_of(state.task)))
+        found = self._first_actions_by_class(state, max_edits, budget) if abstractable and self._exhaustive else None
+        return self._first_actions_by_trial(state, max_edits, budget) if found is None else found
+
+    def _first_actions_by_class(self, state: State, max_edits: int, budget: Budget) -> ActionSet | None:
+        """None if the nearest abstract goals are not feasible, or the budget is exhausted."""
+        programs, targets = programs_of(state.task), target_bits(state.task)
+        space, reachability = class_space(programs), self.reachability(programs, state.scene)
+        try:
+            for edits in range(1, max_edits + 1):
+                candidates = class_triples_at(edits, reachability.reachable, budget)
+                goals = [(edit_counts, triple) for edit_counts, triple in candidates if space.truths(triple) == targets]
+                if goals:
+                    found = reachability.first_actions(goals, budget)
+                    actions = tuple(sorted(found.actions))
+                    return ActionSet(actions, complete=found.complete, steps=edits + 1) if actions else None
+        except BudgetExhaustedError:
+            return None
+        return ActionSet((), complete=True, steps=0)
+
+    def _first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        """Solves the state, then checks every edit for whether it reduces the distance to the nearest goal."""
+        solution = self.solve(state, max_edits, budget)
+        if solution.steps < 2:
+            actions = tuple(map(self._scatter.encode, solution.actions))
+            return ActionSet(actions, complete=solution.status is not Status.NOT_FOUND, steps=solution.steps)
+        found = {self._scatter.encode(solution.actions[0])}
+        complete = solution.proven_optimal and self._exhaustive
+        check = _FirstEditCheck(self, state, solution.steps - 2, Budget(min(budget.left, FIRST_ACTION_BUDGET)))
+        try:
+            for index, actions, box in self._edits(state.scene, abstraction_of(programs_of(state.task)).classes):
+                answer = check.starts_shortest(index, box)
+                if answer:
+                    found.update(actions)
+                complete = complete and answer is not None
+        except BudgetExhaustedError:
+            complete = False
+        return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
+
+    def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[int, Sequence[int], Box]]:
+        """Every box index, a group of actions on the box that are equivalent to the program, and the box after one."""
+        for index, box in enumerate(scene.boxes):
+            for actions, after in self._box_edits(index, box, classes):
+                yield index, actions, after
+
+    def _box_edits(self, index: int, box: Box, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Box]]:
+        if not self._exhaustive:
+            for edit, after in self._editors[index].all_edits(box):
+                yield [self._scatter.encode(edit)], after
+            return
+        table = addition_table(self._scatter, self._placement, frame_x_of(self._placement, index), box.items)
+        groups: dict[Hashable, list[int]] = {}  # by position, footprint and class
+        for addition in (table.canonical >= 0).nonzero()[0].tolist():
+            item = table.item(addition)
+            groups.setdefault((item.x, item.y, item.footprint, classes.of(item)), []).append(addition)
+        for additions in groups.values():
+            add_actions: list[int] = addition_actions(self._scatter, index, np.array(additions)).tolist()
+            yield add_actions, box.with_item(table.item(additions[0]))
+        removed = removal_table(self._scatter.cell, box.items)
+        for position in range(len(box.items)):
+            cells = (removed == position).nonzero()[0]
+            remove_actions: list[int] = removal_actions(self._scatter, index, cells).tolist()
+            if remove_actions:
+                yield remove_actions, box.without(position)
+
+
+class _FirstEditCheck:
+    """Checks, edit by edit, whether a goal is `remaining` edits away afterwards."""
+
+    def __init__(self, search: ScatterSearch, state: State, remaining: int, budget: Budget) -> None:
+        self._search = search
+        self._state = state
+        self._remaining = remaining
+        self._budget = budget
+        self._cache: RefinementCache = {}
+        programs = programs_of(state.task)
+        abstractable = has_program_goal(state.task) and all(map(search.is_abstractable, programs))
+        self._space, self._targets = class_space(programs), target_bits(state.task)
+        self._reachability = search.reachability(programs, state.scene) if abstractable else None
+
+    def starts_shortest(self, index: int, box: Box) -> bool | None:
+        """Whether the edit that turns box `index` into `box` starts a shortest solution; None if unknown.
+
+        Raises BudgetExhaustedError.
+        """
+        self._budget.spend()
+        task, scene, steps = self._state
+        after = State(task, scene.with_box(index, box), steps + 1)
+        if self._remaining == 0:
+            return task.solved_by(after.scene)
+        if self._reachability is None:
+            return None
+        return self._is_goal_within_reach(self._reachability.with_box(index, box), after)
+
+    def _is_goal_within_reach(self, reachability: ScatterReachability, after: State) -> bool | None:
+        for edits in range(1, self._remaining + 1):
+            candidates = class_triples_at(edits, reachability.reachable, self._budget)
+            goals = [(counts, triple) for counts, triple in candidates if self._space.truths(triple) == self._targets]
+            if goals:
+                failure = reachability.failure(goals, self._budget)
+                if failure is NoRefinement.INFEASIBLE and edits < self._remaining:  # longer paths may be feasible
+                    return self._is_solvable(after)
+                return None if failure is NoRefinement.UNDECIDED else failure is None
+        return False
+
+    def _is_solvable(self, after: State) -> bool | None:
+        search = self._search.task_search(after, self._remaining, self._budget, self._cache)
+        if search.by_abstraction() is not None:
+            return True
+        return False if search.least_edits > self._remaining else None
+
+
+class _LayerResult(NamedTuple):
+    """The result of refining the abstract goals at one distance."""
+
+    edits: list[BoxEdit] | None  # to a goal
+    goals: int  # examined
+    failure: NoRefinement  # if `edits` is None
+
+
+class _TaskSearch:
+    """The search from one state. `least_edits` is the lower bound proven so far."""
+
+    def __init__(
+        self, editors: Sequence[BoxEditor], state: State, max_edits: int, budget: Budget, cache: RefinementCache
+    ) -> None:
+        self._editors = editors
+        self._cache = cache
+        self._boxes = state.scene.boxes
+        self._is_goal = state.task.solved_by
+        self._max_edits = max_edits
+        self._budget = budget
+        self._abstraction = abstraction_of(programs_of(state.task))
+        self.least_edits = 1
+
+    def solution(self) -> list[BoxEdit] | None:
+        """The edits of the shortest solution found. Raises BudgetExhaustedError."""
+        if self._max_edits < 1:
+            return None
+        if self._abstraction.features.relational:
+            return self._by_single_edit() or self._by_pruned_layers()
+        found = self.by_abstraction()
+        if found is None and self.least_edits <= self._max_edits:
+            found = self._by_pruned_layers()
+        return found
+
+    # Search in abstract scenes, with refinement
+
+    def by_abstraction(self) -> list[BoxEdit] | None:
+        layers = [self._abstraction.layers(box) for box in self._boxes]
+        nearest = None  # distance of the nearest abstract goal
+        for edits in range(1, self._max_edits + 1):
+            result = self._refine_layer(edits, layers)
+            if result.edits is not None:
+                return result.edits
+            if result.failure is NoRefinement.INFEASIBLE and self.least_edits == edits:
+                self.least_edits = edits + 1
+            if result.goals and nearest is None:
+                nearest = edits
+            if nearest is not None and edits - nearest == MAX_EXTRA_EDITS:
+                break
+        return None
+
+    def _refine_layer(self, edits: int, layers: Sequence[AbstractLayers]) -> _LayerResult:
+        """Refines the abstract goals at that distance until one succeeds."""
+        count = 0
+        failure = NoRefinement.INFEASIBLE
+        goals = goals_at(edits, layers, self._is_goal, self._budget)
+        for count, goal in enumerate(itertools.islice(goals, MAX_GOALS), start=1):
+            found = self._refine_goal(goal, layers)
+            if not isinstance(found, NoRefinement):
+                return _LayerResult(found, count, NoRefinement.UNDECIDED)
+            if found is NoRefinement.UNDECIDED or count == MAX_GOALS:
+                failure = NoRefinement.UNDECIDED
+        return _LayerResult(None, count, failure)
+
+    def _refine_goal(self, goal: Scene, layers: Sequence[AbstractLayers]) -> list[BoxEdit] | NoRefinement:
+        edits: list[BoxEdit] = []
+        for index, box in enumerate(self._boxes):
+            found = self._refine_box(index, box, layers[index].path(goal.boxes[index]))
+            if isinstance(found, NoRefinement):
+                return found
+            edits.extend(found)
+        return edits
+
+    def _refine_box(self, index: int, box: Box, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
+        if not path:
+            return ()
+        key = (index, box.items, path)
+        found = self._cache.get(key)
+        if found is None:
+            found = refine(path, box, self._editors[index], self._abstraction, self._budget)
+            self._cache[key] = found
+        return found
+
+    # Search in scenes
+
+    def _by_single_edit(self) -> list[BoxEdit] | None:
+        """A single edit to a goal. If all were tried in vain, raises the lower bound to 2."""
+        left, middle, right = self._boxes
+        for index, box in enumerate(self._boxes):
+            for edit, after in self._successors(index)(box):
+                boxes = [left, middle, right]
+                boxes[index] = after
+                if self._is_goal(Scene((boxes[0], boxes[1], boxes[2]))):
+                    return [edit]
+        if all(editor.is_exhaustive for editor in self._editors):
+            self.least_edits = max(self.least_edits, 2)
+        return None
+
+    def _by_pruned_layers(self) -> list[BoxEdit] | None:
+        """At each distance, scenes that need removals only come first: they are few, and often suffice."""
+        signature = HeuristicSignature(self._abstraction.features, self._abstraction.classes)
+        pairs = [(box, self._successors(index)) for index, box in enumerate(self._boxes)]
+        by_removals = [PrunedLayers(box, successors.removals, _items) for box, successors in pairs]
+        by_any_edits = [PrunedLayers(box, successors, signature) for box, successors in pairs]
+        for edits in range(self.least_edits, self._max_edits + 1):
+            for layers in (by_removals, by_any_edits):
+                goal = next(goals_at(edits, layers, self._is_goal, self._budget), None)
+                if goal is not None:
+                    return [edit for layer, box in zip(layers, goal.boxes, strict=True) for edit in layer.path(box)]
+        return None
+
+    def _successors(self, index: int) -> SuccessorGenerator:
+        return SuccessorGenerator(self._editors[index], self._abstraction.classes, self._budget)
+
+
+def _items(box: Box) -> tuple[Item, ...]:
+    return box.items

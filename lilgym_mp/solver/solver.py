@@ -1,0 +1,119 @@
+"""The solver: chooses the search for the appearance, and how many edits the rest of the horizon allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any, Protocol
+
+from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.layered_search import Budget
+from lilgym_mp.solver.scatter_search import ScatterSearch
+from lilgym_mp.solver.solution import ActionSet, Solution
+from lilgym_mp.solver.tower_search import TowerSearch
+from lilgym_mp.solver.weighted_goals import (
+    PLAN_BUDGET,
+    PlannerBackend,
+    WeightedGoal,
+    WeightedPlan,
+    WeightedPlanner,
+    check_goals,
+)
+from lilgym_mp.task import Task
+
+
+class Search(PlannerBackend, Protocol):
+    """The search for one appearance. `budget`: how many scenes it examines by default."""
+
+    budget: int
+
+    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet: ...
+
+
+SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
+CACHE_SIZE = 4_096  # action sets
+
+
+class Solver:
+    """Finds shortest solutions of the tasks of one MDP. Results do not depend on earlier calls."""
+
+    def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
+        """`budget`: how many scenes a call may examine; None is the default of the appearance.
+
+        Raises ValueError for a budget below 1 or an unsupported appearance.
+        """
+        self.dynamics = dynamics
+        appearance = dynamics.appearance
+        if type(appearance) not in SEARCHES:
+            choices = ", ".join(sorted(kind.__name__.lower() for kind in SEARCHES))
+            raise ValueError(f"no expert for appearance {appearance.name!r}; choose from {choices}")
+        self._search = SEARCHES[type(appearance)](appearance, dynamics)
+        self.budget = self._search.budget if budget is None else budget
+        self._action_sets: dict[Hashable, ActionSet] = {}  # by programs, targets, scene and edits left
+        if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+
+    def solve(self, task: Task) -> Solution:
+        """A shortest solution from the task's start."""
+        return self.solve_from(self.dynamics.start(task))
+
+    def solve_from(self, state: State) -> Solution:
+        """A shortest solution from any state of an episode; `state.steps` counts against the horizon.
+
+        Raises ValueError if no action is left.
+        """
+        return self._search.solve(state, self._max_edits(state), Budget(self.budget))
+
+    def optimal_actions(self, state: State) -> ActionSet:
+        """The first actions of shortest solutions. Raises ValueError if no action is left."""
+        max_edits = self._max_edits(state)
+        if not has_program_goal(state.task):
+            return self._search.first_actions(state, max_edits, Budget(self.budget))
+        key = (programs_of(state.task), target_bits(state.task), state.scene, max_edits)
+        found = self._action_sets.get(key)
+        if found is None:
+            if len(self._action_sets) >= CACHE_SIZE:
+                del self._action_sets[next(iter(self._action_sets))]
+            found = self._action_sets[key] = self._search.first_actions(state, max_edits, Budget(self.budget))
+        return found
+
+    def optimal_sets(self, states: Sequence[State]) -> list[ActionSet]:
+        """`optimal_actions` of each state, in order.
+
+        Faster than single calls: states are processed program by program, so that what is cached for a program is
+        not evicted in between. Raises ValueError if a state has no action left.
+        """
+        found: list[ActionSet | None] = [None] * len(states)
+        for index in sorted(range(len(states)), key=lambda index: states[index].task.program):
+            found[index] = self.optimal_actions(states[index])
+        return [actions for actions in found if actions is not None]
+
+    def plan_for(
+        self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int, budget: int | None = None
+    ) -> WeightedPlan:
+        """A plan that satisfies as much of the goals' probability as was found to be possible, in as few actions.
+
+        `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. `budget`: scenes or class
+        triples that may be examined; by default PLAN_BUDGET, or for a single goal, which is solved as by `solve`,
+        this solver's own. The probabilities of equal goals are added.
+
+        Raises ValueError for no goals, a negative probability, negative `edits_left` or a budget below 1, and
+        ProgramError for an invalid program.
+        """
+        check_goals(goals)
+        if edits_left < 0:
+            raise ValueError(f"edits_left must be at least 0, not {edits_left}")
+        if budget is None:
+            budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
+        elif budget < 1:
+            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+        return WeightedPlanner(self._search, goals, scene, edits_left, Budget(budget)).plan()
+
+    def _max_edits(self, state: State) -> int:
+        """The most edits that leave one action for STOP."""
+        left = self.dynamics.horizon - state.steps
+        if left < 1:
+            raise ValueError(f"no action is left: {state.steps} of {self.dynamics.horizon} were taken")
+        return left - 1

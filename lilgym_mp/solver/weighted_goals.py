@@ -1,0 +1,250 @@
+"""Plans under uncertainty about the goal: one plan that satisfies as much of several goals' probability as possible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from lilgym_mp.actions import STOP, Action
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver.class_search import ClassTriple, EditCounts, ReachableClasses, class_space, class_triples_at
+from lilgym_mp.solver.goals import conjunctive_task
+from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
+from lilgym_mp.solver.solution import Solution
+
+PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
+BUDGET_DIVISOR = 24  # with several goals, one search may spend this fraction of the remaining budget
+MAX_EXTRA_EDITS = 3  # to satisfy one more goal
+MAX_REPAIRS = 4  # searches for a plan that satisfies one more goal without losing others
+MAX_TIES = 4  # equally short plans that are compared
+ROUNDING = 1e-12  # by which sums of the same probabilities in another order may differ
+
+
+class WeightedGoal(NamedTuple):
+    """A program that should have the value `target`, and the probability that this is the true goal."""
+
+    program: str
+    target: bool
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedPlan:
+    """Actions that satisfy some of the goals."""
+
+    actions: tuple[Action, ...]  # edits, then STOP; empty if no goal was found to be reachable
+    satisfied: tuple[int, ...]  # indices of the goals that hold at STOP, ascending
+    mass: float  # the sum of their probabilities
+    scenes: int  # examined by the search
+
+    @property
+    def steps(self) -> int:
+        """Actions, STOP included; 0 without a plan."""
+        return len(self.actions)
+
+
+class Reachability(Protocol):
+    """The box classes that can be reached from a scene, and how."""
+
+    @property
+    def reachable(self) -> Sequence[ReachableClasses]:
+        """By box."""
+        ...
+
+    def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> Sequence[Action] | None:
+        """Edits that lead to boxes of these classes, in the given numbers; None if none were found.
+
+        Raises BudgetExhaustedError.
+        """
+        ...
+
+
+class PlannerBackend(Protocol):
+    """What planning needs of the search for one appearance."""
+
+    def is_abstractable(self, program: str) -> bool:
+        """Whether the classes of reachable boxes determine the program's value."""
+        ...
+
+    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability: ...
+    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution: ...
+    def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
+        """The scene after the edits, which must all be valid."""
+        ...
+
+
+def check_goals(goals: Sequence[WeightedGoal]) -> None:
+    """Raises ValueError for no goals or an invalid probability, ProgramError for an invalid program."""
+    if not goals:
+        raise ValueError("there must be at least one goal to plan for")
+    for index, goal in enumerate(goals):
+        if not (goal.probability >= 0 and math.isfinite(goal.probability)):
+            raise ValueError(f"the probability of goal {index} must be a number of at least 0, not {goal.probability}")
+        compile_program(goal.program)
+
+
+class _Goal(NamedTuple):
+    """A program and target, with the total probability of all given goals that are equal to it."""
+
+    program: str
+    target: bool
+    probability: float
+
+    @property
+    def opposite(self) -> tuple[str, bool]:
+        return self.program, not self.target
+
+    def holds(self, scene: Scene) -> bool:
+        return compile_program(self.program)(scene) == self.target
+
+
+class _Candidate(NamedTuple):
+    """A candidate plan: edits and the goals that they satisfy."""
+
+    edits: Sequence[Action]
+    satisfied: frozenset[_Goal]
+    mass: float
+
+    def satisfies(self, goal: WeightedGoal) -> bool:
+        return any(goal[:2] == satisfied[:2] for satisfied in self.satisfied)
+
+    def beats(self, other: _Candidate) -> bool:
+        """Whether it has more mass, or equal mass in fewer edits."""
+        gain = self.mass - other.mass
+        return gain > ROUNDING or (gain > -ROUNDING and len(self.edits) < len(other.edits))
+
+
+class _NoRefinementError(Exception):
+    """No refinement was found for any of the nearest abstract goals."""
+
+
+class WeightedPlanner:
+    """Greedy search for a plan from one scene.
+
+    Goals are required one after the other, the most probable first, unless the plan satisfies them already. Most
+    readings of a statement are nearly equivalent, so only a few goals need to be required.
+    """
+
+    def __init__(
+        self, backend: PlannerBackend, goals: Sequence[WeightedGoal], scene: Scene, max_edits: int, budget: Budget
+    ) -> None:
+        masses: dict[tuple[str, bool], list[float]] = {}
+        for program, target, probability in goals:
+            masses.setdefault((program, target), []).append(probability)
+        merged = [_Goal(program, target, math.fsum(masses[program, target])) for program, target in masses]
+        self._given = goals
+        self._goals = sorted(merged, key=lambda goal: -goal.probability)
+        self._backend = backend
+        self._scene = scene
+        self._max_edits = max_edits
+        self._budget = budget
+
+    def plan(self) -> WeightedPlan:
+        """The best of several greedy plans: from the most probable goal, then from omitted goals that weigh as much."""
+        best = self._candidate(())
+        left = [goal for goal in self._goals if goal.probability > 0]
+        highest = left[0].probability if left else 0.0
+        while left and len(best.satisfied) < len(self._goals):
+            first, *others = left
+            if max(_mass(left) - best.mass, first.probability - highest) < -ROUNDING:
+                break
+            found = self._greedy([first, *(goal for goal in self._goals if goal.probability > 0 and goal != first)])
+            left = [goal for goal in others if goal not in found.satisfied]
+            best = found if found.beats(best) else best
+        satisfied = tuple(index for index, goal in enumerate(self._given) if best.satisfies(goal))
+        actions = (*best.edits, STOP) if satisfied else ()
+        return WeightedPlan(actions, satisfied, best.mass, self._budget.spent)
+
+    def _candidate(self, edits: Sequence[Action]) -> _Candidate:
+        scene = self._backend.edited(self._scene, edits)
+        satisfied = frozenset(goal for goal in self._goals if goal.holds(scene))
+        return _Candidate(edits, satisfied, _mass(satisfied))
+
+    def _greedy(self, goals: Sequence[_Goal]) -> _Candidate:
+        """A plan that requires each of these goals in turn, where that improves it."""
+        required: list[_Goal] = []
+        best = _NO_PLAN
+        for goal in goals:
+            if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
+                extended, found = self._with_goal(goal, required, best)
+                if found.beats(best):
+                    required, best = extended, found
+        return best
+
+    def _with_goal(self, goal: _Goal, required: Sequence[_Goal], best: _Candidate) -> tuple[list[_Goal], _Candidate]:
+        """A better plan that satisfies the goal too, and the goals required for it; `best` if there is none.
+
+        Goals of `best` that the plan no longer satisfies are required as well, the most probable first.
+        """
+        extended, result = [*required, goal], best
+        for _ in range(MAX_REPAIRS):
+            found = self._shortest(extended, len(best.edits))
+            if found is None:
+                break
+            result = found if found.beats(result) else result
+            lost = best.satisfied - found.satisfied
+            if not lost:
+                break
+            extended = [*extended, max(lost, key=self._goals.index)]
+        return extended, result
+
+    def _shortest(self, required: Sequence[_Goal], least_edits: int) -> _Candidate | None:
+        """The shortest plan found that satisfies all these goals; it has at least `least_edits` edits."""
+        budget = Budget(self._share())
+        try:
+            if all(self._backend.is_abstractable(goal.program) for goal in required):
+                return self._by_class(required, least_edits, budget)
+        except _NoRefinementError:
+            pass
+        except BudgetExhaustedError:
+            if len(self._goals) > 1:
+                return None
+        finally:
+            self._budget.spend(budget.spent)
+        return self._by_solving(required)
+
+    def _share(self) -> int:
+        """The budget of one search: all that is left for a single goal, else a fraction."""
+        return self._budget.left // (1 if len(self._goals) == 1 else BUDGET_DIVISOR)
+
+    def _by_class(self, required: Sequence[_Goal], least_edits: int, budget: Budget) -> _Candidate | None:
+        """Raises BudgetExhaustedError, and _NoRefinementError where only geometry rules out the nearest goals."""
+        programs = tuple(dict.fromkeys(goal.program for goal in required))
+        space = class_space(programs)
+        targets = sum(1 << programs.index(goal.program) for goal in required if goal.target)
+        reachability = self._backend.reachability(programs, self._scene)
+        failed = False
+        max_edits = min(self._max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self._max_edits
+        for edit_count in range(least_edits, max_edits + 1):
+            found: list[_Candidate] = []
+            for edit_counts, triple in class_triples_at(edit_count, reachability.reachable, budget):
+                if space.truths(triple) == targets:
+                    edits = reachability.edits_to(edit_counts, triple, budget)
+                    failed = failed or edits is None
+                    found.extend([] if edits is None else [self._candidate(edits)])
+                    if len(found) + failed == MAX_TIES:
+                        break
+            if found:
+                return max(found, key=lambda candidate: candidate.mass)
+            if failed:
+                raise _NoRefinementError
+        return None
+
+    def _by_solving(self, required: Sequence[_Goal]) -> _Candidate | None:
+        """Solves the conjunction of the goals as a task."""
+        budget = Budget(self._share())
+        task = conjunctive_task([(goal.program, goal.target) for goal in required], self._scene)
+        solution = self._backend.solve(State(task, self._scene, 0), self._max_edits, budget)
+        self._budget.spend(solution.scenes)
+        return self._candidate(solution.actions[:-1]) if solution.solved else None
+
+
+_NO_PLAN = _Candidate((), frozenset(), 0.0)
+
+
+def _mass(goals: Iterable[_Goal]) -> float:
+    return math.fsum(goal.probability for goal in goals)

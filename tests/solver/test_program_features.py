@@ -1,0 +1,127 @@
+"""Features of programs, and abstractions that preserve their values."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Box, Scene, Size
+from lilgym_mp.solver.abstraction import Abstraction
+from lilgym_mp.solver.program_features import ProgramFeatures, program_features
+from tests.scenes import LARGE, B, K, Y, circle, loose_boxes, scatter_boxes, square
+
+
+def of(program: str) -> ProgramFeatures:
+    return program_features(compile_program(program).tree)
+
+
+def test_item_features__combine_tests_of_one_item():
+    features = of("exist(filter_obj(all_items, lambda x: is_blue(x) and not is_touching_wall(x)))")
+    (feature,) = features.item_features
+    assert [feature(item) for item in (circle(40, 40, colour=B), circle(0, 0, colour=B), circle(40, 40))] == [
+        True,
+        False,
+        False,
+    ]
+
+
+def test_item_features__are_shared_by_programs_with_equal_tests():
+    assert of("exist(filter_obj(all_items, is_blue))").item_features == (
+        of("count(filter_obj(all_boxes[0], lambda item: is_blue(item))) == 2").item_features
+    )
+
+
+def test_item_features__for_a_named_value_distinguish_that_value_only():
+    (feature,) = of("exist(filter_color(all_items, Color.BLUE))").item_features
+    assert feature(circle(0, 0, colour=K)) == feature(square(5, 5, colour=Y))
+
+
+def test_item_features__for_all_values_are_the_attribute():
+    (feature,) = of("count(get_set_colors(all_items)) == 2").item_features
+    assert feature(circle(0, 0, colour=K)) != feature(circle(0, 0, colour=Y))
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "exist(filter_obj(all_items, is_top))",
+        "exist(get_touching(all_items))",
+        "exist(filter_obj(all_boxes, lambda b: b.is_tower()))",
+        "exist(filter_obj(combinations(all_items, 2), lambda p: is_closely_touching(p[0], p[1])))",
+        "exist(get_img_all_above(all_items))",
+    ],
+)
+def test_relations__are_not_item_features(program: str):
+    assert of(program).relational
+
+
+@pytest.mark.parametrize(
+    "program", ["query_color(all_items) == [Color.BLUE]", "exist(filter_obj([all_items[0:1]], exist))"]
+)
+def test_order__matters_for_lists_and_positions(program: str):
+    assert of(program).order_matters
+
+
+def test_order__of_items_does_not_matter_where_boxes_are_indexed():
+    assert not of("exist(all_boxes[1])").order_matters
+
+
+NOT_RELATIONAL = (
+    "count(filter_obj(all_items, lambda x: is_blue(x) and is_closely_touching_corner(x, Side.LEFT))) == 1",
+    "exist(filter_obj(all_boxes, lambda b: count(get_set_shapes(b)) == 2 and not exist(filter_size(b, Size.BIG))))",
+    "All(filter_color(all_items, Color.BLACK), lambda x: is_close_to_wall(x, Side.TOP) or is_triangle(x))",
+    "count(filter_obj(all_items, lambda x: count(filter_obj(x.box, lambda y: is_yellow(y) and is_small(x))) == 1)) > 0",
+    "query_color(all_boxes[0]) == query_color(all_boxes[2])",
+    "count(all_boxes[0]) + count(filter_obj(all_boxes[1], is_touching_wall)) == 3",
+    "is_blue(unique(filter_shape(all_items, Shape.CIRCLE)))",
+)
+
+
+@given(st.tuples(*[scatter_boxes() | loose_boxes] * 3), st.sampled_from(NOT_RELATIONAL))
+@settings(max_examples=80)
+def test_abstraction__preserves_the_programs_value(boxes: tuple[Box, Box, Box], source: str):
+    program = compile_program(source)
+    abstraction = Abstraction(program_features(program.tree))
+    left, middle, right = (abstraction.representative(abstraction.abstract(box)) for box in boxes)
+    assert program(Scene((left, middle, right))) == program(Scene(boxes))
+
+
+@pytest.mark.parametrize("split", ["train", "dev"])
+def test_abstraction__preserves_the_values_of_builtin_programs(split: str):
+    starts = load_tasks("builtin", "scatter", "flipit", split)[:150]
+    for task in starts:
+        features = program_features(compile_program(task.program).tree)
+        if not features.relational:
+            abstraction = Abstraction(features)
+            left, middle, right = (abstraction.representative(abstraction.abstract(box)) for box in task.start.boxes)
+            assert task.truth(Scene((left, middle, right))) != task.target, task.program
+
+
+def test_item_classes__have_an_item_type_of_each_footprint():
+    classes = Abstraction(of("exist(filter_obj(all_items, lambda x: is_big(x) and is_black(x)))")).classes
+    item_class = classes.of(square(0, 0, LARGE, K))
+    assert {(shape.name, size.name) for shape, _, size in classes.item_types[item_class]} == {
+        ("CIRCLE", "LARGE"),
+        ("SQUARE", "LARGE"),
+        ("TRIANGLE", "LARGE"),
+    }
+
+
+def test_item_classes__are_all_known_in_advance():
+    """Otherwise a goal could be declared infeasible although an item of an unknown class would reach it."""
+    program = " or ".join(
+        f"exist(filter_obj(all_items, lambda x: {word}(x, Side.{side})))"
+        for word in ("is_touching_wall", "is_closely_touching_wall", "is_close_to_wall", "is_close_to_corner")
+        for side in ("LEFT", "RIGHT", "TOP", "BOTTOM")
+    )
+    classes = Abstraction(of(program)).classes
+    known = len(classes)
+    for size in Size:
+        for x in range(-2, 100 - size.pixels + 3):
+            for y in (-2, -1, 0, 1, 4, 5, 8, 9, 35, 100 - size.pixels - 9, 100 - size.pixels - 4, 100 - size.pixels):
+                classes.of(square(x, y, size))
+                classes.of(square(y, x, size))
+    assert len(classes) == known
