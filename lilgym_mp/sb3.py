@@ -1,4 +1,4 @@
-"""The environments as Stable-Baselines3's `VecEnv`: ours stepped as one batch, or SB3's own around single ones."""
+"""Stable-Baselines3 `VecEnv`s: adapters of this package's vector environments, or SB3's own over single ones."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
 from lilgym_mp.wrappers import tokenized_statement_v0
 
-STATEMENT = "statement"  # the observation's part that SB3 takes as token ids only
-VECTOR_METHODS = ("action_masks", "goal_reached")  # give one row for each environment
+STATEMENT = "statement"  # observation key; SB3 accepts statements only as token ids
+VECTOR_METHODS = ("action_masks", "goal_reached")  # return one row per environment
 
-Infos = Mapping[str, Any]  # as vector environments give them: arrays (N, ...), and masks `_name` of where they hold
-Wrap = Callable[[Any], Any]  # such as the factories of `lilgym_mp.wrappers`
+Infos = Mapping[str, Any]  # Gymnasium's vector infos: arrays (N, ...), each with a mask `_name`
+Wrap = Callable[[Any], Any]  # for example a factory of `lilgym_mp.wrappers`
 
 
 class BatchVecEnv(VecEnv):
-    """A vector environment of this package as a `VecEnv`.
+    """Adapts a vector environment of this package to `VecEnv`.
 
-    Infos hold what the single environment tells, and at the end of an episode "terminal_observation" and
-    "TimeLimit.truncated". `env_method("action_masks")` is one call for all environments.
+    Infos are those of the single environment, with "terminal_observation" and "TimeLimit.truncated" at the end of an
+    episode. `env_method("action_masks")` is one call for all environments.
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any]) -> None:
-        """Raises ValueError unless `venv` resets in the same step, which is what SB3 expects."""
+        """Raises ValueError unless the autoreset mode of `venv` is SAME_STEP, as SB3 expects."""
         mode = venv.metadata["autoreset_mode"]
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"SB3 needs autoreset_mode={AutoresetMode.SAME_STEP!r}, not {mode!r}")
@@ -55,7 +55,7 @@ class BatchVecEnv(VecEnv):
         seeds: Any = list(self._seeds)
         observations, infos = self.venv.reset(seed=seeds, options={"task": tasks} if any(tasks) else None)
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        _spread(infos, self.reset_infos)
+        _split_infos(infos, self.reset_infos)
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -66,23 +66,25 @@ class BatchVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         observations, rewards, terminated, truncated, infos = self.venv.step(self._actions)
         dones = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        step_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if infos:
-            self._tell(told, infos, dones, truncated & ~terminated)
-        return observations, rewards.astype(np.float32), dones, told
+            self._convert_infos(infos, step_infos, dones, truncated & ~terminated)
+        return observations, rewards.astype(np.float32), dones, step_infos
 
-    def _tell(self, told: list[dict[str, Any]], infos: dict[str, Any], dones: BoolArray, cut_off: BoolArray) -> None:
-        """Gives `told`, (N,), what infos say of this step, and `reset_infos` what they say of episodes just begun."""
-        final_info, last = infos.pop("final_info", {}), infos.pop("final_obs", None)
-        ended = dones.nonzero()[0]
-        now = told.copy()
-        for number in ended.tolist():
-            now[number] = self.reset_infos[number] = {}
-        _spread(infos, now)
-        _spread(final_info, told)
-        for number in ended.tolist():
-            told[number]["terminal_observation"] = last[number]
-            told[number]["TimeLimit.truncated"] = cut_off.item(number)
+    def _convert_infos(
+        self, infos: dict[str, Any], step_infos: list[dict[str, Any]], dones: BoolArray, only_truncated: BoolArray
+    ) -> None:
+        """Fills `step_infos` (N) from this step's infos, and `reset_infos` of environments that were reset."""
+        final_info, final_obs = infos.pop("final_info", {}), infos.pop("final_obs", None)
+        ended = dones.nonzero()[0].tolist()
+        current = step_infos.copy()
+        for env_id in ended:
+            current[env_id] = self.reset_infos[env_id] = {}
+        _split_infos(infos, current)
+        _split_infos(final_info, step_infos)
+        for env_id in ended:
+            step_infos[env_id]["terminal_observation"] = final_obs[env_id]
+            step_infos[env_id]["TimeLimit.truncated"] = only_truncated.item(env_id)
 
     def close(self) -> None:
         self.venv.close()
@@ -92,31 +94,30 @@ class BatchVecEnv(VecEnv):
         return list(frames) if frames is not None else [None] * self.num_envs  # pyright: ignore[reportReturnType]
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The batch's attribute, once for each environment."""
+        """The vector environment's attribute, repeated for each environment."""
         return [getattr(self.venv, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; make the batch with it")
+        raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; pass it when making the batch")
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> Any:
-        """For "action_masks" and "goal_reached" an array with a row for each environment."""
+        """Supports "action_masks" and "goal_reached"; returns an array with one row per environment."""
         if method_name not in VECTOR_METHODS:
             raise AttributeError(
-                f"environments in a batch have no method {method_name!r} of their own;"
-                f" choose from {', '.join(VECTOR_METHODS)}"
+                f"environments in a batch have no method {method_name!r}; choose from {', '.join(VECTOR_METHODS)}"
             )
         rows = getattr(self.venv, method_name)(*method_args, **method_kwargs)
         return rows if indices is None else rows[list(self._get_indices(indices))]
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """False: what is wrapped is the batch."""
+        """False, since wrappers are applied to the whole batch."""
         return [False for _ in self._get_indices(indices)]
 
 
 class BatchMonitor(VecMonitor):
-    """SB3's `VecMonitor`, telling the same, but looking only at the environments whose episode ended."""
+    """SB3's `VecMonitor` with the same results, but faster: it loops only over environments that are done."""
 
     def __init__(self, venv: BatchVecEnv) -> None:
         super().__init__(venv)
@@ -129,21 +130,21 @@ class BatchMonitor(VecMonitor):
         if ended:
             returns, lengths = self.episode_returns, self.episode_lengths
             seconds = round(time.time() - self.t_start, 6)
-            for number in ended:
-                infos[number]["episode"] = {"r": returns[number], "l": lengths[number], "t": seconds}
-                returns[number] = lengths[number] = 0
+            for env_id in ended:
+                infos[env_id]["episode"] = {"r": returns[env_id], "l": lengths[env_id], "t": seconds}
+                returns[env_id] = lengths[env_id] = 0
             self.episode_count += len(ended)
         return observations, rewards, dones, infos
 
 
-def _spread(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
-    """Gives each environment's row what the arrays (N, ...) of `infos` hold for it, NumPy's numbers as Python's."""
+def _split_infos(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
+    """Splits vector infos into one dict per environment, converting NumPy scalars to Python numbers."""
     for name, column in infos.items():
-        if (holds := infos.get(f"_{name}")) is None:
+        if (mask := infos.get(f"_{name}")) is None:
             continue
         value = column.item if column.ndim == 1 else column.__getitem__
-        for number in holds.nonzero()[0].tolist():
-            rows[number][name] = value(number)
+        for env_id in mask.nonzero()[0].tolist():
+            rows[env_id][name] = value(env_id)
 
 
 def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
@@ -163,7 +164,7 @@ def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
 
 
 def _adapted(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> BatchVecEnv:
-    """Closes `venv`, which may have processes, when it cannot be wrapped."""
+    """Wraps `venv`; closes it, including its processes, on failure."""
     try:
         return BatchVecEnv(wrap(venv))
     except BaseException:
@@ -173,7 +174,7 @@ def _adapted(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> BatchVecEnv:
 
 def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
     makers = _makers(id, n_envs, wrap, kwargs)
-    makers[0]().close()  # what is wrong is said here, where SB3's processes would only hang up
+    makers[0]().close()  # fails here with a clear error, whereas SB3's processes would just break the pipe
     return SubprocVecEnv(makers, start_method=options.get("start_method"))
 
 
@@ -210,14 +211,14 @@ def make_vec_env(
     monitor: bool = True,
     **kwargs: Any,
 ) -> VecEnv:
-    """`n_envs` environments as a `VecEnv`, with statements as token ids (SB3 takes no texts).
+    """`n_envs` environments as a `VecEnv`, with statements as token ids (SB3 does not support text).
 
-    `backend`: "batched", all in this process (the fastest for most uses); "workers", a few processes with a batch
-    each (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own around single
-    environments (`start_method` for "subproc"). All give equal results: environment i has the seed `seed` + i.
-    `wrap`: changes the environments, such as `lilgym_mp.wrappers.stop_forcing_v0`; applied to the batch, or to each
-    environment with SB3's own backends. `vocabulary`, `length`: as for `TokenizedStatement`. `monitor`: report
-    returns and lengths of episodes, as SB3's `make_vec_env` does. Other keywords are those of `gymnasium.make`.
+    `backend`: "batched", all in this process (usually the fastest); "workers", a few processes with a batch each
+    (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own over single environments
+    (`start_method` for "subproc"). All give equal results: environment i is seeded with `seed` + i.
+    `wrap`: a wrapper to apply, such as `lilgym_mp.wrappers.stop_forcing_v0`, to the batch, or to each environment with
+    SB3's own backends. `vocabulary`, `length`: as for `TokenizedStatement`. `monitor`: report episode returns and
+    lengths, as SB3's `make_vec_env` does. Other keywords are those of `gymnasium.make`.
     Raises ValueError naming the value and the choices.
     """
     build = choose("backend", backend, BACKENDS)

@@ -55,7 +55,7 @@ def masks_of(env: VecEnv) -> np.ndarray:
 
 
 def comparable(info: dict[str, Any]) -> dict[str, Any]:
-    """An info without the wall-clock time, and without what SB3's own tell of every step rather than of the last."""
+    """An info without wall-clock time, and without entries that SB3 reports at every step, not just the last."""
     info = dict(info)
     if "episode" in info:
         info["episode"] = {name: value for name, value in info["episode"].items() if name != "t"}
@@ -79,7 +79,7 @@ def comparable(info: dict[str, Any]) -> dict[str, Any]:
         ("workers", SCATTER, "stop forcing by replacement", "release"),
     ],
 )
-def test_backends__do_what_sb3s_own_do(made: Any, backend: str, id: str, wrap: str, rules: str) -> None:
+def test_backends__equal_dummy_vec_env(made: Any, backend: str, id: str, wrap: str, rules: str) -> None:
     ours, theirs = (made(id, name, seed=3, wrap=WRAPS[wrap], rules=rules) for name in (backend, "dummy"))
     assert ours.observation_space == theirs.observation_space
     assert_same(ours.reset(), dict(theirs.reset()))
@@ -96,7 +96,7 @@ def test_backends__do_what_sb3s_own_do(made: Any, backend: str, id: str, wrap: s
         assert_same(list(map(comparable, our_infos)), list(map(comparable, infos)), f"step {step}: infos")
 
 
-def test_subproc__is_sb3s_own_and_does_the_same(made: Any) -> None:
+def test_subproc__is_sb3s_own_with_the_same_results(made: Any) -> None:
     ours, theirs = made(TOWER, "batched", seed=3), made(TOWER, "subproc", seed=3, start_method="fork")
     assert isinstance(theirs.venv, SubprocVecEnv)
     assert_same(ours.reset(), dict(theirs.reset()))
@@ -131,18 +131,18 @@ def test_masks__of_a_batch_cost_one_call(made: Any, monkeypatch: pytest.MonkeyPa
     assert len(calls) == 1
 
 
-def test_methods__serve_chosen_environments(made: Any) -> None:
+def test_env_method__returns_rows_of_the_given_indices(made: Any) -> None:
     env = made(SCATTER, "batched", seed=1, monitor=False)
     env.reset()
     assert np.array_equal(env.env_method("action_masks", indices=[2]), env.env_method("action_masks")[2:3])
     assert env.get_attr("render_mode", indices=[0, 1]) == [None, None]
-    with pytest.raises(AttributeError, match="no method 'explode' of their own; choose from action_masks"):
+    with pytest.raises(AttributeError, match="no method 'explode'; choose from action_masks"):
         env.env_method("explode")
     with pytest.raises(AttributeError, match="cannot set 'copy'"):
         env.set_attr("copy", False)
 
 
-def test_options__choose_each_environments_task(made: Any) -> None:
+def test_options__set_each_environments_task(made: Any) -> None:
     env = made(TOWER, "batched", monitor=False)
     ids = env.venv.unwrapped.evaluation_tasks()
     env.set_options([{"task": ids[number]} for number in (3, 1, 2, 0)])
@@ -150,7 +150,7 @@ def test_options__choose_each_environments_task(made: Any) -> None:
     assert [info["task"] for info in env.reset_infos] == [ids[number] for number in (3, 1, 2, 0)]
 
 
-def test_an_episode_in_the_batch__tells_what_sb3_needs_at_its_end(made: Any) -> None:
+def test_batch__reports_sb3s_info_keys_at_the_end_of_an_episode(made: Any) -> None:
     env = made(TOWER, "batched", seed=0)
     env.reset()
     before = env.step(np.array([1] * COUNT))[0]
@@ -164,12 +164,12 @@ def test_an_episode_in_the_batch__tells_what_sb3_needs_at_its_end(made: Any) -> 
     assert not np.array_equal(observations["image"], before["image"])
 
 
-def test_batch__must_reset_in_the_same_step() -> None:
+def test_batch__must_have_same_step_autoreset() -> None:
     with pytest.raises(ValueError, match=r"SB3 needs autoreset_mode=.*SAME_STEP.*, not .*NEXT_STEP"):
         BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
 
 
-def test_monitor_of_a_batch__reports_what_sb3s_own_does(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batch_monitor__reports_the_same_as_vec_monitor(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "time", lambda: 1.25)
     ours, theirs = made(TOWER, "batched", seed=3), VecMonitor(made(TOWER, "batched", seed=3, monitor=False))
     ours.reset()
@@ -187,20 +187,22 @@ def test_monitor_of_a_batch__reports_what_sb3s_own_does(made: Any, monkeypatch: 
 
 @pytest.mark.parametrize("backend", ["batched", "workers"])
 @pytest.mark.parametrize("evaluate", [evaluate_policy, evaluate_masked_policy])
-def test_monitor__is_one_that_evaluation_trusts(made: Any, backend: str, evaluate: Any) -> None:
+def test_monitor__is_recognised_by_evaluate_policy(made: Any, backend: str, evaluate: Any) -> None:
     env = made(TOWER, backend, seed=0)
 
     class Stopping:
         def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
             return np.zeros(COUNT, np.int64), None
 
-    returns, lengths = evaluate(Stopping(), env, n_eval_episodes=10, return_episode_rewards=True)  # warns of no monitor
+    returns, lengths = evaluate(
+        Stopping(), env, n_eval_episodes=10, return_episode_rewards=True
+    )  # warns if unmonitored
     assert lengths == [1] * 10
     assert set(returns) <= {1.0, -1.0}
 
 
 @pytest.mark.parametrize("backend", ["batched", "workers"])
-def test_observations__are_the_callers_to_change(made: Any, backend: str) -> None:
+def test_observations__may_be_modified_by_the_caller(made: Any, backend: str) -> None:
     changed, kept = made(TOWER, backend, seed=1), made(TOWER, backend, seed=1)
     observations, expected = [changed.reset()], [kept.reset()]
     for action in (1, 0, 2, 0, 0):
@@ -214,7 +216,7 @@ def test_observations__are_the_callers_to_change(made: Any, backend: str) -> Non
         expected = [same[0], *(info["terminal_observation"] for info in same_infos if info)]
 
 
-def test_infos__hold_the_rows_that_wrappers_tell(made: Any) -> None:
+def test_infos__include_array_entries_of_wrappers(made: Any) -> None:
     env = made(TOWER, "batched", seed=0, wrap=action_mask_v0, monitor=False)
     env.reset()
     _, _, dones, infos = env.step(np.array([1, 0, 2, 0]))
@@ -223,7 +225,7 @@ def test_infos__hold_the_rows_that_wrappers_tell(made: Any) -> None:
     assert_same([info["action_mask"] for info in now], list(masks_of(env).astype(np.int8)))
 
 
-def test_infos__are_new_and_of_one_environment_each(made: Any) -> None:
+def test_infos__are_new_dicts_one_per_environment(made: Any) -> None:
     env = made(TOWER, "batched", seed=0)
     env.reset()
     first, second = (env.step(np.ones(COUNT, np.int64))[3] for _ in range(2))
@@ -232,7 +234,7 @@ def test_infos__are_new_and_of_one_environment_each(made: Any) -> None:
     assert not any("mine" in info for info in (*first[1:], *second, *env.step(np.zeros(COUNT, np.int64))[3]))
 
 
-def test_monitor__can_be_left_out(made: Any) -> None:
+def test_monitor__can_be_switched_off(made: Any) -> None:
     assert isinstance(made(TOWER, "dummy"), VecMonitor)
     assert isinstance(made(TOWER, "batched"), VecMonitor)
     assert isinstance(made(TOWER, "batched", monitor=False), BatchVecEnv)
@@ -240,7 +242,7 @@ def test_monitor__can_be_left_out(made: Any) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_environments_that_cannot_be_wrapped__say_why_and_leave_no_process(made: Any, backend: str) -> None:
+def test_failing_wrapper__is_reported_and_leaves_no_process(made: Any, backend: str) -> None:
     with pytest.raises(ValueError, match="/no/such/file: cannot be read"):
         made(TOWER, backend, vocabulary="/no/such/file")
     assert not multiprocessing.active_children()

@@ -1,7 +1,7 @@
-"""Wrappers around the environments, installed as `lilgym_mp.wrappers`: one file each.
+"""Wrappers, installed as `lilgym_mp.wrappers`, one per file.
 
-A class wraps one Gymnasium environment; its factory, `name_v0`, makes the same change to a Gymnasium
-environment, a vector environment of this package, or a PettingZoo environment.
+A class wraps one Gymnasium environment; its factory, `name_v0`, applies the same transformation to a Gymnasium
+environment, a vector environment of this package, or the PettingZoo game.
 """
 
 from lilgym_mp.wrappers.action_mask import ActionMask, action_mask_v0

@@ -1,4 +1,4 @@
-"""The mask of legal actions beside every observation."""
+"""The action mask in infos."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from lilgym_mp.wrappers.transformation import Batch, Transformation
 MASK = "action_mask"  # the info's key
 
 
-class MaskTold(Transformation):
-    """The legal actions as the info's "action_mask"."""
+class MaskInfo(Transformation):
+    """Adds "action_mask" to infos."""
 
     adds_infos = True
 
     def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
-        return {MASK: state.legal().view(np.int8)}
+        return {MASK: state.action_masks().view(np.int8)}
 
 
-class ActionMask(EnvWrapper[MaskTold]):
-    """Puts the exact mask of legal actions into info["action_mask"]: int8 (actions,), as `Discrete.sample` wants it.
+class ActionMask(EnvWrapper[MaskInfo]):
+    """Adds the exact mask of legal actions as info["action_mask"]: int8 (actions,), as `Discrete.sample` expects.
 
-    Legality is that of the environment's grid, its search and snapping included. Wrappers beneath that narrow
-    what is legal, such as StopForcing, are obeyed.
+    Legality takes account of the environment's grid, placement search and snapping, and of wrapped wrappers that
+    narrow the mask, such as StopForcing.
     """
 
-    transformation_class = MaskTold
+    transformation_class = MaskInfo
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

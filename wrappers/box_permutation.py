@@ -1,4 +1,4 @@
-"""Start scenes with their boxes in any order."""
+"""Start scenes with permuted boxes."""
 
 from __future__ import annotations
 
@@ -13,20 +13,19 @@ from lilgym_mp.wrappers.transformation import TaskChange
 
 
 class PermutedTasks(TaskChange):
-    """Every task in every order of its boxes."""
+    """Adds every task with its boxes in every order."""
 
     change = staticmethod(with_permuted_boxes)
 
 
 class BoxPermutation(EnvWrapper[PermutedTasks]):
-    """Starts each episode with the boxes in a random order, drawn by the environment's own generator.
+    """Starts each episode with the boxes in a random order, drawn from the environment's generator.
 
-    The environment then has up to six tasks for each of the corpus's: "7" as it is, and "7@021" .. "7@210", whose
-    digits tell which old box stands where. Orders in which the statement has another truth value, because it names
-    a box, are left out. Scratch tasks start empty, so nothing changes there. It is meant for training:
-    `evaluation_tasks()` has the permuted tasks too.
+    Each task of the corpus becomes up to six: "7" unchanged, and "7@021" .. "7@210", whose digits are the original
+    boxes, left to right. Orders that change the statement's truth value, because it names a box, are omitted. Scratch
+    tasks start empty, so they stay the same. For training only: `evaluation_tasks()` includes the permuted tasks.
 
-    It must stand beneath all wrappers but NLVRReward.
+    Must be applied before all other wrappers but NLVRReward.
     """
 
     transformation_class = PermutedTasks

@@ -1,4 +1,4 @@
-"""Images with their channels first, as PyTorch's convolutions want them."""
+"""Channels-first images, for PyTorch's convolutions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lilgym_mp.wrappers.transformation import Batch, Format
 
 
 class Channels(Format):
-    """The image's last axis first."""
+    """Moves the image's last axis to the front."""
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description)

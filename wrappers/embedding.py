@@ -1,4 +1,4 @@
-"""Statements as vectors from an encoder."""
+"""Statements as embeddings."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from lilgym_mp.wrappers.transformation import Batch, Format
 
 @runtime_checkable
 class SentenceEncoder(Protocol):
-    """What sentence-transformers' models are, among others."""
+    """The interface of sentence-transformers' models."""
 
     def encode(self, sentences: Sequence[str], /) -> ArrayLike:
-        """(sentences, D) one vector each."""
+        """(sentences, D)"""
         ...
 
 
@@ -31,7 +31,7 @@ Encoder = Callable[[str], ArrayLike] | SentenceEncoder
 
 
 class Embedding(Format):
-    """The encoder's vector of the statement, computed once per statement."""
+    """Replaces the statement by its embedding, cached by statement."""
 
     replaces = (STATEMENT,)
 
@@ -40,42 +40,43 @@ class Embedding(Format):
         self._limit = limit
         description.part(STATEMENT)
         if isinstance(encoder, str) or not (isinstance(encoder, SentenceEncoder) or callable(encoder)):
-            raise ValueError(f"encoder must be a function of a statement or have a method encode, not {encoder!r}")
+            raise ValueError(f"encoder must be a function of a statement or have an encode method, not {encoder!r}")
         self._encoder = encoder
         self._by_statement: dict[str, Float32Array] = {}
-        first = self._encoded(description.tasks[0].statement)
+        first = self._encode(description.tasks[0].statement)
         if first.ndim != 1 or not first.size:
-            raise ValueError(f"encoder must give one vector of a statement, not an array of shape {first.shape}")
+            raise ValueError(f"encoder must return a vector, not an array of shape {first.shape}")
         self.dimension = first.size
         self._by_task = np.zeros((len(description.tasks), self.dimension), np.float32)
-        self._known = np.zeros(len(description.tasks), np.bool_)
+        self._is_filled = np.zeros(len(description.tasks), np.bool_)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        numbers = state.task_numbers
-        self._learn(numbers[~self._known[numbers]])
-        return {STATEMENT: self._by_task[numbers]}
+        indices = state.task_indices
+        self._fill(indices[~self._is_filled[indices]])
+        return {STATEMENT: self._by_task[indices]}
 
-    def _learn(self, task_numbers: Int64Array) -> None:
-        for number in task_numbers.tolist():
-            statement = self.env_description.tasks[number].statement
+    def _fill(self, task_indices: Int64Array) -> None:
+        for index in task_indices.tolist():
+            statement = self.env_description.tasks[index].statement
             vector = self._by_statement.get(statement)
             if vector is None:
-                vector = self._by_statement[statement] = self._encoded(statement)
-            self._by_task[number] = self._checked(vector, statement)
-            self._known[number] = True
+                vector = self._by_statement[statement] = self._encode(statement)
+            self._by_task[index] = self._checked(vector, statement)
+            self._is_filled[index] = True
 
     def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
         if vector.shape != (self.dimension,):
-            expected = f"the first had ({self.dimension},)"
-            raise ValueError(f"encoder gave an array of shape {vector.shape} for {statement!r}; {expected}")
+            raise ValueError(
+                f"encoder returned an array of shape {vector.shape} for {statement!r}, not ({self.dimension},)"
+            )
         if not (np.abs(vector) <= self._limit).all():
-            raise ValueError(f"encoder gave numbers beyond limit={self._limit} for {statement!r}: {vector}")
+            raise ValueError(f"encoder returned values beyond limit={self._limit} for {statement!r}: {vector}")
         return vector
 
-    def _encoded(self, statement: str) -> Float32Array:
+    def _encode(self, statement: str) -> Float32Array:
         encoder = self._encoder
         vector = (
             np.asarray(encoder.encode([statement]))[0] if isinstance(encoder, SentenceEncoder) else encoder(statement)
@@ -84,11 +85,11 @@ class Embedding(Format):
 
 
 class StatementEmbedding(EnvWrapper[Embedding]):
-    """Turns "statement" into the encoder's vector, float32 (D,), computed once per statement.
+    """Replaces "statement" by the encoder's embedding, float32 (D,), computed once per statement.
 
-    `encoder`: a function from a statement to D numbers, or an object with sentence-transformers' `encode`. `limit`:
-    the largest absolute value that it may give, the bound of the space. The
-    spec of the wrapped environment holds the encoder itself, so it has no JSON form.
+    `encoder`: a function from a statement to D numbers, or an object with sentence-transformers' `encode`. `limit`: the
+    largest absolute value allowed, the bound of the space. The wrapped environment's spec holds the encoder object, so
+    it cannot be converted to JSON.
     """
 
     transformation_class = Embedding

@@ -1,4 +1,4 @@
-"""What a wrapper may know of an environment: `EnvDescription` stays, an `EnvState` of B environments passes."""
+"""What transformations may read: the fixed `EnvDescription`, and the current `EnvState` of B environments."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from lilgym_mp.observation import EMPTY, item_array, item_capacity
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
-IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # the observation's parts that show the scene
+IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 
 class WrongEnvironment(TypeError):
-    """A wrapper on an environment that lacks what it works on; names both and what would do."""
+    """The environment lacks something that the wrapper needs."""
 
 
 class EnvState(Protocol):
-    """What is the case now in B environments, beside what their observations show."""
+    """The current state of B environments."""
 
     @property
-    def task_numbers(self) -> Int64Array:  # (B,) place of each current task in the description's tasks
+    def task_indices(self) -> Int64Array:  # (B,) indices of the current tasks in the description's TaskSet
         ...
 
     @property
@@ -40,87 +40,87 @@ class EnvState(Protocol):
         ...
 
     def states(self) -> Sequence[State]:
-        """(B) the states."""
+        """One state per environment."""
         ...
 
-    def legal(self) -> BoolArray:
-        """(B, actions) a new array: the legal actions, as the wrappers beneath leave them."""
+    def action_masks(self) -> BoolArray:
+        """(B, actions) a new array: the legal actions after the wrapped wrappers."""
         ...
 
     def goal_reached(self) -> BoolArray:
-        """(B,) whether STOP would be rewarded as a success now."""
+        """(B,) whether STOP would succeed now."""
         ...
 
 
 @dataclass(frozen=True)
 class EnvDescription:
-    """What is the same in every episode of the environment beneath a wrapper."""
+    """The fixed properties of the environment that a wrapper wraps."""
 
-    wrapper: str  # the wrapper's name, for errors
+    wrapper: str  # the wrapper's name, for error messages
     tasks: TaskSet
     dynamics: Dynamics
     observation_space: spaces.Space[Any]  # of one environment
     action_space: spaces.Space[Any]  # of one environment
-    item_capacity: int = field(init=False)  # items that a box can have at most
-    stop: int = field(init=False)  # the number of STOP
+    item_capacity: int = field(init=False)  # the most items a box can have
+    stop_index: int = field(init=False)  # of the action STOP
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "item_capacity", item_capacity(self.tasks, self.dynamics))
-        object.__setattr__(self, "stop", self.dynamics.appearance.encode(STOP))
+        object.__setattr__(self, "stop_index", self.dynamics.appearance.encode(STOP))
 
     def parts(self) -> Mapping[str, spaces.Space[Any]]:
-        """The spaces of an observation's parts. Raises WrongEnvironment where observations have none."""
+        """The spaces of a Dict observation. Raises WrongEnvironment for other observations."""
         space = self.observation_space
         if not isinstance(space, spaces.Dict):
             raise WrongEnvironment(
-                f"{self.wrapper} needs observations with parts by name; beneath it they are {space}."
-                f" Put {self.wrapper} nearer to the environment"
+                f"{self.wrapper} needs Dict observations, but those of the wrapped environment are {space}."
+                f" Apply {self.wrapper} earlier"
             )
         return space.spaces
 
     def part(self, name: str) -> spaces.Space[Any]:
-        """The space of the observation's part `name`. Raises WrongEnvironment naming the parts there are."""
+        """The space of the observation's part `name`. Raises WrongEnvironment naming the existing parts."""
         parts = self.parts()
         if name not in parts:
             raise WrongEnvironment(
-                f"{self.wrapper} needs observations with a part {name!r}; beneath it they have"
-                f" {', '.join(sorted(parts))}. Put {self.wrapper} nearer to the environment"
+                f"{self.wrapper} needs observations with a part {name!r}, but the wrapped environment has"
+                f" {', '.join(sorted(parts))}. Apply {self.wrapper} earlier"
             )
         return parts[name]
 
     def require_scene(self) -> None:
-        """Raises WrongEnvironment where observations do not show the scene: a format reveals nothing new."""
+        """Raises WrongEnvironment unless observations show the scene: formats must not reveal more."""
         parts = self.parts()
         if not parts.keys() & SCENE_PARTS:
             raise WrongEnvironment(
-                f"{self.wrapper} needs observations that show the scene (a part {' or '.join(sorted(SCENE_PARTS))});"
-                f" beneath it they have {', '.join(sorted(parts))}"
+                f"{self.wrapper} needs observations that show the scene (a part {' or '.join(sorted(SCENE_PARTS))}),"
+                f" but the wrapped environment has {', '.join(sorted(parts))}"
             )
 
-    def numbered_actions(self) -> spaces.Discrete:
-        """The space of action numbers. Raises WrongEnvironment where actions have another form."""
+    def discrete_actions(self) -> spaces.Discrete:
+        """The Discrete action space. Raises WrongEnvironment for another one."""
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise WrongEnvironment(
-                f"{self.wrapper} needs numbered actions, Discrete({self.dynamics.appearance.action_count});"
-                f" beneath it they are {space}. Put {self.wrapper} nearer to the environment"
+                f"{self.wrapper} needs the action space Discrete({self.dynamics.appearance.action_count}), but that of"
+                f" the wrapped environment is {space}. Apply {self.wrapper} earlier"
             )
         return space
 
 
-class StatesOf:
-    """The `EnvState` of states, nothing having narrowed what is legal."""
+class BaseEnvState:
+    """An `EnvState` computed from `states()`, with the full masks; subclasses override `states`."""
 
     def __init__(self, description: EnvDescription, states: Sequence[State] = ()) -> None:
         self._description = description
         self._states = states
 
     def states(self) -> Sequence[State]:
-        """(B) the states now; subclasses look them up when asked."""
+        """One state per environment."""
         return self._states
 
     @property
-    def task_numbers(self) -> Int64Array:
+    def task_indices(self) -> Int64Array:
         return np.array([self._description.tasks.number(state.task.id) for state in self.states()], np.int64)
 
     @property
@@ -132,7 +132,7 @@ class StatesOf:
         capacity = self._description.item_capacity
         return np.stack([item_array(state.scene, capacity) for state in self.states()])
 
-    def legal(self) -> BoolArray:
+    def action_masks(self) -> BoolArray:
         return np.stack([self._description.dynamics.legal_mask(state) for state in self.states()])
 
     def goal_reached(self) -> BoolArray:

@@ -1,4 +1,4 @@
-"""One factory for each wrapper, in the manner of SuperSuit: the same change to any kind of environment."""
+"""SuperSuit-style factories: one per wrapper, for any kind of environment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo A
 def factory(
     wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]],
 ) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
-    """`wrapper` as a function on environments of every kind, which gives one of the same kind."""
+    """A function that applies `wrapper` to any kind of environment and returns the same kind."""
     assert isinstance(wrapper, type)
     signature = inspect.signature(wrapper)
 
@@ -33,20 +33,20 @@ def factory(
         if isinstance(env, gym.vector.VectorEnv):
             return VectorEnvWrapper(env, wrapper.__name__, wrapper.transformation_class, settings.arguments)
         if _comes_from_pettingzoo(env):
-            from lilgym_mp.wrappers.pettingzoo_adapter import is_game, lifted
+            from lilgym_mp.wrappers.pettingzoo_adapter import is_game, wrap_game
 
             if is_game(env):
-                return lifted(env, wrapper.__name__, wrapper.transformation_class, settings.arguments)
+                return wrap_game(env, wrapper.__name__, wrapper.transformation_class, settings.arguments)
         raise WrongEnvironment(
-            f"{wrapper.__name__} wraps this package's Gymnasium environments, its vector environments, and its"
-            f" proposer-verifier game in PettingZoo's forms, not {env!r}"
+            f"{wrapper.__name__} wraps this package's Gymnasium environments, vector environments, and PettingZoo"
+            f" environments of the proposer-verifier game, not {env!r}"
         )
 
-    wrap.__doc__ = f"`{wrapper.__name__}` around an environment of any kind.\n\n{wrapper.__doc__}"
+    wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
     wrap.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
     return wrap
 
 
 def _comes_from_pettingzoo(env: object) -> bool:
-    """Whether `env` may be a PettingZoo environment: then pettingzoo has been imported."""
+    """Whether `env` may be a PettingZoo environment, tested without importing pettingzoo."""
     return "pettingzoo" in sys.modules and hasattr(env, "possible_agents")

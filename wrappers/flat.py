@@ -1,4 +1,4 @@
-"""Observations as one vector."""
+"""Flattened observations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 
 class Flattening(Transformation):
-    """Every part in one row of numbers."""
+    """Concatenates all parts to one vector."""
 
     changes_observations = True
 
@@ -27,8 +27,8 @@ class Flattening(Transformation):
         for name, space in self._parts.items():
             if not isinstance(space, spaces.Box | spaces.Discrete):
                 raise WrongEnvironment(
-                    f"{description.wrapper} needs parts that are numbers, but {name!r} is {space};"
-                    f" put TokenizedStatement or StatementEmbedding beneath it for a statement"
+                    f"{description.wrapper} needs numeric parts, but {name!r} is {space};"
+                    f" for a statement apply TokenizedStatement or StatementEmbedding first"
                 )
 
     def observation_space(self) -> spaces.Box:
@@ -48,17 +48,17 @@ def _bounds(space: spaces.Space[Any]) -> tuple[Float32Array, Float32Array]:
 
 
 def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
-    """(B, numbers) the values of one part."""
+    """(B, size) the flattened values of one part."""
     if isinstance(space, spaces.Discrete):
         return (values[:, None] == np.arange(space.n)).astype(np.float32)
     return values.reshape(len(values), -1).astype(np.float32)
 
 
 class FlatObservation(EnvWrapper[Flattening]):
-    """Turns the whole observation into one float32 vector: the parts in alphabetical order, each flattened row by
-    row, a Discrete part as 0 and a single 1. The goal's value, image values and token ids keep their scale.
+    """Flattens the observation to one float32 vector: the parts in alphabetical order, Discrete ones one-hot. Image
+    values and token ids keep their scale.
 
-    Raises WrongEnvironment for a statement still in text.
+    Raises WrongEnvironment for a text statement.
     """
 
     transformation_class = Flattening

@@ -1,4 +1,4 @@
-"""The scene as planes over a grid."""
+"""The scene as feature planes over a grid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 
-OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # number of the last plane
+OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # index of the last plane
 PLANE_COUNT = OCCUPANCY + 1
 
 _FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # of shape, colour and size
@@ -38,7 +38,7 @@ _CORNER_SIGNS = (1, -1, -1, 1)
 
 
 class Planes(SceneFormat):
-    """Counts of items by looks, and the cells they reach into."""
+    """Item counts by shape, colour and size, and an occupancy plane."""
 
     def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
         super().__init__(description, keep_image=keep_image)
@@ -56,40 +56,44 @@ class Planes(SceneFormat):
         here = items[batch, box, slot].astype(np.int64)  # (items, 5)
         sides = _SIDES[here[:, 4]]
         corners = here[:, :2] + np.stack([box * BOX_PITCH, np.zeros_like(box)], axis=1)  # (items, 2) on the image
-        planes = self._counts(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
+        planes = self._count_planes(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
         first, last = self._cells(corners), self._cells(corners + sides[:, None] - 1)
-        planes[:, OCCUPANCY] = self._reached(len(items), batch, first, last)
+        planes[:, OCCUPANCY] = self._occupancy(len(items), batch, first, last)
         return {PLANES: planes}
 
     def _cells(self, pixels: Int64Array) -> Int64Array:
-        """(items, 2) column and row of each pixel, the nearest ones for a pixel outside the image."""
+        """(items, 2) column and row of each pixel, clipped to the grid."""
         return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
 
-    def _counts(self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array) -> NDArray[np.uint8]:
-        """(size, planes, rows, columns) how many items of each shape, colour and size have their centre there."""
+    def _count_planes(
+        self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array
+    ) -> NDArray[np.uint8]:
+        """(size, planes, rows, columns) numbers of items of each shape, colour and size centred in each cell."""
         shape = (size, PLANE_COUNT, self.rows, self.columns)
         column, row = cells[:, :1], cells[:, 1:]
-        places = ((batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row) * self.columns + column
-        return np.bincount(places.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
+        indices = (
+            (batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row
+        ) * self.columns + column
+        return np.bincount(indices.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
 
-    def _reached(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
-        """(size, rows, columns) the cells that some item's bounding square reaches into."""
-        # Each rectangle as 1 and -1 at its corners; summing up along rows and columns fills it.
+    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
+        """(size, rows, columns) the cells that overlap an item's bounding square."""
+        # Summed-area trick: +1 and -1 at each rectangle's corners; cumulative sums along both axes fill it.
         shape = (size, self.rows + 1, self.columns + 1)
         rows = np.stack([first[:, 1], first[:, 1], last[:, 1] + 1, last[:, 1] + 1])
         columns = np.stack([first[:, 0], last[:, 0] + 1, first[:, 0], last[:, 0] + 1])
-        places = (batch * shape[1] + rows) * shape[2] + columns
+        indices = (batch * shape[1] + rows) * shape[2] + columns
         signs = np.repeat(_CORNER_SIGNS, len(batch))
-        corners = np.bincount(places.ravel(), signs, math.prod(shape)).reshape(shape)
+        corners = np.bincount(indices.ravel(), signs, math.prod(shape)).reshape(shape)
         return corners.cumsum(1).cumsum(2)[:, :-1, :-1] > 0.5
 
 
 class GridPlanes(EnvWrapper[Planes]):
     """Replaces "image" by "planes": uint8 (10, rows, columns) over Scatter's grid, 5 x 19 for Tower.
 
-    Planes 0 .. 2 count the circles, squares and triangles whose centre lies in each cell, 3 .. 5 the yellow, black
-    and blue items, 6 .. 8 the small, medium and large ones. Plane 9 is 1 where an item's bounding square reaches
-    into the cell. `keep_image` leaves "image" beside them.
+    Planes 0 .. 2 count the circles, squares and triangles centred in each cell, 3 .. 5 the yellow, black and blue
+    items, 6 .. 8 the small, medium and large ones. Plane 9 is 1 where an item's bounding square overlaps the cell.
+    `keep_image` keeps "image" as well.
     """
 
     transformation_class = Planes

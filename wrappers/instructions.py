@@ -1,4 +1,4 @@
-"""The rules of an environment in words, for agents that read and write."""
+"""The rules of an environment in words, for language models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TOWER_EXAMPLE, SCATTER_EXAMPLE = "ADD(LEFT, BLUE)", "ADD(3, 4, CIRCLE, BLUE, SMA
 
 
 def instructions(dynamics: Dynamics) -> str:
-    """What the task is, the rewards, the actions, the map of cells to pixels, and the form of an answer."""
+    """The task, rewards, cell grid, actions and answer format."""
     return "\n".join(
         [
             "You edit a picture of three boxes, one action at a time. You are told a statement about the picture, and"
@@ -29,7 +29,7 @@ def instructions(dynamics: Dynamics) -> str:
 
 
 def reward_line(dynamics: Dynamics) -> str:
-    """When episodes end, and what each action is rewarded with."""
+    """The rewards, and when episodes end."""
     reward = {outcome: f"{signal.reward:+g}" for outcome, signal in dynamics.rules.signals.items()}
     return (
         f"Rewards: STOP {reward[Outcome.SUCCESS]} if the statement is as wanted, else {reward[Outcome.WRONG_STOP]};"
@@ -40,7 +40,7 @@ def reward_line(dynamics: Dynamics) -> str:
 
 
 def scale_line() -> str:
-    """The system that places are told in."""
+    """The coordinate system."""
     return (
         f"Scene: three boxes of {BOX_SIDE} x {BOX_SIDE} pixels; (x, y) is an item's top-left corner in its box,"
         " y grows downwards."
@@ -48,7 +48,7 @@ def scale_line() -> str:
 
 
 def cell_lines(appearance: Appearance) -> Iterator[str]:
-    """How Scatter's cells lie in the boxes; nothing for Tower, whose actions name boxes only."""
+    """The grid of cells in Scatter; nothing for Tower, whose actions name only boxes."""
     if not isinstance(appearance, Scatter):
         return
     columns, rows = appearance.grid
@@ -68,13 +68,13 @@ def cell_lines(appearance: Appearance) -> Iterator[str]:
 
 
 def box_columns(appearance: Scatter) -> list[tuple[int, int]]:
-    """The first and the last column of each box."""
+    """The first and last column of each box."""
     width = appearance.cell[0]
     return [(box * BOX_PITCH // width, (box * BOX_PITCH + BOX_SIDE) // width - 1) for box in range(BOX_COUNT)]
 
 
 def answer_line(appearance: Appearance) -> str:
-    """The form of an answer."""
+    """The answer format."""
     return ANSWER.format(example=SCATTER_EXAMPLE if isinstance(appearance, Scatter) else TOWER_EXAMPLE)
 
 
@@ -87,7 +87,7 @@ def _action_lines(dynamics: Dynamics) -> Iterator[str]:
         yield f"REMOVE({boxes}) takes the top block away."
         return
     shapes = "|".join(shape.name for shape in Shape)
-    sizes = "|".join(f"{size.name}" for size in Size)
+    sizes = "|".join(size.name for size in Size)
     pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
     yield (
         f"ADD(column, row, {shapes}, {colours}, {sizes}) puts an item into a box, its top-left corner at that of the"

@@ -19,30 +19,30 @@ from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
-NUMBERS, SLOTS = "numbers", "slots"
-MASKS = {form: form for form in (NUMBERS, SLOTS)}  # what masks have a flag for
+NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
+MASKS = {form: form for form in (NUMBERS, SLOTS)}
 
 
-class _Form(NamedTuple):
-    """The actions of one type, numbered on end, the last slot fastest (SPEC section 3)."""
+class _ActionBlock(NamedTuple):
+    """The consecutive indices of one action type, last slot fastest (SPEC section 3)."""
 
-    last: Int64Array  # (slots,) the array form of the last one: the largest value of each slot, -1 where unused
-    first_number: int
+    last: Int64Array  # (slots,) array form of the last action: the largest value of each slot, -1 if unused
+    first_index: int
 
 
-class ArrayForm(Transformation):
-    """Action arrays to action numbers, a whole batch at once."""
+class ArrayDecoding(Transformation):
+    """Decodes batches of action arrays to action indices."""
 
     changes_actions = True
-    concerns_actions = True
+    uses_mdp_actions = True
 
     def __init__(self, description: EnvDescription, *, masks: str) -> None:
         super().__init__(description)
-        description.numbered_actions()
+        description.discrete_actions()
         self._by_slots = choose("masks", masks, MASKS) == SLOTS
         self._appearance = description.dynamics.appearance
-        self._forms = _forms(self._appearance)
-        self._sizes = 1 + np.max([form.last for form in self._forms], axis=0)
+        self._blocks = _action_blocks(self._appearance)
+        self._sizes = 1 + np.max([block.last for block in self._blocks], axis=0)
 
     def action_space(self) -> spaces.MultiDiscrete:
         return spaces.MultiDiscrete(self._sizes)
@@ -51,20 +51,20 @@ class ArrayForm(Transformation):
         """Raises ActionError for an array of another shape or a value out of range."""
         arrays = np.asarray(actions)
         if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
-            return self._one_by_one(actions), {}
-        numbers = np.zeros(len(arrays), np.int64)
-        known = np.zeros(len(arrays), np.bool_)
-        for kind, (last, first_number) in enumerate(self._forms):
-            rows = arrays[:, 0] == kind
+            return self._decode_one_by_one(actions), {}
+        indices = np.zeros(len(arrays), np.int64)
+        is_valid = np.zeros(len(arrays), np.bool_)
+        for action_type, (last, first_index) in enumerate(self._blocks):
+            rows = arrays[:, 0] == action_type
             slots = np.flatnonzero(last[1:] >= 0) + 1
             values = arrays[np.ix_(rows, slots)]
-            known[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
-            if slots.size and known[rows].all():
-                numbers[rows] = first_number + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
-        return (numbers if known.all() else self._one_by_one(arrays)), {}
+            is_valid[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
+            if slots.size and is_valid[rows].all():
+                indices[rows] = first_index + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
+        return (indices if is_valid.all() else self._decode_one_by_one(arrays)), {}
 
-    def legal(self, state: EnvState) -> BoolArray:
-        legal = state.legal()
+    def action_masks(self, state: EnvState) -> BoolArray:
+        legal = state.action_masks()
         if not self._by_slots:
             return legal
         values = self._slot_values
@@ -73,40 +73,40 @@ class ArrayForm(Transformation):
             for slot, size in enumerate(self._sizes)
         ]
         for slot in flags:
-            slot[~slot.any(axis=1)] = True  # no legal action uses the slot: what stands there is ignored
+            slot[~slot.any(axis=1)] = True  # no legal action uses the slot, so its value is ignored
         return np.concatenate(flags, axis=1)
 
     @cached_property
     def _slot_values(self) -> Int64Array:
-        """(actions, slots) the array form of each action, -1 where unused."""
+        """(actions, slots) the array form of each action, -1 in unused slots."""
         appearance = self._appearance
-        return np.array([appearance.to_array(appearance.decode(n)) for n in range(appearance.action_count)])
+        return np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
 
-    def _one_by_one(self, arrays: Batch) -> Int64Array:
-        """The slow way, which explains what is wrong."""
+    def _decode_one_by_one(self, arrays: Batch) -> Int64Array:
+        """The slow path, for its error messages."""
         return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
 
 
-def _forms(appearance: Appearance) -> list[_Form]:
+def _action_blocks(appearance: Appearance) -> list[_ActionBlock]:
     """By ActionType."""
     unused = [0] * (len(appearance.to_array(STOP)) - 1)
     firsts = [appearance.encode(appearance.from_array([int(kind), *unused])) for kind in ActionType]
     ends = [*firsts[1:], appearance.action_count]
     lasts = [np.array(appearance.to_array(appearance.decode(end - 1))) for end in ends]
-    return [_Form(last, first) for last, first in zip(lasts, firsts, strict=True)]
+    return [_ActionBlock(last, first) for last, first in zip(lasts, firsts, strict=True)]
 
 
-class MultiDiscreteActions(EnvWrapper[ArrayForm]):
-    """Takes actions in the released array form: [type, box, colour] for Tower, [type, x, y, shape, colour, size] for
-    Scatter, MultiDiscrete; slots that a type leaves unused may hold anything, -1 as in the release included.
+class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
+    """Takes actions in the released array form, MultiDiscrete: [type, box, colour] for Tower, [type, x, y, shape,
+    colour, size] for Scatter. Slots that an action type does not use may have any value, such as the release's -1.
 
-    `masks="numbers"`: `action_masks()` stays one flag for each numbered action. `masks="slots"`, what MaskablePPO
-    takes: (sum of slot sizes,), one flag for each value of each slot, false where no legal action has it; combinations
-    of such values may still be illegal. Raises ValueError for other `masks`, ActionError in `step` for an array of
-    another shape or a value out of range.
+    `masks="numbers"`: `action_masks()` has one flag per action index, as without this wrapper. `masks="slots"`, as
+    MaskablePPO expects: (sum of slot sizes,), one flag per value of each slot, false if no legal action has it;
+    combinations of such values may still be illegal. Raises ValueError for other `masks`, and ActionError in `step`
+    for an array of the wrong shape or a value out of range.
     """
 
-    transformation_class = ArrayForm
+    transformation_class = ArrayDecoding
 
     def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)

@@ -1,4 +1,4 @@
-"""Actions by their names."""
+"""Actions by name."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ class ActionNames(spaces.Space[str]):
         self.appearance = appearance
 
     def sample(self, mask: Any | None = None, probability: Any | None = None) -> str:
-        """The name of a random action; `mask` and `probability` as for `Discrete`, over action numbers."""
-        numbers = spaces.Discrete(self.appearance.action_count, seed=self.np_random)
-        return describe(self.appearance.decode(int(numbers.sample(mask, probability))))
+        """The name of a random action; `mask` and `probability` as for `Discrete`, by action index."""
+        indices = spaces.Discrete(self.appearance.action_count, seed=self.np_random)
+        return describe(self.appearance.decode(int(indices.sample(mask, probability))))
 
     def contains(self, x: Any) -> bool:
         try:
-            return isinstance(x, str) and self.number(x) >= 0
+            return isinstance(x, str) and self.index(x) >= 0
         except ActionError:
             return False
 
-    def number(self, name: str) -> int:
-        """The number of the action called `name`. Raises ActionError."""
+    def index(self, name: str) -> int:
+        """The index of the action called `name`. Raises ActionError."""
         if not isinstance(name, str):
-            raise ActionError(f"an action must be given by its name, not {name!r}")
+            raise ActionError(f"an action must be given by name, not {name!r}")
         return self.appearance.encode(named(name))
 
     @property
@@ -52,36 +52,36 @@ class ActionNames(spaces.Space[str]):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ActionNames) and self.appearance == other.appearance
 
-    __hash__ = None  # pyright: ignore[reportAssignmentType]  # as other spaces
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # as for other spaces
 
 
-class Names(Transformation):
-    """Action names to action numbers."""
+class NameDecoding(Transformation):
+    """Decodes action names to action indices."""
 
     changes_actions = True
-    concerns_actions = True
+    uses_mdp_actions = True
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description)
-        description.numbered_actions()
+        description.discrete_actions()
         self._space = ActionNames(description.dynamics.appearance)
 
     def action_space(self) -> ActionNames:
         return self._space
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
-        """Raises ActionError for a name that is none."""
-        return np.array([self._space.number(name) for name in actions]), {}
+        """Raises ActionError for an unknown name."""
+        return np.array([self._space.index(name) for name in actions]), {}
 
 
-class NamedActions(EnvWrapper[Names]):
+class NamedActions(EnvWrapper[NameDecoding]):
     """Takes actions by name: "STOP", "ADD(LEFT, BLUE)", "REMOVE(LEFT)"; in Scatter "ADD(3, 4, CIRCLE, BLUE, SMALL)"
     and "REMOVE(3, 4)" with the grid's column and row. Case and spacing do not matter.
 
-    Raises ActionError in `step` for a name that is none.
+    Raises ActionError in `step` for an unknown name.
     """
 
-    transformation_class = Names
+    transformation_class = NameDecoding
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)

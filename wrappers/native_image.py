@@ -1,4 +1,4 @@
-"""Images at the size the scenes are made in."""
+"""Images at native size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SIZE = "native"
 
 
 class NativeDrawing(SceneFormat):
-    """The scene drawn anew."""
+    """Draws the scene."""
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description, keep_image=False)
@@ -34,10 +34,10 @@ class NativeDrawing(SceneFormat):
 
 
 class NativeImage(EnvWrapper[NativeDrawing]):
-    """Replaces "image" by the native one, uint8 (100, 380, 3).
+    """Replaces "image" by one of native size, uint8 (100, 380, 3).
 
-    It draws every scene from scratch: where speed matters, make the environment with image_size="native", which
-    draws what changes only.
+    It redraws the whole scene each time. An environment made with image_size="native" is faster: it redraws only what
+    has changed.
     """
 
     transformation_class = NativeDrawing

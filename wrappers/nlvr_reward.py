@@ -1,4 +1,4 @@
-"""The ablation in which STOP is rewarded for a scene that the corpus has. Source: SPEC section 6."""
+"""The ablation that rewards STOP only in scenes of the corpus. Source: SPEC section 6."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from lilgym_mp.wrappers.transformation import TaskChange
 
 
 class MatchingTasks(TaskChange):
-    """Every task solved by the corpus's scenes only."""
+    """Restricts every task's goals to scenes of the corpus."""
 
     change = staticmethod(matching_corpus)
 
 
 class NLVRReward(EnvWrapper[MatchingTasks]):
-    """Counts a STOP as a success only in a scene that the corpus itself has for the statement, labelled with the target
-    value: the same items at the same places in the same boxes, whatever their order. No program is run.
+    """Counts STOP as a success only in a scene that the corpus pairs with the statement and labels with the target
+    value: the same items at the same positions in the same boxes, in any order. No program is run.
 
-    Reward, outcome, `goal_reached()` and stop forcing all follow. For the Scratch configurations; the scenes are the
-    start scenes of FlipIt's tasks of the same corpus and split. Raises CorpusError for FlipIt.
+    Reward, outcome, `goal_reached()` and stop forcing are all affected. For the Scratch configurations; the scenes are
+    the start scenes of the FlipIt tasks of the same corpus and split. Raises CorpusError for FlipIt.
 
-    It must stand beneath all wrappers but BoxPermutation.
+    Must be applied before all other wrappers but BoxPermutation.
     """
 
     transformation_class = MatchingTasks

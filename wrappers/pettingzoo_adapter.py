@@ -1,6 +1,7 @@
-"""A transformation on the proposer-verifier game: on what each agent sees and earns, and on what the proposer may do.
+"""Applies a transformation to the proposer-verifier game: to observations and rewards of both agents, and to the
+proposer's actions and masks.
 
-`factory` imports this when it is given a PettingZoo environment, so that nothing else needs pettingzoo.
+Imported by `factory` only for PettingZoo environments, so that pettingzoo stays optional.
 """
 
 from __future__ import annotations
@@ -19,86 +20,88 @@ from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.types import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.env_state import EnvDescription, StatesOf, WrongEnvironment
-from lilgym_mp.wrappers.gymnasium_adapter import batch_of_one, plain
+from lilgym_mp.wrappers.env_state import BaseEnvState, EnvDescription, WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import as_batch, to_python
 from lilgym_mp.wrappers.transformation import (
     Batch,
     TaskChange,
     Transformation,
-    refuse_above_others,
+    require_innermost,
 )
 
-SEEN, MASK = "observation", "action_mask"  # the parts of an agent's observation
+PARTS, MASK = "observation", "action_mask"  # keys of an agent's observation
 
 AgentObservation = Mapping[str, Any]
 Info = dict[str, Any]
-Does = Callable[..., Transformation]
+TransformationT = Callable[..., Transformation]
 
 
 def is_game(env: object) -> bool:
-    """Whether `env` is the game in one of PettingZoo's forms."""
+    """Whether `env` is a PettingZoo environment of the game."""
     return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, BaseGameEnv)
 
 
-def lifted(env: Any, name: str, transformation_class: Does, settings: Mapping[str, Any]) -> Any:
-    """The game `env` behind the wrapper called `name`, in the same form."""
+def wrap_game(env: Any, name: str, transformation_class: TransformationT, settings: Mapping[str, Any]) -> Any:
+    """Wraps the game `env` in the wrapper called `name`."""
     adapters = {agent: TransformedAgent(env, agent, name, transformation_class, settings) for agent in AGENTS}
     transformation = adapters[AGENTS[Role.PROPOSER]].transformation
     if isinstance(transformation, TaskChange):
-        refuse_above_others(name, env)
+        require_innermost(name, env)
         env.unwrapped.change_tasks(transformation.change)
     return AECGameWrapper(env, name, adapters) if isinstance(env, AECEnv) else ParallelGameWrapper(env, name, adapters)
 
 
 class TransformedRewards:
-    """How a wrapper changes both agents' rewards: whenever a turn changes the MDP or ends the game."""
+    """The effect on rewards, in each turn that changes the MDP or ends the game."""
 
     def __init__(self, transformation: Transformation, engine: Any) -> None:
         self._transformation = transformation
         self._engine = engine
-        self._mdp: State | None = None  # as it was after the last turn; None when the game was over
-        self._value = np.zeros(1)
+        self._mdp: State | None = None  # after the last turn; None after the end
+        self._potential = np.zeros(1)
 
     def reset(self) -> None:
         mdp: State = self._engine.state.mdp
         self._mdp = mdp
-        self._value = self._transformation.values([mdp])
+        self._potential = self._transformation.potentials([mdp])
 
     def transform(self, rewards: Sequence[float]) -> list[float]:
-        """The rewards of the turn that was just played, after the change."""
+        """The transformed rewards of the last turn."""
         state = self._engine.state
-        over = not state.movers
-        if self._mdp is None or (state.mdp is self._mdp and not over):
+        is_over = not state.movers
+        if self._mdp is None or (state.mdp is self._mdp and not is_over):
             return list(rewards)
-        before = self._value
-        self._mdp = None if over else state.mdp
-        self._value = np.zeros(1) if over else self._transformation.values([state.mdp])
-        both = np.full(len(rewards), 1.0)
-        return self._transformation.rewards(np.array(rewards, np.float64), before * both, self._value * both).tolist()
+        before = self._potential
+        self._mdp = None if is_over else state.mdp
+        self._potential = np.zeros(1) if is_over else self._transformation.potentials([state.mdp])
+        ones = np.ones(len(rewards))
+        return self._transformation.rewards(
+            np.array(rewards, np.float64), before * ones, self._potential * ones
+        ).tolist()
 
 
 class TransformedAgent:
-    """A wrapper from one agent's side. What it does to actions and masks concerns the proposer, in its turn."""
+    """The effect on one agent. Actions and masks change only for the proposer, in its turn."""
 
     def __init__(
-        self, env: Any, agent: str, name: str, transformation_class: Does, settings: Mapping[str, Any]
+        self, env: Any, agent: str, name: str, transformation_class: TransformationT, settings: Mapping[str, Any]
     ) -> None:
-        """Raises WrongEnvironment for a wrapper that speaks of the MDP's own actions."""
+        """Raises WrongEnvironment for array observations and for transformations that use MDP actions."""
         base: BaseGameEnv = env.unwrapped
-        both, actions = env.observation_space(agent), env.action_space(agent)
-        if not isinstance(both, spaces.Dict):
-            raise WrongEnvironment(f'{name} needs the game with observations="nested", not {both}')
-        description = EnvDescription(name, base.tasks, base.dynamics, both[SEEN], actions)
+        nested, actions = env.observation_space(agent), env.action_space(agent)
+        if not isinstance(nested, spaces.Dict):
+            raise WrongEnvironment(f'{name} needs the game with observations="nested", not {nested}')
+        description = EnvDescription(name, base.tasks, base.dynamics, nested[PARTS], actions)
         self.transformation = transformation_class(description, **settings)
-        if self.transformation.concerns_actions:
-            raise WrongEnvironment(f"{name} speaks of the MDP's actions; the agents of this game have others")
-        self.observation_space = spaces.Dict({SEEN: self.transformation.observation_space(), MASK: both[MASK]})
+        if self.transformation.uses_mdp_actions:
+            raise WrongEnvironment(f"{name} uses the MDP's actions, but the game's agents have other action spaces")
+        self.observation_space = spaces.Dict({PARTS: self.transformation.observation_space(), MASK: nested[MASK]})
         self._engine = base.engine
         self.rewards = (
             TransformedRewards(self.transformation, base.engine) if self.transformation.changes_rewards else None
         )
         self._role = Role(AGENTS.index(agent))
-        self._entries: Info = {}  # what became of the agent's last action
+        self._entries: Info = {}  # info entries of the agent's last action
 
     def reset(self) -> None:
         self._entries = {}
@@ -106,36 +109,36 @@ class TransformedAgent:
             self.rewards.reset()
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
-        seen, mask = observation[SEEN], observation[MASK]
+        parts, mask = observation[PARTS], observation[MASK]
         state = self._state(mask)
         if self.transformation.changes_observations:
-            seen = _first(self.transformation.observations(batch_of_one(seen), state))
+            parts = _first(self.transformation.observations(as_batch(parts), state))
         if self._proposes:
-            narrowed = mask * self.transformation.legal(state)[0]
+            narrowed = mask * self.transformation.action_masks(state)[0]
             mask = narrowed if narrowed.any() else mask
-        return {SEEN: seen, MASK: mask}
+        return {PARTS: parts, MASK: mask}
 
     def info(self, info: Info, observe: Callable[[], Any]) -> Info:
-        """The agent's info; `observe` returns its observation after this wrapper."""
+        """The transformed info; `observe` returns the transformed observation."""
         info = {**info, **self._entries}
         if self.transformation.adds_infos:
             mask = observe()[MASK]
-            told = self.transformation.added_infos(info, self._state(mask))
-            info |= {name: mask if name == MASK else plain(value[0]) for name, value in told.items()}
+            added = self.transformation.added_infos(info, self._state(mask))
+            info |= {name: mask if name == MASK else to_python(value[0]) for name, value in added.items()}
         return info
 
     def action(self, action: Any) -> Any:
-        """The action to take in the game."""
+        """The action for the wrapped game."""
         if action is None or not self.transformation.changes_actions or not self._proposes:
             self._entries = {}
             return action
         game = self._engine.game
-        choice, word = divmod(int(action), game.message_sizes[self._role] + 1)
+        choice, message = divmod(int(action), game.message_sizes[self._role] + 1)
         choices, entries = self.transformation.actions(np.array([choice]), self._state(None))
-        if int(choices[0]) not in game.choices[self._role]:  # where the verifier alone may stop
+        if int(choices[0]) not in game.choices[self._role]:  # STOP, if only the verifier may stop
             return action
-        self._entries = {name: plain(value[0]) for name, value in entries.items()}
-        return game.encode_action(self._role, int(choices[0]), word)
+        self._entries = {name: to_python(value[0]) for name, value in entries.items()}
+        return game.encode_action(self._role, int(choices[0]), message)
 
     @property
     def _proposes(self) -> bool:
@@ -146,69 +149,69 @@ class TransformedAgent:
 
 
 def _first(batch: Batch) -> Any:
-    """The one value of a batch. Numbers stay NumPy's, as PettingZoo's tests demand."""
+    """The first value of a batch. Scalars stay NumPy's, as PettingZoo's tests demand."""
     return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
 
 
-class GameEnvState(StatesOf):
-    """The `EnvState` of a game for one agent; `mask`: its legal actions, None when nobody asks."""
+class GameEnvState(BaseEnvState):
+    """The `EnvState` of a game for one agent; `mask`: its legal actions, None if not needed."""
 
     def __init__(self, description: EnvDescription, engine: Any, mask: Int8Array | None) -> None:
         super().__init__(description, (engine.state.mdp,))
         self._mask = mask
 
-    def legal(self) -> BoolArray:
+    def action_masks(self) -> BoolArray:
         assert self._mask is not None
         return self._mask[None].astype(np.bool_)
 
 
 class AECGameWrapper(BaseWrapper[str, Any, Any]):
-    """The turn-by-turn form behind a wrapper."""
+    """A wrapper of the AEC environment."""
 
     def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
         super().__init__(env)
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
         self.adapters = adapters  # by agent; SingleAgentView plays through them
-        self._told: dict[str, Info] | None = None  # this turn's infos, once somebody has asked for them
-        self._added: dict[str, float] = {}  # to each agent's reward of this turn
-        self._all_added: dict[str, float] = {}  # and to its rewards since it last acted
+        self._infos: dict[str, Info] | None = None  # cache for this turn
+        self._reward_change: dict[str, float] = {}  # added to each agent's reward of this turn
+        self._cumulative_change: dict[str, float] = {}  # added to each agent's rewards since it last acted
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.adapters[agent].observation_space
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
-        self._told = None
-        self._added = dict.fromkeys(map(str, AGENTS), 0.0)
-        self._all_added = dict.fromkeys(map(str, AGENTS), 0.0)
+        self._infos = None
+        self._reward_change = dict.fromkeys(map(str, AGENTS), 0.0)
+        self._cumulative_change = dict.fromkeys(map(str, AGENTS), 0.0)
         for adapter in self.adapters.values():
             adapter.reset()
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection if self.agents else None
         super().step(self.adapters[agent].action(action) if agent else action)
-        self._told = None
+        self._infos = None
         if agent and self.transformation.changes_rewards:
             self._change_rewards(agent)
 
     def _change_rewards(self, actor: str) -> None:
         rewards = [self.env.rewards.get(agent, 0.0) for agent in AGENTS]
-        self._all_added[actor] = 0.0
+        self._cumulative_change[actor] = 0.0
         for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
             change = self.adapters[agent].rewards
             assert change is not None
-            self._added[agent] = change.transform(rewards)[role] - reward
-            self._all_added[agent] += self._added[agent]
+            self._reward_change[agent] = change.transform(rewards)[role] - reward
+            self._cumulative_change[agent] += self._reward_change[agent]
 
     @property
     def rewards(self) -> dict[str, float]:
-        return {agent: reward + self._added.get(agent, 0.0) for agent, reward in self.env.rewards.items()}
+        return {agent: reward + self._reward_change.get(agent, 0.0) for agent, reward in self.env.rewards.items()}
 
     @property
     def _cumulative_rewards(self) -> dict[str, float]:
-        beneath: Mapping[str, float] = self.env._cumulative_rewards
-        return {agent: reward + self._all_added.get(agent, 0.0) for agent, reward in beneath.items()}
+        rewards: Mapping[str, float] = self.env._cumulative_rewards
+        return {agent: reward + self._cumulative_change.get(agent, 0.0) for agent, reward in rewards.items()}
 
     def observe(self, agent: str) -> Any:
         observation = super().observe(agent)
@@ -216,20 +219,22 @@ class AECGameWrapper(BaseWrapper[str, Any, Any]):
 
     @property
     def infos(self) -> dict[str, Info]:
-        if self._told is None:
-            look = {agent: partial(self.observe, agent) for agent in self.env.infos}
-            self._told = {agent: self.adapters[agent].info(info, look[agent]) for agent, info in self.env.infos.items()}
+        if self._infos is None:
+            self._infos = {
+                agent: self.adapters[agent].info(info, partial(self.observe, agent))
+                for agent, info in self.env.infos.items()
+            }
             if self.transformation.changes_rewards:
-                for agent, info in self._told.items():
+                for agent, info in self._infos.items():
                     info[UNCHANGED_REWARD] = self.env.rewards[agent]
-        return self._told
+        return self._infos
 
     def __str__(self) -> str:
         return f"{self.name}<{self.env}>"
 
 
 class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
-    """The form in which both agents act in every step, behind a wrapper."""
+    """A wrapper of the parallel environment."""
 
     def __init__(self, env: ParallelEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
         super().__init__(env)
@@ -246,30 +251,30 @@ class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
         observations, infos = super().reset(seed, options)
         for adapter in self.adapters.values():
             adapter.reset()
-        return self._shown(observations, infos)
+        return self._transformed(observations, infos)
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
-        if self.agents and actions.keys() == self.adapters.keys():  # else the game itself says what is wrong
+        if self.agents and actions.keys() == self.adapters.keys():  # otherwise the game raises
             actions = {agent: self.adapters[agent].action(action) for agent, action in actions.items()}
         observations, rewards, terminated, truncated, infos = super().step(dict(actions))
-        shown, told = self._shown(observations, infos)
+        observations, infos = self._transformed(observations, infos)
         if self.transformation.changes_rewards:
-            for agent, info in told.items():
+            for agent, info in infos.items():
                 info[UNCHANGED_REWARD] = rewards[agent]
-            rewards = self._changed(rewards)
-        return shown, rewards, terminated, truncated, told
+            rewards = self._transformed_rewards(rewards)
+        return observations, rewards, terminated, truncated, infos
 
-    def _changed(self, rewards: Mapping[str, float]) -> dict[str, float]:
+    def _transformed_rewards(self, rewards: Mapping[str, float]) -> dict[str, float]:
         both = [rewards[agent] for agent in AGENTS]
-        changes = {agent: self.adapters[agent].rewards for agent in AGENTS}
-        return {agent: change.transform(both)[Role(AGENTS.index(agent))] for agent, change in changes.items() if change}
+        adapters = {agent: self.adapters[agent].rewards for agent in AGENTS}
+        return {agent: adapter.transform(both)[AGENTS.index(agent)] for agent, adapter in adapters.items() if adapter}
 
-    def _shown(
+    def _transformed(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        shown = {agent: self.adapters[agent].observation(observation) for agent, observation in observations.items()}
-        return shown, {
-            agent: self.adapters[agent].info(info, partial(shown.get, agent)) for agent, info in infos.items()
+        transformed = {agent: self.adapters[agent].observation(one) for agent, one in observations.items()}
+        return transformed, {
+            agent: self.adapters[agent].info(info, partial(transformed.get, agent)) for agent, info in infos.items()
         }
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Rewards shaped by what the expert still needs. Source: Ng, Harada, Russell 1999 (potential-based shaping)."""
+"""Potential-based reward shaping with the expert's returns. Source: Ng, Harada, Russell 1999."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Shaping(Transformation):
         self._discount = discount
         self._solver = Solver(description.dynamics, budget)
 
-    def values(self, states: Sequence[State]) -> Float64Array:
+    def potentials(self, states: Sequence[State]) -> Float64Array:
         solutions = map(self._solver.solve_from, states)
         return np.array([value(one, self.env_description.dynamics, self._discount) for one in solutions], np.float64)
 
@@ -41,14 +41,14 @@ class Shaping(Transformation):
 class PotentialShaping(EnvWrapper[Shaping]):
     """Adds `discount` * potential(after) - potential(before) to each reward.
 
-    The potential of a state is the return of the expert's solution from it, and 0 once the episode is over. So
-    the best policies stay the best, and an action of a shortest solution is rewarded 0 at once, any other with
-    what it loses (discount 1, where the expert's solutions are shortest). Each episode's return falls by its
-    start's potential. info["unshaped_reward"] keeps the environment's own reward. In the proposer-verifier game both
-    agents' rewards are shaped alike, whenever a turn changes the MDP or ends it.
+    The potential of a state is the return of the expert's solution from it, and 0 after the end of the episode. This
+    preserves optimal policies. With discount 1 and shortest solutions by the expert, an optimal action gets reward 0,
+    any other minus the return it loses. Each episode's return is reduced by the potential of its start. Infos keep the
+    environment's reward as "unshaped_reward". In the proposer-verifier game both agents' rewards are shaped, whenever a
+    turn changes the MDP or ends it.
 
-    The expert solves every state that is entered: about 0.1 ms in Tower, 1 ms in Scatter, sometimes much more.
-    `budget`: scenes it looks at per state, None its own; states that it cannot solve count as lost.
+    The expert solves every state visited: about 0.1 ms in Tower, 1 ms in Scatter, sometimes much more. `budget`: scenes
+    it may examine per state, None for its default; a state that it cannot solve counts as lost.
     Raises ValueError for a discount outside 0 .. 1 or a budget below 1.
     """
 

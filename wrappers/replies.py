@@ -1,7 +1,7 @@
-"""What the reply of an agent that writes text comes to: one action, or none where it is not plain which.
+"""Parses the replies of language models: one action, or none if the reply is ambiguous.
 
-An action is named by `describe`'s form, "ADD(LEFT, BLUE)", or in words, "add left blue", "remove 3 4", "stop". Numbers
-count where nothing else can be meant: alone, on the last line alone, or after the word "action" or "answer".
+An action is named as by `describe`, "ADD(LEFT, BLUE)", or in words, "add left blue", "remove 3 4", "stop". Action
+numbers count only where they are unambiguous: alone, alone on the last line, or after "action" or "answer".
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from lilgym_mp.scene import Colour, Shape, Size
 
 
 class Reply(NamedTuple):
-    """What an agent's reply comes to."""
+    """A parsed reply."""
 
-    action: int
-    understood: bool  # False: it names no action, or not plainly one, so `action` is the default
+    action: int  # action index
+    understood: bool  # False: no action or an ambiguous one, so `action` is the default
 
 
 class _Mention(NamedTuple):
-    """A place in a reply that speaks of an action."""
+    """A span of the reply that mentions an action."""
 
     start: int
     end: int
-    action: int | None  # its number; None: no action is called so, or it is not said completely
+    action: int | None  # action index; None: unknown or incomplete
     is_stop: bool
 
 
@@ -41,7 +41,7 @@ _NUMBERED = re.compile(
     r"\b(?:action|answer)(?:\s+(?:number|no\.?|is))?\s*[:=#]?\s*(?P<number>\d+)\b(?!\s*[.,]\d)", re.IGNORECASE
 )
 _LEADING_NUMBER = re.compile(r"(?:^|\b(?:action|answer|number)\b)\W*(?P<number>\d+)\s*[:.)=-]*\s*\(?$", re.IGNORECASE)
-# What may stand around an action on a line of its own: marks, bullets, "Answer:", "My next action is".
+# Allowed around an action on its own line: markup, bullets, "Answer:", "My next action is".
 _DECORATION = " \t*_`'\"#>$\\{}[]"
 _LABEL = re.compile(
     r"^(?:(?:so|therefore|thus|ok(?:ay)?)[\s,:]+)?(?:(?:my|the|final|next|best|chosen|single)\s+)*"
@@ -66,46 +66,46 @@ _LATER = re.compile(
 _ALSO = re.compile(r"\b(?:and|plus|or)\b|\+", re.IGNORECASE)
 _FRESH_START = re.compile(r"\b(?:no|better|actually|instead|wait|rather|final)\b", re.IGNORECASE)
 
-_BOXES = {name: number for number, name in enumerate(BOX_NAMES)}
+_BOXES = {name: index for index, name in enumerate(BOX_NAMES)}
 _FILLERS = frozenset(
     word.upper() for word in ("a", "an", "the", "one", "to", "in", "into", "at", "on", "of", "from", "top", "block")
 ) | frozenset(("ITEM", "OBJECT", "BOX", "TOWER", "CELL", "COLUMN", "ROW", "COL"))
-_TOWER_FILLERS = frozenset(("MEDIUM", "SQUARE"))  # what every block is
+_TOWER_FILLERS = frozenset(("MEDIUM", "SQUARE"))  # properties of every block
 
 
 def parse_reply(reply: str, appearance: Appearance, default: int, shown: Collection[int] | None = None) -> Reply:
-    """The action that `reply` decides for; `default`, not understood, where it is none or not plainly one.
+    """The action that `reply` chooses; `default`, not understood, if there is none or several.
 
-    The last line counts if it is one action and nothing else; else the action named last, but for those denied,
-    asked or supposed; a number only after "action" or "answer", where no action is named. `shown`: the numbers that
-    the agent was told; None: all.
+    If the last line is exactly one action, that is it. Otherwise the last action named, ignoring negated, questioned
+    and hypothetical ones; otherwise a number after "action" or "answer". `shown`: the action numbers that the agent
+    was shown; None: all.
     """
     text = _THOUGHT_END.split(reply)[-1]
-    number = _decided(text, appearance, range(appearance.action_count) if shown is None else shown)
-    return Reply(default, understood=False) if number is None else Reply(number, understood=True)
+    index = _chosen(text, appearance, range(appearance.action_count) if shown is None else shown)
+    return Reply(default, understood=False) if index is None else Reply(index, understood=True)
 
 
-def _decided(text: str, appearance: Appearance, shown: Collection[int]) -> int | None:
+def _chosen(text: str, appearance: Appearance, shown: Collection[int]) -> int | None:
     lines = [line for line in text.splitlines() if line.strip(_DECORATION + ".")]
     if not lines:
         return None
-    last = _alone(lines[-1], appearance, shown)
+    last = _whole_line(lines[-1], appearance, shown)
     if last is not None:
-        earlier = _alone(lines[-2], appearance, shown) if len(lines) > 1 else None
+        earlier = _whole_line(lines[-2], appearance, shown) if len(lines) > 1 else None
         is_plan = earlier not in (None, last) and not _LABEL.match(lines[-1].strip(_DECORATION))
         return None if is_plan else last
     mentions = list(_calls(text, appearance))
     if all(mention.is_stop for mention in mentions):
         mentions = sorted([*mentions, *_phrases(text, appearance)])
-    return _last_meant(text, mentions or list(_numbered(text, appearance.action_count, shown)))
+    return _last_asserted(text, mentions or list(_numbered(text, appearance.action_count, shown)))
 
 
-def _alone(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
-    """The action that a line is, and nothing else."""
+def _whole_line(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
+    """The action if the line consists of exactly one."""
     bare = _LABEL.sub("", line.strip(_DECORATION).removeprefix("- ")).strip(_DECORATION)
     bare = bare.removesuffix(".").strip(_DECORATION)
     if bare.isdecimal():
-        return _known(int(bare), appearance.action_count, shown)
+        return _shown_index(int(bare), appearance.action_count, shown)
     number = re.match(r"(\d+)\s*[:.)=-]*\s+", bare)
     name = bare[number.end() :] if number else bare
     if name.startswith("(") and name.endswith(")"):
@@ -115,31 +115,31 @@ def _alone(line: str, appearance: Appearance, shown: Collection[int]) -> int | N
     return None if number and int(number[1]) != action else action
 
 
-def _known(number: int, count: int, shown: Collection[int]) -> int | None:
+def _shown_index(number: int, count: int, shown: Collection[int]) -> int | None:
     return number if number < count and number in shown else None
 
 
 def _calls(text: str, appearance: Appearance) -> Iterator[_Mention]:
-    """The actions named by their form; STOP in capitals, so that prose may use the verb."""
+    """Actions in the form of `describe`; STOP only in capitals, because prose uses the verb."""
     for match in _CALL.finditer(text):
         if match["verb"] is None and not match[0].startswith("STOP"):
             continue
         action = _encoded(match, appearance)
         before = _LEADING_NUMBER.search(text[: match.start()].rsplit("\n", 1)[-1])
         if before is not None and int(before["number"]) != action:
-            action = None  # such as "action 4: ADD(LEFT, BLUE)", where action 4 is another
+            action = None  # such as "action 4: ADD(LEFT, BLUE)" if action 4 is a different one
         yield _Mention(match.start(), match.end(), action, is_stop=match["verb"] is None)
 
 
 def _phrases(text: str, appearance: Appearance) -> Iterator[_Mention]:
-    """The actions named in words, where any of their arguments are given."""
+    """Actions in words, if they have at least one argument."""
     for match in _PHRASE.finditer(text):
-        if _values(match["inside"]):
+        if _has_argument(match["inside"]):
             yield _Mention(match.start(), match.end(), _encoded(match, appearance), is_stop=False)
 
 
 def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
-    """The number of the action that a match of _CALL or _PHRASE names."""
+    """The index of the action in a match of _CALL or _PHRASE."""
     if match["verb"] is None:
         return appearance.encode(STOP)
     words = _words(match["inside"])
@@ -151,7 +151,7 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
 
 
 def _words(inside: str) -> list[str]:
-    """The words of an action's arguments, "column 3" and "row 4" in this order, fillers left out."""
+    """The words of an action's arguments, without fillers; "row 4, column 3" is put in column-row order."""
     words = re.findall(r"\w+", inside.upper())
     for first, second in (("ROW", "COLUMN"), ("ROW", "COL")):
         if first in words and second in words and words.index(first) < words.index(second):
@@ -161,7 +161,7 @@ def _words(inside: str) -> list[str]:
     return [word for word in words if word not in _FILLERS]
 
 
-def _values(inside: str) -> bool:
+def _has_argument(inside: str) -> bool:
     """Whether any word could be an argument."""
     return any(
         word.isdecimal() or word in _BOXES or any(word in members.__members__ for members in (Colour, Shape, Size))
@@ -182,38 +182,40 @@ def _tower_action(verb: str, words: list[str]) -> Action | None:
 
 def _scatter_action(verb: str, words: list[str]) -> Action | None:
     numbers = [int(word) for word in words if word.isdecimal()]
-    looks = [word for word in words if not word.isdecimal()]
+    attributes = [word for word in words if not word.isdecimal()]
     if len(numbers) != 2:
         return None
     column, row = numbers
     if verb == "REMOVE":
-        return None if looks else RemoveItem(column, row)
-    kinds: tuple[type[IntEnum], ...] = (Shape, Colour, Size)
-    found = [[word for word in looks if word in kind.__members__] for kind in kinds]
-    if len(looks) != len(kinds) or any(len(words) != 1 for words in found):
+        return None if attributes else RemoveItem(column, row)
+    enums: tuple[type[IntEnum], ...] = (Shape, Colour, Size)
+    found = [[word for word in attributes if word in enum.__members__] for enum in enums]
+    if len(attributes) != len(enums) or any(len(words) != 1 for words in found):
         return None
     (shape,), (colour,), (size,) = found
     return AddItem(column, row, Shape[shape], Colour[colour], Size[size])
 
 
 def _numbered(text: str, count: int, shown: Collection[int]) -> Iterator[_Mention]:
-    """The numbers that follow "action" or "answer"."""
+    """Numbers after "action" or "answer"."""
     for match in _NUMBERED.finditer(text):
-        yield _Mention(match.start(), match.end(), _known(int(match["number"]), count, shown), is_stop=False)
+        yield _Mention(match.start(), match.end(), _shown_index(int(match["number"]), count, shown), is_stop=False)
 
 
-def _last_meant(text: str, mentions: list[_Mention]) -> int | None:
-    """The action of the last mention that is not denied; None where it is one of several to be done."""
-    meant = [mention for mention in mentions if not _is_denied(text, mention.start, mention.end)]
-    if not meant:
+def _last_asserted(text: str, mentions: list[_Mention]) -> int | None:
+    """The last mentioned action that the reply asserts; None if it is one step of a plan."""
+    asserted = [mention for mention in mentions if not _is_hypothetical(text, mention.start, mention.end)]
+    if not asserted:
         return None
-    last = meant[-1]
-    goes_on = any(earlier.action != last.action and _goes_on(text[earlier.end : last.start]) for earlier in meant[:-1])
-    return None if goes_on else last.action
+    last = asserted[-1]
+    is_plan = any(
+        earlier.action != last.action and _continues_plan(text[earlier.end : last.start]) for earlier in asserted[:-1]
+    )
+    return None if is_plan else last.action
 
 
-def _goes_on(between: str) -> bool:
-    """Whether what stands between two actions makes the second one more thing to do, not a change of mind."""
+def _continues_plan(between: str) -> bool:
+    """Whether the text between two actions makes the second a further step of a plan, not a change of mind."""
     tail = _last_part(_SENTENCE_END, between)
     if _FRESH_START.search(tail):
         return False
@@ -222,15 +224,15 @@ def _goes_on(between: str) -> bool:
     return bool(_LATER.search(tail) or (tail == between and _ALSO.search(tail)))
 
 
-def _is_denied(text: str, start: int, end: int) -> bool:
-    """Whether text[start:end] is denied, asked or supposed rather than said."""
+def _is_hypothetical(text: str, start: int, end: int) -> bool:
+    """Whether text[start:end] is negated, questioned or hypothetical rather than asserted."""
     clause = _last_part(_CLAUSE_END, text[:start])
     sentence_end = _SENTENCE_END.search(text, end)
-    asked = sentence_end is not None and sentence_end[0] == "?"
-    return bool(asked or _NEGATION.search(clause) or _CONDITION.search(clause) or _REJECTION.search(text[end:]))
+    is_question = sentence_end is not None and sentence_end[0] == "?"
+    return bool(is_question or _NEGATION.search(clause) or _CONDITION.search(clause) or _REJECTION.search(text[end:]))
 
 
 def _last_part(boundary: re.Pattern[str], text: str) -> str:
-    """What follows the last match of `boundary`."""
+    """The text after the last match of `boundary`."""
     ends = [match.end() for match in boundary.finditer(text)]
     return text[ends[-1] :] if ends else text

@@ -1,4 +1,4 @@
-"""Episodes that start near success, so that learning can begin at the end and work backwards."""
+"""Reverse curriculum: episodes that start near success."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lilgym_mp.wrappers.transformation import TaskChange
 
 
 class NearSuccess(TaskChange):
-    """Every task started where so many edits of a shortest solution are left."""
+    """Moves every task's start to `edits` edits before the end of a shortest solution."""
 
     def __init__(self, description: EnvDescription, *, edits: int, budget: int | None) -> None:
         super().__init__(description)
@@ -24,13 +24,13 @@ class NearSuccess(TaskChange):
 
 
 class ReverseCurriculum(EnvWrapper[NearSuccess]):
-    """Starts each episode `edits` edits from success, on a shortest solution of the task that was drawn.
+    """Starts each episode `edits` edits from success, on a shortest solution of the drawn task.
 
-    Tasks that need fewer edits, or for which the expert finds no solution, start where they did; with `edits` 0
-    only STOP is left to be learned. Every task is solved when it wraps the first environment of its kind: seconds
-    for the official data. `budget`: scenes the expert looks at per task, None its own. It is meant for training.
+    Tasks that need fewer edits, or that the expert cannot solve, keep their start; with `edits` 0 only STOP remains to
+    be learned. All tasks are solved when the first such wrapper is made, which takes seconds for the official corpus.
+    `budget`: scenes the expert may examine per task, None for its default. For training only.
 
-    It must stand beneath all wrappers but those that change the tasks too.
+    Must be applied before all other wrappers but those that also change the tasks.
     Raises ValueError for a negative number of edits or a budget below 1.
     """
 
@@ -40,19 +40,19 @@ class ReverseCurriculum(EnvWrapper[NearSuccess]):
         super().__init__(env, edits=edits, budget=budget)
 
 
-_lifted = factory(ReverseCurriculum)
+_factory = factory(ReverseCurriculum)
 
 
 def reverse_curriculum_v0(env: Any, edits: int, budget: int | None = None) -> Any:
-    """`ReverseCurriculum` around an environment, or around a vector environment of Tower.
+    """Applies `ReverseCurriculum` to an environment, or to a vector environment of Tower.
 
-    Raises WrongEnvironment for vector environments of Scatter: they have room for what boxes can come to hold from
-    the corpus's own starts, and these starts hold more.
+    Raises WrongEnvironment for vector environments of Scatter: their buffers have capacity for the items reachable
+    from the corpus's starts, and these starts have more.
     """
     dynamics = getattr(getattr(env, "unwrapped", None), "dynamics", None)
     if isinstance(env, gym.vector.VectorEnv) and dynamics is not None and dynamics.appearance.box_capacity is None:
         raise WrongEnvironment(
-            "ReverseCurriculum wraps vector environments of Tower only; for Scatter wrap each environment:"
+            "ReverseCurriculum wraps vector environments of Tower only; for Scatter, wrap each environment:"
             ' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[...], ...)'
         )
-    return _lifted(env, edits, budget)
+    return _factory(env, edits, budget)

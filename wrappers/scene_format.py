@@ -1,4 +1,4 @@
-"""What the formats have in common that show the scene in another way than the environment does."""
+"""The base class of alternative encodings of the scene."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from lilgym_mp.wrappers.transformation import Format
 
 
 class SceneFormat(Format):
-    """Replaces the image, or stands beside it."""
+    """Replaces the image or adds to it."""
 
     def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
-        """Raises WrongEnvironment where observations do not show the scene."""
+        """Raises WrongEnvironment unless observations show the scene."""
         super().__init__(description)
         description.require_scene()
         if not keep_image:

@@ -1,4 +1,4 @@
-"""How many actions the episode still allows."""
+"""The number of steps left in the episode."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Format
 
-STEPS_LEFT = "steps_left"  # the observation's part
+STEPS_LEFT = "steps_left"  # observation key
 
 
 class Countdown(Format):
-    """The horizon less the actions taken."""
+    """The horizon minus the steps taken."""
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description)
@@ -31,7 +31,7 @@ class Countdown(Format):
 
 
 class StepsLeft(EnvWrapper[Countdown]):
-    """Adds "steps_left": the actions left before the horizon, 0 .. horizon. The MDP's state includes it."""
+    """Adds "steps_left", 0 .. horizon, which the Markov state includes."""
 
     transformation_class = Countdown
 

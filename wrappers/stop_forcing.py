@@ -1,4 +1,4 @@
-"""Training in which a state that is a success leads to STOP. Source: SPEC sections 6 and 7 (PPO+SF)."""
+"""Stop forcing for training: STOP wherever it succeeds. Source: SPEC sections 6 and 7 (PPO+SF)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 TRAINING_SPLIT = "train"
-FORCED = "forced_stop"  # the info's key
+FORCED = "forced_stop"  # info key
 
 
 class _Forcing(Transformation):
@@ -26,56 +26,56 @@ class _Forcing(Transformation):
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
             raise ValueError(
-                f"{description.wrapper} is for training: split {split!r} is for evaluation, where the agent must find"
-                f' its STOP by itself; choose split="{TRAINING_SPLIT}", or say allow_evaluation=True'
+                f"{description.wrapper} is for training: split {split!r} is for evaluation, where the agent must choose"
+                f' STOP itself; choose split="{TRAINING_SPLIT}" or pass allow_evaluation=True'
             )
 
 
 class StopMasked(_Forcing):
-    """Leaves STOP alone legal where it succeeds."""
+    """Masks all other actions where STOP succeeds."""
 
     adds_infos = True
 
-    def legal(self, state: EnvState) -> BoolArray:
-        legal = state.legal()
+    def action_masks(self, state: EnvState) -> BoolArray:
+        legal = state.action_masks()
         success = state.goal_reached()
         legal[success] = False
-        legal[success, self.env_description.stop] = True
+        legal[success, self.env_description.stop_index] = True
         return legal
 
     def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
-        return {MASK: self.legal(state).astype(np.int8)} if MASK in info else {}
+        return {MASK: self.action_masks(state).astype(np.int8)} if MASK in info else {}
 
 
 class StopReplaced(_Forcing):
-    """Puts STOP in the place of any action where STOP succeeds."""
+    """Replaces any action by STOP where STOP succeeds."""
 
     changes_actions = True
 
     def __init__(self, description: EnvDescription, *, allow_evaluation: bool) -> None:
         super().__init__(description, allow_evaluation=allow_evaluation)
-        description.numbered_actions()
+        description.discrete_actions()
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
-        forced = state.goal_reached() & (actions != self.env_description.stop)
-        return np.where(forced, self.env_description.stop, actions), {FORCED: forced}
+        forced = state.goal_reached() & (actions != self.env_description.stop_index)
+        return np.where(forced, self.env_description.stop_index, actions), {FORCED: forced}
 
 
 MODES = {"mask": StopMasked, "replace": StopReplaced}
 
 
 def stop_forcing(description: EnvDescription, *, mode: str, allow_evaluation: bool) -> Transformation:
-    """The transformation of `StopForcing`. Raises ValueError for an unknown mode or a split of evaluation."""
+    """The transformation of `StopForcing`. Raises ValueError for an unknown mode or an evaluation split."""
     return choose("mode", mode, MODES)(description, allow_evaluation=allow_evaluation)
 
 
 class StopForcing(EnvWrapper[Transformation]):
-    """Makes the agent STOP in every state where STOP succeeds: for training only.
+    """Makes the agent STOP in every state where STOP succeeds. For training only.
 
-    mode "mask" (the paper): there `action_masks()`, and info["action_mask"] of a wrapper beneath, leave only STOP.
-    mode "replace" (the release): there any action becomes STOP; info["forced_stop"] tells, after each step,
-    whether that happened to an action that was not STOP.
-    Raises ValueError for the splits of evaluation unless `allow_evaluation`: testing is without stop forcing.
+    mode "mask" (the paper): `action_masks()`, and info["action_mask"] of a wrapped ActionMask, allow only STOP there.
+    mode "replace" (the release): any action becomes STOP there; info["forced_stop"] is whether the last action was
+    replaced.
+    Raises ValueError for evaluation splits unless `allow_evaluation`, since evaluation is without stop forcing.
     """
 
     transformation_class = staticmethod(stop_forcing)

@@ -1,4 +1,4 @@
-"""The scene as arrays of items."""
+"""The scene as an array of items."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.scene_format import SceneFormat
 from lilgym_mp.wrappers.transformation import Batch
 
-PRESENT = "present"  # the observation's part
-BEYOND = 10  # pixels; the release's snapping may put an item somewhat outside its box
+PRESENT = "present"  # observation key
+MARGIN = 10  # pixels; the release's snapping may move an item slightly out of its box
 
 
 class Items(SceneFormat):
-    """The items and which slots hold one."""
+    """The item array and a mask of its filled slots."""
 
     def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
         super().__init__(description, keep_image=keep_image)
         self._shape = (BOX_COUNT, description.item_capacity)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        low = self._fields([-BEYOND, -BEYOND, EMPTY, EMPTY, EMPTY])
-        high = self._fields([BOX_SIDE + BEYOND, BOX_SIDE + BEYOND, max(Shape), max(Colour), max(Size)])
+        low = self._fields([-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY])
+        high = self._fields([BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)])
         return {ITEMS: spaces.Box(low, high, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
 
     def _fields(self, values: list[int]) -> Int16Array:
-        """(3, capacity, 5) the same five values in every slot."""
+        """(3, capacity, 5) the five values in every slot."""
         return np.broadcast_to(np.array(values, np.int16), (*self._shape, len(values)))
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
@@ -44,12 +44,11 @@ class Items(SceneFormat):
 
 
 class StructuredObservation(EnvWrapper[Items]):
-    """Replaces "image" by the items themselves.
+    """Replaces "image" by an item array.
 
-    "item_array": int16 (3, C, 5), for each box, left to right, its items' x, y (pixels from the box's top-left corner),
-    shape, colour and size, in the order they came, -1 in empty slots; C, the most items that a box can come to
-    have, depends on the corpus and the horizon. "present": int8 (3, C), 1 where there is an item.
-    `keep_image` leaves "image" beside them.
+    "item_array": int16 (3, C, 5), by box, left to right, each item's x, y (pixels from the box's top-left corner),
+    shape, colour and size, in the order added, -1 in empty slots. C, the most items a box can have, depends on the
+    corpus and the horizon. "present": int8 (3, C), 1 for filled slots. `keep_image` keeps "image" as well.
     """
 
     transformation_class = Items

@@ -1,4 +1,4 @@
-"""Observations in plain language, for agents that read and write, and what such an agent's reply says."""
+"""Observations as text, and the parsing of replies, for language models."""
 
 from __future__ import annotations
 
@@ -28,26 +28,25 @@ from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Transformation
 
-TARGET = "target"  # the observation's part
-LISTED = 64  # up to this many legal actions are listed one by one, with their numbers
-MANY = 50_000  # of more actions than this, which of them are legal is not told
+TARGET = "target"  # observation key
+MAX_LISTED = 64  # more legal actions than this are listed by cell instead of one by one with their numbers
+MAX_DESCRIBED = 50_000  # with a larger action space, legal actions are only counted
 
-# Bounds on the lengths of texts, in characters.
+# Upper bounds on text lengths, in characters
 FIXED_LENGTH = 2_500
 ITEM_LENGTH = 90
-LISTED_LENGTH = LISTED * 60
-LEGAL_LENGTH = 12  # of one action's share in the lines by cells
-
+LISTED_LENGTH = MAX_LISTED * 60
+LEGAL_LENGTH = 12  # per action, if listed by cell
 
 SCENE_STYLES = {style: style for style in ("list", "drawing")}
-MARKS = {Shape.CIRCLE: "ykb", Shape.SQUARE: "YKB", Shape.TRIANGLE: "123"}  # in drawings, by colour
+MARKS = {Shape.CIRCLE: "ykb", Shape.SQUARE: "YKB", Shape.TRIANGLE: "123"}  # in drawings, one per colour
 
 
-class Telling(Transformation):
-    """The observation as one text."""
+class TextFormat(Transformation):
+    """The observation as text."""
 
     changes_observations = True
-    concerns_actions = True
+    uses_mdp_actions = True
 
     def __init__(self, description: EnvDescription, *, default: int | str, scene: str, legal_actions: bool) -> None:
         super().__init__(description)
@@ -58,22 +57,22 @@ class Telling(Transformation):
         self._appearance = description.dynamics.appearance
         self._is_drawn = choose("scene", scene, SCENE_STYLES) == "drawing"
         self._lists_legal = legal_actions
-        reply = parse_reply(str(default), self._appearance, description.stop)
+        reply = parse_reply(str(default), self._appearance, description.stop_index)
         if not reply.understood:
-            raise ValueError(f"default must be the number or the name of an action, not {default!r}")
+            raise ValueError(f"default must be the number or name of an action, not {default!r}")
         self.default = reply.action
 
     def observation_space(self) -> spaces.Text:
         count = self._appearance.action_count
         items = BOX_COUNT * self.env_description.item_capacity * ITEM_LENGTH
-        actions = LISTED_LENGTH + (count * LEGAL_LENGTH if count <= MANY else 0)
+        actions = LISTED_LENGTH + (count * LEGAL_LENGTH if count <= MAX_DESCRIBED else 0)
         length = FIXED_LENGTH + self._statements.max_length + items + actions
         return spaces.Text(
             length, min_length=0, charset="".join(sorted(self._statements.character_set.union(string.printable)))
         )
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
-        legal = state.legal() if self._lists_legal else itertools.repeat(None)
+        legal = state.action_masks() if self._lists_legal else itertools.repeat(None)
         return tuple(
             "\n".join(
                 (
@@ -86,7 +85,7 @@ class Telling(Transformation):
                 )
             )
             for task, steps_left, items, mask in zip(
-                (self.env_description.tasks[number] for number in state.task_numbers.tolist()),
+                (self.env_description.tasks[index] for index in state.task_indices.tolist()),
                 (self.env_description.dynamics.horizon - state.steps).tolist(),
                 state.items,
                 legal,
@@ -99,21 +98,21 @@ class Telling(Transformation):
         return lines(scene, self._appearance)
 
     def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
-        """The action that an agent's reply decides for; the default when that is not plain. `legal`: the mask now."""
-        return parse_reply(reply, self._appearance, self.default, _ShownNumbers(self._appearance, legal))
+        """The action that a reply chooses, or the default. `legal`: returns the current mask."""
+        return parse_reply(reply, self._appearance, self.default, _ShownActions(self._appearance, legal))
 
 
-class _ShownNumbers(Collection[int]):
-    """The numbers of actions that a text shows; looked up when a reply has a number."""
+class _ShownActions(Collection[int]):
+    """The indices of the actions listed in the observation, computed lazily."""
 
     def __init__(self, appearance: Appearance, legal: Callable[[], BoolArray]) -> None:
         self._count = appearance.action_count
         self._legal = legal
 
-    def __contains__(self, number: object) -> bool:
-        if self._count <= LISTED:
-            return number in range(self._count)
-        return number in self._shown()
+    def __contains__(self, index: object) -> bool:
+        if self._count <= MAX_LISTED:
+            return index in range(self._count)
+        return index in self._shown()
 
     def __iter__(self) -> Iterator[int]:
         return iter(self._shown())
@@ -123,20 +122,20 @@ class _ShownNumbers(Collection[int]):
 
     def _shown(self) -> list[int]:
         legal = np.flatnonzero(self._legal()).tolist()
-        return legal if len(legal) <= LISTED else [0]
+        return legal if len(legal) <= MAX_LISTED else [0]
 
 
 def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
-    """The scene, item by item; in Scatter with the cell in which an item's centre is."""
+    """The scene item by item; in Scatter with the cell of each item's centre."""
     yield scale_line()
     yield from cell_lines(appearance)
-    for number, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
+    for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
-        yield from (f"  {_item_words(item)}{_cell_of(item, number, appearance)}" for item in box.items)
+        yield from (f"  {_item_words(item)}{_cell_of(item, index, appearance)}" for item in box.items)
 
 
 def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
-    """The scene as a drawing in characters; in Scatter with the numbers of columns and rows."""
+    """The scene as ASCII art; in Scatter with column and row numbers."""
     yield (
         "Scene: three boxes, drawn with a character for each 5 x 10 pixels. "
         + "; ".join(
@@ -146,8 +145,8 @@ def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
         + "."
     )
     yield from cell_lines(appearance)
-    picture = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
-    yield ruled(picture, appearance.grid) if isinstance(appearance, Scatter) else picture
+    art = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
+    yield ruled(art, appearance.grid) if isinstance(appearance, Scatter) else art
 
 
 def _item_words(item: Item) -> str:
@@ -167,26 +166,26 @@ def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
 
 
 def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
-    """The legal actions with their numbers; where they are more than LISTED, by the cells in which they are legal."""
-    numbers: list[int] = np.flatnonzero(legal).tolist()
-    if len(numbers) <= LISTED:
+    """The legal actions with their numbers; if more than MAX_LISTED, by the cells in which they are legal."""
+    indices: list[int] = np.flatnonzero(legal).tolist()
+    if len(indices) <= MAX_LISTED:
         yield "Legal actions, each with its number:"
-        yield from (f"  {number} {describe(appearance.decode(number))}" for number in numbers)
-    elif len(legal) > MANY:
+        yield from (f"  {index} {describe(appearance.decode(index))}" for index in indices)
+    elif len(legal) > MAX_DESCRIBED:
         last = describe(appearance.decode(len(legal) - 1))
-        yield f"{len(numbers)} of {len(legal)} actions are legal, from STOP to {last}."
+        yield f"{len(indices)} of {len(legal)} actions are legal, from STOP to {last}."
     else:
         yield "Legal actions, STOP and in cells (column, row):"
         yield "  0 STOP"
-        yield from _lines_by_cells(appearance, numbers)
+        yield from _lines_by_cells(appearance, indices)
 
 
-def _lines_by_cells(appearance: Appearance, numbers: Iterable[int]) -> Iterator[str]:
-    """One line for all the looks that can be added in the same cells, one for where items can be removed."""
+def _lines_by_cells(appearance: Appearance, indices: Iterable[int]) -> Iterator[str]:
+    """A line for each group of item types that can be added in the same cells, and a line for removals."""
     added: defaultdict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
     removed: list[tuple[int, int]] = []
-    for number in numbers:
-        match appearance.decode(number):
+    for index in indices:
+        match appearance.decode(index):
             case AddItem(column, row, shape, colour, size):
                 added[shape.name, colour.name, size.name].append((row, column))
             case RemoveItem(column, row):
@@ -204,7 +203,7 @@ def _lines_by_cells(appearance: Appearance, numbers: Iterable[int]) -> Iterator[
 
 
 def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """The same looks as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
+    """The item types as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
     merged = list(item_types)
     for slot in (1, 2, 0):
         groups: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)
@@ -215,7 +214,7 @@ def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 def _cell_words(cells: Sequence[tuple[int, int]]) -> str:
-    """Such as "row 0-3: column 0-4, 7-11; row 4: column 2", from (row, column) pairs in ascending order."""
+    """Formats ascending (row, column) pairs, such as "row 0-3: column 0-4, 7-11; row 4: column 2"."""
     columns_by_row: defaultdict[int, list[int]] = defaultdict(list)
     for row, column in cells:
         columns_by_row[row].append(column)
@@ -226,22 +225,22 @@ def _cell_words(cells: Sequence[tuple[int, int]]) -> str:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Such as "0-4, 7", from ascending numbers."""
+    """Formats ascending numbers, such as "0-4, 7"."""
     breaks = [0, *(i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1), len(numbers)]
     runs = [(numbers[first], numbers[end - 1]) for first, end in itertools.pairwise(breaks)]
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
 
 
-class TextObservation(EnvWrapper[Telling]):
-    """Turns the observation into one text: the statement, the target, the actions left, the rewards, every item, and
-    the legal actions with their names and numbers (by cells, where there are more than 64).
+class TextObservation(EnvWrapper[TextFormat]):
+    """Turns the observation into text: the statement, target, actions left, rewards, every item, and the legal actions
+    with names and numbers (by cell, if there are more than 64).
 
-    `parse_action(reply)` turns an agent's reply back into an action number. `default`, a name or number, is the
-    action of a reply that decides for none. `scene`: "list", or "drawing" in characters. `legal_actions`: False
-    leaves the list of them out. Raises ValueError for another `scene` or a `default` that is no action.
+    `parse_action(reply)` parses an agent's reply to an action index. `default`: the name or number of the action for
+    replies without a clear choice. `scene`: "list", or "drawing" for ASCII art. `legal_actions`: False omits the list.
+    Raises ValueError for another `scene` or a `default` that is not an action.
     """
 
-    transformation_class = Telling
+    transformation_class = TextFormat
 
     def __init__(
         self,
@@ -254,11 +253,11 @@ class TextObservation(EnvWrapper[Telling]):
         super().__init__(env, default=default, scene=scene, legal_actions=legal_actions)
 
     def parse_action(self, reply: str) -> Reply:
-        """The action that `reply` decides for, and whether it plainly decides for one (`wrappers.replies`)."""
+        """The action that `reply` chooses, and whether it was understood (`wrappers.replies`)."""
         return self.transformation.parse(reply, self.action_masks)
 
     def instructions(self) -> str:
-        """The rules in words: the task, the rewards, the actions, the map of cells to pixels, the form of answers."""
+        """The rules in words: the task, rewards, cell grid, actions and answer format."""
         return instructions(self.transformation.env_description.dynamics)
 
 

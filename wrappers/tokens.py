@@ -25,11 +25,11 @@ from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, Format
 
-STATEMENT = "statement"  # the observation's part
+STATEMENT = "statement"  # observation key
 
 
 class Tokens(Format):
-    """The statement as token ids, looked up by task."""
+    """Replaces the statement by token ids, looked up by task."""
 
     replaces = (STATEMENT,)
 
@@ -58,7 +58,7 @@ class Tokens(Format):
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {STATEMENT: self._by_task.take(state.task_numbers, axis=0)}
+        return {STATEMENT: self._by_task.take(state.task_indices, axis=0)}
 
     @cached_property
     def _by_task(self) -> Int64Array:
@@ -67,11 +67,11 @@ class Tokens(Format):
 
 
 class TokenizedStatement(EnvWrapper[Tokens]):
-    """Turns "statement" into int64 (length,): 0 pads the end, 1 stands for every unknown word.
+    """Replaces "statement" by token ids, int64 (length,): 0 is padding, 1 any unknown word.
 
-    `vocabulary`: a Vocabulary or a saved one's path; None: the words of the corpus's train split.
-    `length`: None: room for the statements of the train split, and a quarter more.
-    Raises ValueError when a statement of the environment's tasks is longer, unless `truncate`.
+    `vocabulary`: a Vocabulary or the path of a saved one; None: the words of the corpus's train split.
+    `length`: None: the longest statement of the train split and a quarter more.
+    Raises ValueError if a statement of the environment's tasks is longer, unless `truncate`.
     """
 
     transformation_class = Tokens

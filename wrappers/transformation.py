@@ -1,4 +1,7 @@
-"""What a wrapper changes, written once for B environments; the adapters apply it to every kind of environment."""
+"""Transformations: what wrappers do, written once for batches of B environments.
+
+The adapters apply them to Gymnasium, vector and PettingZoo environments.
+"""
 
 from __future__ import annotations
 
@@ -13,83 +16,83 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, WrongEnvironment
 
-Batch = Any  # B values of a space: an array (B, ...), a tuple of B texts, or a dict of such
+Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
 
 
 class Transformation:
-    """Does nothing. A wrapper's transformation overrides what it changes; all of it is pure."""
+    """TransformationT nothing. A wrapper's transformation overrides what it changes; all of it is pure."""
 
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False
-    concerns_actions: ClassVar[bool] = False  # whether actions have another form, or are told of, after the change
+    uses_mdp_actions: ClassVar[bool] = False  # whether it decodes or describes MDP actions, so cannot wrap the game
     changes_rewards: ClassVar[bool] = False
     adds_infos: ClassVar[bool] = False  # whether `added_infos` has entries
 
     def __init__(self, description: EnvDescription) -> None:
-        """Raises WrongEnvironment where the description lacks what is needed, ValueError for unusable settings."""
+        """Raises WrongEnvironment for an unsuitable environment, ValueError for invalid settings."""
         self.env_description = description
 
     def observation_space(self) -> spaces.Space[Any]:
-        """Of one environment, after the change."""
+        """The transformed space of one environment."""
         return self.env_description.observation_space
 
     def action_space(self) -> spaces.Space[Any]:
-        """Of one environment, after the change."""
+        """The transformed space of one environment."""
         return self.env_description.action_space
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
-        """The observations after the change, in new containers."""
+        """The transformed observations, in new containers."""
         return observations
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
-        """The actions for the environments beneath, and entries (B,) for the infos of this step."""
+        """The actions for the wrapped environments, and info entries (B,) for this step."""
         return actions, {}
 
-    def legal(self, state: EnvState) -> BoolArray:
-        """(B, actions) a new array: the legal actions after the change."""
-        return state.legal()
+    def action_masks(self, state: EnvState) -> BoolArray:
+        """(B, actions) a new array: the transformed masks of legal actions."""
+        return state.action_masks()
 
-    def values(self, states: Sequence[State]) -> Float64Array:
-        """(B,) what `rewards` needs to know of states in which an episode goes on."""
+    def potentials(self, states: Sequence[State]) -> Float64Array:
+        """(B,) potentials of non-terminal states, for `rewards`."""
         return np.zeros(len(states))
 
     def rewards(self, rewards: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
-        """(B,) the rewards after the change, from `values` before and after the actions; 0 after an episode's end."""
+        """(B,) the transformed rewards; `before` and `after`: potentials around the step, 0 after the end."""
         return rewards
 
     def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
-        """Entries to add to the infos after reset and step; `info` is what is there already."""
+        """Info entries to add after reset and step; `info` holds the existing ones."""
         return {}
 
 
 class TaskChange(Transformation):
-    """Gives the environment other tasks to play; done once, when it is wrapped."""
+    """Replaces the environment's tasks once, when it is wrapped."""
 
-    change: Callable[[TaskSet], TaskSet]  # from the environment's tasks; an operation of the corpus
+    change: Callable[[TaskSet], TaskSet]  # applied to the environment's tasks
 
 
-def refuse_above_others(name: str, env: Any) -> None:
-    """Raises WrongEnvironment where a wrapper beneath may already have looked at the tasks that `name` changes."""
+def require_innermost(name: str, env: Any) -> None:
+    """Raises WrongEnvironment if `env` already has a wrapper that may depend on the tasks that `name` changes."""
     while env is not None:
         transformation = vars(env).get("transformation")
         if transformation is not None and not isinstance(transformation, TaskChange):
-            beneath = transformation.env_description.wrapper
-            raise WrongEnvironment(f"{name} changes the tasks, so it must stand beneath {beneath}, not above it")
+            other = transformation.env_description.wrapper
+            raise WrongEnvironment(f"{name} changes the tasks, so it must be applied before {other}")
         env = vars(env).get("env")
 
 
 class Format(Transformation):
-    """Changes parts of an observation and leaves the others: a pair (new_spaces, new_values)."""
+    """Adds or replaces parts of Dict observations; subclasses define `new_spaces` and `new_values`."""
 
     changes_observations = True
-    replaces: tuple[str, ...] = ()  # parts that are left out unless `new_values` gives them anew
+    replaces: tuple[str, ...] = ()  # parts to drop, unless `new_values` has them
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        """The new parts' spaces, of one environment."""
+        """The spaces of the new parts, of one environment."""
         raise NotImplementedError
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        """The new parts of B observations."""
+        """The values of the new parts."""
         raise NotImplementedError
 
     def observation_space(self) -> spaces.Dict:
@@ -97,7 +100,7 @@ class Format(Transformation):
         return spaces.Dict(kept | dict(self.new_spaces()))
 
     def kept(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The parts that it leaves, of one observation or a batch."""
+        """The unchanged parts of one observation or a batch."""
         return {name: value for name, value in observation.items() if name not in self.replaces}
 
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> dict[str, Batch]:

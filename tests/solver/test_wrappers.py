@@ -218,7 +218,7 @@ def test_reverse_curriculum__leaves_what_it_cannot_solve_where_it_was(make: Make
     assert [task.start for task in env.unwrapped.tasks] == [task.start for task in plain.unwrapped.tasks]
 
 
-def test_reverse_curriculum__stands_beneath_other_wrappers(make: Make):
+def test_reverse_curriculum__is_applied_before_other_wrappers(make: Make):
     env = StructuredObservation(ReverseCurriculum(make("ScatterScratch"), 0))
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
@@ -240,7 +240,7 @@ def test_reverse_curriculum__wraps_batches_of_towers(make_batch: Callable[[str],
 
 
 def test_reverse_curriculum__refuses_batches_of_scatter_with_advice(make_batch: Callable[[str], Any]):
-    with pytest.raises(WrongEnvironment, match="for Scatter wrap each environment"):
+    with pytest.raises(WrongEnvironment, match="for Scatter, wrap each environment"):
         reverse_curriculum_v0(make_batch("ScatterFlipIt"), 0)
 
 

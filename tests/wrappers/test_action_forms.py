@@ -102,7 +102,7 @@ def test_name_of_nothing__is_refused(make: Make, name: Any):
     env = NamedActions(make("TowerScratch"))
     env.reset(seed=0)
     assert name not in env.action_space
-    with pytest.raises(ActionError, match=r"names no action|is no action of tower|must be given by its name"):
+    with pytest.raises(ActionError, match=r"names no action|is no action of tower|must be given by name"):
         env.step(name)
 
 
@@ -127,6 +127,6 @@ def test_name_space__samples_names_by_mask(make: Make):
 
 @pytest.mark.parametrize("form", [MultiDiscreteActions, NamedActions])
 def test_what_needs_numbered_actions__says_so(make: Make, form: Any):
-    with pytest.raises(WrongEnvironment, match=r"StopForcing needs numbered actions, Discrete\(13\)"):
+    with pytest.raises(WrongEnvironment, match=r"StopForcing needs the action space Discrete\(13\)"):
         StopForcing(form(make("TowerScratch")), mode="replace")
     form(StopForcing(make("TowerScratch"), mode="replace"))

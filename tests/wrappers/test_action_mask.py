@@ -39,7 +39,7 @@ def test_action_mask__samples_legal_actions(make: Make):
     assert all(legal[env.action_space.sample(info["action_mask"])] for _ in range(20))
 
 
-def test_action_mask__obeys_stop_forcing_beneath_and_above(make: Make):
+def test_action_mask__respects_stop_forcing_inside_and_outside(make: Make):
     for stack in (lambda env: ActionMask(StopForcing(env)), lambda env: StopForcing(ActionMask(env))):
         env = stack(make("TowerFlipIt"))
         _, info = env.reset(options={"task": "pair-no"})
@@ -57,5 +57,5 @@ def test_action_mask__leaves_the_infos_of_the_environment(make: Make):
 
 
 def test_action_mask__refuses_a_stranger():
-    with pytest.raises(WrongEnvironment, match="ActionMask wraps one of this package's Gymnasium environments"):
+    with pytest.raises(WrongEnvironment, match="ActionMask wraps Gymnasium environments of this package"):
         ActionMask(gym.make("CartPole-v1"))

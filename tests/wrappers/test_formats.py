@@ -140,10 +140,10 @@ def test_embedding__takes_a_sentence_encoder(make: Make):
 @pytest.mark.parametrize(
     ("encoder", "message"),
     [
-        ("bert", "encoder must be a function of a statement or have a method encode, not 'bert'"),
-        (lambda statement: 1.0, r"encoder must give one vector of a statement, not an array of shape \(\)"),
-        (lambda statement: [1e9], r"encoder gave numbers beyond limit=1000.0 for '.*'"),
-        (lambda statement: [np.nan], r"encoder gave numbers beyond limit=1000.0 for '.*'"),
+        ("bert", "encoder must be a function of a statement or have an encode method, not 'bert'"),
+        (lambda statement: 1.0, r"encoder must return a vector, not an array of shape \(\)"),
+        (lambda statement: [1e9], r"encoder returned values beyond limit=1000.0 for '.*'"),
+        (lambda statement: [np.nan], r"encoder returned values beyond limit=1000.0 for '.*'"),
     ],
 )
 def test_embedding__names_what_is_wrong_with_an_encoder(make: Make, encoder: Any, message: str):
@@ -155,7 +155,7 @@ def test_embedding__refuses_vectors_of_several_lengths(make: Make):
     lengths = iter((2, 3))
     env = StatementEmbedding(make("ScatterFlipIt"), lambda statement: [0.0] * next(lengths))
     with pytest.raises(
-        ValueError, match=r"encoder gave an array of shape \(3,\) for 'Something round.'; the first had"
+        ValueError, match=r"encoder returned an array of shape \(3,\) for 'Something round.', not \(2,\)"
     ):
         seen(env)
 
@@ -174,15 +174,16 @@ def test_flat__puts_the_parts_in_alphabetical_order(make: Make):
 
 
 def test_flat__refuses_text(make: Make):
-    with pytest.raises(WrongEnvironment, match=r"'statement' is Text.*; put TokenizedStatement or StatementEmbedding"):
+    with pytest.raises(
+        WrongEnvironment,
+        match=r"'statement' is Text.*; for a statement apply TokenizedStatement or StatementEmbedding first",
+    ):
         FlatObservation(make("TowerScratch"))
 
 
 @pytest.mark.parametrize("wrapper", [StructuredObservation, GridPlanes, NativeImage, ChannelsFirst, StepsLeft])
 def test_format__refuses_observations_without_parts(make: Make, wrapper: Any):
-    with pytest.raises(
-        WrongEnvironment, match=f"{wrapper.__name__} needs observations with .*nearer to the environment"
-    ):
+    with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} needs Dict observations, .*Apply .* earlier"):
         wrapper(FlatObservation(TokenizedStatement(make("TowerScratch"))))
 
 

@@ -132,11 +132,15 @@ def test_change_of_tasks__reaches_the_game(settings: dict[str, Any]):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
     assert [len(box.items) for box in game.unwrapped.scene.boxes] == [0, 1, 0]
-    with pytest.raises(WrongEnvironment, match="BoxPermutation changes the tasks, so it must stand beneath StepsLeft"):
+    with pytest.raises(
+        WrongEnvironment, match="BoxPermutation changes the tasks, so it must be applied before StepsLeft"
+    ):
         wrappers.box_permutation_v0(wrappers.steps_left_v0(env(**settings)))
 
 
 @pytest.mark.parametrize("name", ["text_observation_v0", "named_actions_v0", "multi_discrete_actions_v0"])
-def test_what_speaks_of_the_mdps_actions__is_refused(settings: dict[str, Any], name: str):
-    with pytest.raises(WrongEnvironment, match="speaks of the MDP's actions; the agents of this game have others"):
+def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], name: str):
+    with pytest.raises(
+        WrongEnvironment, match="uses the MDP's actions, but the game's agents have other action spaces"
+    ):
         getattr(wrappers, name)(env(**settings))

@@ -191,7 +191,7 @@ def test_factory__refuses_a_stranger(name: str):
 
 def test_factory__of_other_vector_environments_says_what_to_do(make: Make):
     each = gym.vector.SyncVectorEnv([partial(make, "TowerScratch")] * 2)
-    with pytest.raises(WrongEnvironment, match="for others wrap each environment"):
+    with pytest.raises(WrongEnvironment, match="for others, wrap each environment"):
         wrappers.action_mask_v0(each)
 
 

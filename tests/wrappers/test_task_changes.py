@@ -165,14 +165,14 @@ def test_matching__finds_scenes_for_every_official_statement_of_tower_dev():
 
 
 @pytest.mark.parametrize("wrapper", [BoxPermutation, NLVRReward])
-def test_change_of_tasks__must_stand_beneath_what_looks_at_tasks(make: Make, wrapper: Any):
-    with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} changes the tasks, so it must stand beneath"):
+def test_task_change__must_be_applied_before_wrappers_that_read_tasks(make: Make, wrapper: Any):
+    with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} changes the tasks, so it must be applied before"):
         wrapper(StepsLeft(ActionMask(make("TowerScratch"))))
 
 
-def test_change_of_tasks__of_a_batch_must_stand_beneath_too(corpus: Path):
+def test_task_change__of_a_batch_must_be_applied_first_too(corpus: Path):
     batch = steps_left_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, corpus=str(corpus)))
-    with pytest.raises(WrongEnvironment, match="NLVRReward changes the tasks, so it must stand beneath StepsLeft"):
+    with pytest.raises(WrongEnvironment, match="NLVRReward changes the tasks, so it must be applied before StepsLeft"):
         nlvr_reward_v0(batch)
 
 

@@ -250,7 +250,7 @@ def test_instructions__tell_rewards_actions_and_the_answer(make: Make, configura
 
 
 def test_default__must_be_an_action(make: Make):
-    with pytest.raises(ValueError, match="default must be the number or the name of an action, not 99"):
+    with pytest.raises(ValueError, match="default must be the number or name of an action, not 99"):
         TextObservation(make("TowerScratch"), default=99)
 
 

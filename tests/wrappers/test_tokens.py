@@ -87,5 +87,5 @@ def test_second_tokenizer__has_the_last_word(make: Make):
 
 
 def test_observation_without_a_statement__is_refused(make: Make):
-    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs observations with parts by name"):
+    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs Dict observations"):
         TokenizedStatement(FlatObservation(TokenizedStatement(make("TowerScratch"))))
