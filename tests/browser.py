@@ -1,4 +1,4 @@
-"""A real browser for tests: headless Chromium, driven by Playwright, with a record of what its pages ask for."""
+"""Headless Chromium for tests, driven by Playwright, with a record of requests and errors."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
-START_MS = 120_000  # a loaded machine takes long to start it
+START_MS = 120_000  # generous, for a loaded machine
 LOCAL = ("file", "data", "blob", "about")
 
 
 @dataclass
 class Watched:
-    """A page, what it asked the network for, and what went wrong in it."""
+    """A page with its network requests and errors."""
 
     page: Any  # playwright.sync_api.Page
     requests: list[str] = field(default_factory=list)  # URLs that are neither files nor part of the page
     faults: list[str] = field(default_factory=list)  # console errors and warnings, uncaught exceptions, failed requests
 
     def __post_init__(self) -> None:
-        self.page.on("request", lambda asked: self._asked(asked.url))
-        self.page.on("requestfailed", lambda asked: self.faults.append(f"failed: {asked.url}"))
+        self.page.on("request", lambda request: self._record_request(request.url))
+        self.page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
-        self.page.on("console", self._told)
+        self.page.on("console", self._record_message)
 
-    def _asked(self, url: str) -> None:
+    def _record_request(self, url: str) -> None:
         if urlsplit(url).scheme not in LOCAL:
             self.requests.append(url)
 
-    def _told(self, message: Any) -> None:
+    def _record_message(self, message: Any) -> None:
         if message.type in ("error", "warning"):
             self.faults.append(f"{message.type}: {message.text}")
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A Playwright browser; skips, naming what is missing, without Chromium or Playwright."""
+    """A Playwright browser; skips if Chromium or Playwright is missing."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs the extra browser")
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
-        pytest.skip(f"no browser here: none of {', '.join(NAMES)} is on the PATH")
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is on the PATH")
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS), timeout=START_MS)
         try:
@@ -57,7 +57,7 @@ def chromium() -> Iterator[Any]:
 
 
 def axe_script() -> str:
-    """The source of axe-core, which looks for barriers to people with disabilities; skips where it is missing."""
+    """The source of axe-core, which checks accessibility; skips if it is not installed."""
     package = pytest.importorskip("axe_playwright_python", reason="needs axe-core: pip install axe-playwright-python")
     return (Path(package.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
 
@@ -66,7 +66,7 @@ def axe_script() -> str:
 def watched_page(
     browser: Any, width: int = 1280, height: int = 900, *, dark: bool = False, bypass_csp: bool = False
 ) -> Iterator[Watched]:
-    """A page of the browser in a window of that many pixels."""
+    """A new page in a window of the given size in pixels."""
     context = browser.new_context(
         viewport={"width": width, "height": height},
         color_scheme="dark" if dark else "light",

@@ -1,4 +1,4 @@
-"""Where official data and recorded behaviour come from, and an account of which tests had them."""
+"""Fixtures for the official data and golden recordings, and a summary of which tests used them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-SOURCES = {  # fixture: (environment variable, what it holds)
+SOURCES = {  # fixture: (environment variable, contents)
     "official_data": ("LILGYM_DATA", "the official data"),
     "golden": ("LILGYM_GOLDEN", "the golden recordings"),
 }
@@ -23,37 +23,38 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
 
 @pytest.fixture(scope="session")
 def official_data() -> Path:
-    """The directory of released JSON files; skips where LILGYM_DATA is unset."""
+    """The directory of released JSON files; skips if LILGYM_DATA is unset."""
     return _directory_or_skip("official_data")
 
 
 @pytest.fixture(scope="session")
 def golden() -> Path:
-    """The directory of recorded behaviour; skips where LILGYM_GOLDEN is unset."""
+    """The directory of golden recordings; skips if LILGYM_GOLDEN is unset."""
     return _directory_or_skip("golden")
 
 
 def _directory_or_skip(fixture: str) -> Path:
     variable, contents = SOURCES[fixture]
-    named = os.environ.get(variable)
-    if not named:
+    directory = os.environ.get(variable)
+    if not directory:
         pytest.skip(f"{variable} is unset: it names the directory of {contents}")
-    return Path(named)
+    return Path(directory)
 
 
 def pytest_configure() -> None:
-    if (
-        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    ):  # as under `nohup ... &`: commands under test would inherit it
+    # Under `nohup ... &` SIGINT is ignored, and commands under test would inherit that.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     for variable, contents in SOURCES.values():
-        named = os.environ.get(variable)
-        if named and not Path(named).is_dir():
-            raise pytest.UsageError(f"{variable}={named} is not a directory; name that of {contents}, or unset it")
+        directory = os.environ.get(variable)
+        if directory and not Path(directory).is_dir():
+            raise pytest.UsageError(
+                f"{variable}={directory} is not a directory; set it to the directory of {contents}, or unset it"
+            )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks each test with the sources that it uses; the mark travels with its reports."""
+    """Records in each test's properties, and so in its reports, the sources it uses."""
     for item in items:
         used = SOURCES.keys() & set(getattr(item, "fixturenames", ()))
         item.user_properties.extend(("source", fixture) for fixture in sorted(used))
@@ -63,14 +64,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     stats = terminalreporter.stats
     ran = Counter(source for outcome in RAN for report in stats.get(outcome, []) for source in _sources(report))
     skipped = Counter(source for report in stats.get("skipped", []) for source in _sources(report))
-    terminalreporter.section("tests with data from elsewhere")
+    terminalreporter.section("tests with external data")
     for fixture, (variable, contents) in SOURCES.items():
-        lack = f"{skipped[fixture]} skipped" + (f" for lack of {variable}" if not os.environ.get(variable) else "")
-        terminalreporter.line(f"{ran[fixture]} ran with {contents}, {lack}")
+        reason = "" if os.environ.get(variable) else f" because {variable} is unset"
+        terminalreporter.line(f"{ran[fixture]} ran with {contents}, {skipped[fixture]} skipped{reason}")
 
 
 def _sources(report: object) -> set[str]:
-    """The sources that a report's test uses, or was skipped for lack of, whoever skipped it."""
+    """The sources that a test used or was skipped for, whichever code skipped it."""
     properties: list[tuple[str, object]] = getattr(report, "user_properties", [])
     used = {str(value) for name, value in properties if name == "source"}
     reason = str(getattr(report, "longrepr", "")) if getattr(report, "skipped", False) else ""

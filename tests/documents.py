@@ -1,8 +1,8 @@
-"""Plays a document: runs its code blocks one after another, and compares what they print with what it shows.
+"""Runs the code blocks of a document in order and compares their output with the output shown.
 
-A block ```python is executed; ```console holds lines `$ lilgym-mp ...`, which are run in this process. What is printed
-is compared with the rest of a console block, or with the block ```text that follows a Python block; `...` stands for
-anything. An exception counts as printed, as its type and message.
+A ```python block is executed; its output is the ```text block after it. A ```console block holds `$ lilgym-mp ...`
+commands, which run in this process, each followed by its output. In expected output, `...` matches any text. An
+exception counts as output, in the form "Type: message".
 """
 
 from __future__ import annotations
@@ -21,71 +21,71 @@ PROMPT = "$ lilgym-mp "
 _BLOCK = re.compile(r"^```(python|console|text)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
-class Shown(NamedTuple):
-    """A block of code with what the document says that it prints; None where it says nothing."""
+class CodeBlock(NamedTuple):
+    """Code from a document, and the output it shows, or None if it shows none."""
 
     language: str
     code: str
-    printed: str | None
-    number: int
+    output: str | None
+    number: int  # of the block in the document, from 1
 
 
-def shown_blocks(text: str) -> Iterator[Shown]:
-    """The blocks of a document that can be run."""
+def code_blocks(text: str) -> Iterator[CodeBlock]:
+    """The Python blocks and commands of a document."""
     blocks = [(match[1], match[2]) for match in _BLOCK.finditer(text)]
     for number, (language, code) in enumerate(blocks, start=1):
         if language == "python":
-            after = blocks[number] if number < len(blocks) else ("", "")
-            yield Shown(language, code, after[1] if after[0] == "text" else None, number)
+            following = blocks[number] if number < len(blocks) else ("", "")
+            yield CodeBlock(language, code, following[1] if following[0] == "text" else None, number)
         elif language == "console":
             yield from _commands(code, number)
 
 
-def _commands(block: str, number: int) -> Iterator[Shown]:
+def _commands(block: str, number: int) -> Iterator[CodeBlock]:
     for part in re.split(rf"^(?={re.escape(PROMPT)})", block, flags=re.MULTILINE):
         if part.startswith(PROMPT):
-            command, _, printed = part.partition("\n")
-            yield Shown("console", command.removeprefix(PROMPT), printed or None, number)
+            command, _, output = part.partition("\n")
+            yield CodeBlock("console", command.removeprefix(PROMPT), output or None, number)
 
 
-def play(path: Path, shorter: Mapping[str, str] | None = None) -> list[str]:
-    """Runs a document; gives a line for each block that prints something else than it shows, or fails.
+def run_document(path: Path, shorter: Mapping[str, str] | None = None) -> list[str]:
+    """Runs a document and returns a message for each block that fails or prints something unexpected.
 
-    `shorter`: parts of commands and what to run instead; their output is not compared.
+    `shorter` maps parts of commands to shorter replacements; the output of these commands is not compared.
     """
-    names: dict[str, Any] = {"__name__": "__main__"}
+    namespace: dict[str, Any] = {"__name__": "__main__"}
     faults: list[str] = []
-    for shown in shown_blocks(path.read_text()):
-        code = shown.code
+    for block in code_blocks(path.read_text()):
+        code = block.code
         for long, short in (shorter or {}).items():
             code = code.replace(long, short)
-        where = f"{path.name}, block {shown.number}"
-        printed, failed = _run(shown.language, code, names, where)
-        expected = shown.printed if code == shown.code else None
+        place = f"{path.name}, block {block.number}"
+        printed, failed = _run(block.language, code, namespace, place)
+        expected = block.output if code == block.code else None
         if expected is None and failed:
-            faults.append(f"{where}: {printed}")
-        elif expected is not None and not _fits(expected, printed):
-            faults.append(f"{where} shows\n{expected}but prints\n{printed}")
+            faults.append(f"{place}: {printed}")
+        elif expected is not None and not _matches(expected, printed):
+            faults.append(f"{place} shows\n{expected}but prints\n{printed}")
     return faults
 
 
-def _run(language: str, code: str, names: dict[str, Any], where: str) -> tuple[str, bool]:
-    """What is printed, and whether it ended in an error."""
+def _run(language: str, code: str, namespace: dict[str, Any], place: str) -> tuple[str, bool]:
+    """The output, and whether the code failed."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         if language == "console":
             status = main(shlex.split(code, comments=True))
             return out.getvalue(), status != 0
         try:
-            exec(compile(code, where, "exec"), names)
+            exec(compile(code, place, "exec"), namespace)
         except Exception as fault:
             print(f"{type(fault).__name__}: {fault}")
             return out.getvalue(), True
     return out.getvalue(), False
 
 
-def _fits(expected: str, printed: str) -> bool:
-    """Whether `printed` is what is expected, but for `...` and blanks at the ends of lines."""
+def _matches(expected: str, printed: str) -> bool:
+    """Whether the output matches, ignoring trailing blanks; `...` matches any text."""
     pattern = r".*".join(map(re.escape, re.split(r"\.\.\.", _trimmed(expected))))
     return re.fullmatch(pattern, _trimmed(printed), re.DOTALL) is not None
 

@@ -1,4 +1,4 @@
-"""A corpus of our own with tasks of every configuration and split: quick to load, and learnt in a few dozen steps."""
+"""A tiny corpus with tasks for every configuration and split: quick to load, and learnt in a few dozen steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLOURS_OF_SPLIT = {"train": (Y, K), "dev": (Y, B), "test": (B,)}
 
 
 def write_own_corpus(path: Path) -> Path:
-    """Writes the corpus and gives its path. A third of what dev asks for stands word for word in train."""
+    """Writes the corpus and returns its path. A third of the dev statements occur verbatim in train."""
     entries = [
         entry
         for split in SPLITS
@@ -29,12 +29,12 @@ def write_own_corpus(path: Path) -> Path:
 
 
 def _corner_squares(*colours: Colour) -> list[Item]:
-    return [square(25 * number, 0, colour=colour) for number, colour in enumerate(colours)]
+    return [square(25 * index, 0, colour=colour) for index, colour in enumerate(colours)]
 
 
 def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, Any]:
     name = COLOURS[colour]
-    other = next(one for one in COLOURS if one != colour)
+    other = next(candidate for candidate in COLOURS if candidate != colour)
     return _entry(
         split,
         appearance,
@@ -60,16 +60,16 @@ def _counts(split: str, appearance: str, items: Any) -> dict[str, Any]:
 def _entry(
     split: str, appearance: str, name: str, statement: str, program: str, scenes: Sequence[Scene]
 ) -> dict[str, Any]:
-    """An entry whose first scene makes the statement true, and the second false."""
-    place = f"{appearance}-{split}-{name}"
+    """A corpus entry; the statement is true in the first scene and false in the second."""
+    entry_id = f"{appearance}-{split}-{name}"
     return {
-        "id": place,
+        "id": entry_id,
         "appearance": appearance,
         "split": split,
         "statement": statement,
         "program": program,
         "starts": [
-            {"id": f"{place}-{label}", "label": label, "scene": start.to_json()}
+            {"id": f"{entry_id}-{label}", "label": label, "scene": start.to_json()}
             for label, start in zip((True, False), scenes, strict=True)
         ],
     }

@@ -1,4 +1,4 @@
-"""Scenes for tests: short words to write literal ones, hypothesis strategies for random ones."""
+"""Scenes for tests: helpers to write literal ones, and hypothesis strategies for random ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 Y, K, B = Colour.YELLOW, Colour.BLACK, Colour.BLUE
 SMALL, MEDIUM, LARGE = Size.SMALL, Size.MEDIUM, Size.LARGE
 
-MOST_ITEMS = 8  # in a box of the NLVR data
+MAX_ITEMS = 8  # per box, as in the NLVR data
 
 
 def circle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
@@ -28,7 +28,7 @@ def triangle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
 
 
 def tower(*colours: Colour) -> list[Item]:
-    """Blocks from below."""
+    """Blocks in the given colours, bottom first."""
     return [square(40, 80 - 21 * level, colour=colour) for level, colour in enumerate(colours)]
 
 
@@ -38,29 +38,29 @@ def scene(left: Sequence[Item] = (), middle: Sequence[Item] = (), right: Sequenc
 
 @st.composite
 def items(draw: st.DrawFn, overhang: int = 0) -> Item:
-    """Items inside the box, or as much as `overhang` pixels outside."""
+    """Items inside the box, or up to `overhang` pixels outside."""
     size = draw(st.sampled_from(Size))
-    along = st.integers(-overhang, BOX_SIDE - size.pixels + overhang)
-    return Item(draw(along), draw(along), draw(st.sampled_from(Shape)), draw(st.sampled_from(Colour)), size)
+    coordinate = st.integers(-overhang, BOX_SIDE - size.pixels + overhang)
+    return Item(draw(coordinate), draw(coordinate), draw(st.sampled_from(Shape)), draw(st.sampled_from(Colour)), size)
 
 
 @st.composite
 def scatter_boxes(draw: st.DrawFn) -> Box:
-    """Items inside the box that do not overlap."""
+    """Boxes with non-overlapping items."""
     placed: list[Item] = []
-    for item in draw(st.lists(items(), max_size=MOST_ITEMS)):
+    for item in draw(st.lists(items(), max_size=MAX_ITEMS)):
         if is_free(item.footprint, item.x, item.y, placed):
             placed.append(item)
     return Box(tuple(placed))
 
 
 tower_boxes = st.lists(st.sampled_from(Colour), max_size=4).map(lambda colours: Box(tuple(tower(*colours))))
-loose_boxes = st.lists(items(overhang=35), max_size=MOST_ITEMS).map(lambda loose: Box(tuple(loose)))
+loose_boxes = st.lists(items(overhang=35), max_size=MAX_ITEMS).map(lambda loose: Box(tuple(loose)))
 
 
 def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
     return st.tuples(boxes, boxes, boxes).map(Scene)
 
 
-SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  # by appearance: those it allows
-LOOSE_SCENES = _scenes(loose_boxes)  # items may overlap and leave their box
+SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  # the valid scenes of each appearance
+LOOSE_SCENES = _scenes(loose_boxes)  # items may overlap and cross box walls

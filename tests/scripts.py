@@ -1,4 +1,4 @@
-"""The modules in scripts/, which are no package."""
+"""Imports modules from scripts/, which is not a package."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 
 
 def load_script(name: str) -> ModuleType:
-    """The module of scripts/NAME.py."""
+    """The module scripts/NAME.py."""
     spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""A small corpus of our own, in both file formats, for tests to spoil."""
+"""A small handwritten corpus in both file formats, for tests that corrupt it."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ ENTRIES: list[dict[str, Any]] = [
 
 
 def small_entries() -> list[dict[str, Any]]:
-    """Entries of a corpus file, free to be changed."""
+    """A copy of the entries, which the caller may change."""
     return copy.deepcopy(ENTRIES)
 
 
 def write_released(directory: Path) -> Path:
-    """Makes a directory of released files, the test split of Tower, of our own statements."""
+    """Writes the Tower test split in the released file format and returns its directory."""
     directory.mkdir()
     blue, pair, _ = ENTRIES
     scratch = {"7": {"sentence": blue["statement"], "lf": blue["program"]}}
@@ -74,8 +74,8 @@ def write_released(directory: Path) -> Path:
     return directory
 
 
-def count_as_release(directory: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Lets `write_released`'s files be known as the release's: one by content, one by numbers. Gives their bytes."""
+def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
+    """Registers `write_released`'s files as official, one by digest and one by counts, and returns their bytes."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
     facts = {names[0]: Facts(1, 1, content_digest(records)), names[1]: Facts(3, 3)}

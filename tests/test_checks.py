@@ -1,4 +1,4 @@
-"""The checks of checks/ in a shortened form; that of the program language is in tests/programs/test_limits.py."""
+"""Shortened runs of checks/; tests/programs/test_limits.py has the one for the program language."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from checks.kills import matrix
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
-def test_kills__are_told_and_leave_nobody_behind() -> None:
+def test_kills__are_reported_and_leave_no_process_behind() -> None:
     ends = matrix(count=9, interrupts=1, seed=5)
     assert set(ends) <= {
         "SIGKILL: died",
@@ -27,7 +27,7 @@ def test_kills__are_told_and_leave_nobody_behind() -> None:
     assert sum(ends.values()) == 12
 
 
-def test_corrupt_corpora__are_told_in_printable_words() -> None:
+def test_corrupt_corpora__are_reported_in_printable_text() -> None:
     found = corrupt_corpora(160, seed=1)
     assert sum(found.values()) == 160
     for misdeed in MISDEEDS:
@@ -43,7 +43,7 @@ def test_broken_rules__are_each_broken_in_one_place_by_code_that_compiles(chosen
     assert all((ROOT / tests).exists() for tests in chosen.tests)
 
 
-def test_broken_rules__are_told_of_by_their_test_and_mended(tmp_path: Path) -> None:
+def test_broken_rules__are_caught_by_their_test_and_restored(tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     (copy / "rules").mkdir(parents=True)
     (copy / "rules" / "cost.py").write_text("COST = 1\n")
@@ -61,7 +61,7 @@ def test_broken_rules__are_told_of_by_their_test_and_mended(tmp_path: Path) -> N
         pass
 
 
-def test_children__heed_an_interrupt_that_the_shell_had_ignored():
+def test_children__handle_interrupts_even_if_the_shell_ignored_them():
     """As under `nohup make test &`."""
     code = """
 import signal, subprocess, sys

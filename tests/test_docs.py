@@ -1,4 +1,4 @@
-"""The code in the documents runs, and prints what they show."""
+"""The code in the documents runs and prints the output they show."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.documents import play
+from tests.documents import run_document
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
@@ -22,19 +22,19 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
     texts = re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
     assert texts
     monkeypatch.chdir(tmp_path)
-    names = {"__name__": "__main__"}
+    namespace = {"__name__": "__main__"}
     for number, text in enumerate(texts, start=1):
-        exec(compile(text, f"{name}, block {number}", "exec"), names)
+        exec(compile(text, f"{name}, block {number}", "exec"), namespace)
 
 
-SHORTER = {  # parts of the tutorials' commands that take long, and what the tests run instead
+SHORTER = {  # long-running parts of tutorial commands, and their replacements in tests
     "--steps 1700": "--steps 2",
     "--minutes 3": "--minutes 0.05",
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
 }
-LONG = ("imitation", "train_and_evaluate")  # tutorials whose code trains agents and evaluates them
-NEEDS = {  # by document: the modules that its code needs beside the package
+LONG = ("imitation", "train_and_evaluate")  # tutorials that train and evaluate agents
+NEEDS = {  # optional modules that each document needs
     "train_and_evaluate.md": ("stable_baselines3",),
     "masks_and_stop_forcing.md": ("sb3_contrib",),
     "two_agents.md": ("pettingzoo",),
@@ -55,24 +55,24 @@ NEEDS = {  # by document: the modules that its code needs beside the package
     ],
     ids=lambda path: path.stem,
 )
-def test_tutorials__print_what_they_show(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tutorials__print_the_output_they_show(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in NEEDS.get(path.name, ()):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert play(path, SHORTER) == []
+    assert run_document(path, SHORTER) == []
 
 
-def test_play__tells_what_a_document_shows_wrongly(tmp_path: Path) -> None:
+def test_run_document__reports_wrong_output_and_errors(tmp_path: Path) -> None:
     document = tmp_path / "wrong.md"
     document.write_text("```python\nprint(1)\n```\n\n```text\n2\n```\n\n```python\n1 / 0\n```\n")
-    first, second = play(document)
+    first, second = run_document(document)
     assert first.startswith("wrong.md, block 1 shows\n2\nbut prints\n1")
     assert second.startswith("wrong.md, block 3: ZeroDivisionError")
 
 
-def test_links_between_documents__lead_somewhere() -> None:
+def test_links_between_documents__have_existing_targets() -> None:
     broken = [
         f"{path.name}: {target}"
         for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
@@ -93,14 +93,14 @@ MEASURING = re.compile(r"`python (?:-m checks\.|checks/|benchmarks/)")
 DATE = re.compile(r"20\d\d-\d\d-\d\d")
 
 
-def _tells_figures_of_a_measurement(text: str) -> bool:
-    """Whether some paragraph names a benchmark or check and has a number outside of code."""
+def _reports_a_measurement(text: str) -> bool:
+    """Whether a paragraph names a benchmark or check and contains a number outside code."""
     named = [paragraph for paragraph in text.split("\n\n") if MEASURING.search(paragraph)]
     return any(re.search(r"\d", re.sub(r"`[^`]*`", "", paragraph)) for paragraph in named)
 
 
-def test_documents__date_what_benchmarks_and_checks_gave() -> None:
+def test_documents__date_their_measurements() -> None:
     pages = {path.name: path.read_text() for path in (ROOT / "docs").rglob("*.md")}
-    measured = {name: text for name, text in pages.items() if _tells_figures_of_a_measurement(text)}
+    measured = {name: text for name, text in pages.items() if _reports_a_measurement(text)}
     assert len(measured) > 4
-    assert [name for name, text in measured.items() if not DATE.search(text)] == [], "say when it was measured"
+    assert [name for name, text in measured.items() if not DATE.search(text)] == [], "add the date of the measurement"

@@ -1,4 +1,4 @@
-"""The examples run short and do what they promise; those of the game and of texts have their tests beside these."""
+"""The examples run, shortened, and do what they promise."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.documents import shown_blocks
+from tests.documents import code_blocks
 
 TESTS = Path(__file__).parent
 EXAMPLES = TESTS.parent / "examples"
-TESTED_ELSEWHERE = {  # example: the file of tests that runs it
+TESTED_ELSEWHERE = {  # example: the test file that runs it
     "language_model_agent.py": "wrappers/test_text.py",
     "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
     "proposer_verifier_both_learn.py": "envs/proposer_verifier/test_examples.py",
     "self_play_sneaky_and_helpful.py": "envs/proposer_verifier/test_examples.py",
     "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
 }
-SECONDS = 300  # for one process; a local Ray takes its time on a busy machine
+TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
 
 Run = Callable[..., str]
 
@@ -36,7 +36,7 @@ def _needs(name: str, module: str, extra: str) -> None:
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs an example in this process and gives what it prints."""
+    """Runs an example in this process and returns its output."""
 
     def run_example(name: str, *arguments: str) -> str:
         monkeypatch.chdir(tmp_path)
@@ -48,8 +48,8 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 
 @pytest.fixture
-def run_apart(tmp_path: Path) -> Run:
-    """Runs an example in a process of its own and gives what it prints."""
+def run_in_process(tmp_path: Path) -> Run:
+    """Runs an example in its own process and returns its output."""
 
     def run_example(name: str, *arguments: str) -> str:
         done = subprocess.run(
@@ -58,7 +58,7 @@ def run_apart(tmp_path: Path) -> Run:
             env={**os.environ, "PYTHONPATH": str(EXAMPLES.parent)},
             capture_output=True,
             text=True,
-            timeout=SECONDS,
+            timeout=TIMEOUT_SECONDS,
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
@@ -76,19 +76,19 @@ def test_every_example__is_run_by_a_test() -> None:
     assert not untested
 
 
-def test_first_steps__plays_and_leaves_a_picture(run: Run, tmp_path: Path) -> None:
+def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> None:
     assert "reward" in run("first_steps.py", "--steps", "2")
     assert (tmp_path / "first_steps.png").stat().st_size > 0
 
 
-def test_train_masked_ppo__compares_what_it_trained(run: Run) -> None:
+def test_train_masked_ppo__evaluates_the_trained_agent(run: Run) -> None:
     _needs("train_masked_ppo.py", "sb3_contrib", "sb3")
     assert "trained agent" in run("train_masked_ppo.py", "--steps", "64", "--envs", "1")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.long), ("--masked",)])
-def test_sb3_ppo__learns_the_same_over_sb3s_processes_and_over_a_batch(run: Run, options: tuple[str, ...]) -> None:
+def test_sb3_ppo__learns_the_same_with_subprocesses_and_with_a_batch(run: Run, options: tuple[str, ...]) -> None:
     _needs("sb3_ppo.py", "sb3_contrib", "sb3")
     short = ("--steps", "32", "--envs", "2", "--rollout", "16", "--backends", "subproc", "batched")
     printed = run("sb3_ppo.py", *short, *options)
@@ -97,33 +97,42 @@ def test_sb3_ppo__learns_the_same_over_sb3s_processes_and_over_a_batch(run: Run,
     assert returns[0][1] == returns[1][1]
 
 
-def test_torchrl__collects_legal_actions_only(run_apart: Run) -> None:
+def test_torchrl__collects_legal_actions_only(run_in_process: Run) -> None:
     _needs("torchrl_rollout.py", "torchrl", "torchrl")
-    printed = run_apart("torchrl_rollout.py", "--steps", "64", "--envs", "2", "--batch", "64", "--width", "8")
+    printed = run_in_process("torchrl_rollout.py", "--steps", "64", "--envs", "2", "--batch", "64", "--width", "8")
     assert "legal actions 100%" in printed
 
 
-def test_rllib_two_policies__both_learn_on_a_local_ray(run_apart: Run) -> None:
+def test_rllib_two_policies__both_learn_on_a_local_ray(run_in_process: Run) -> None:
     _needs("rllib_two_policies.py", "ray", "rllib")
-    printed = run_apart("rllib_two_policies.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "1")
+    printed = run_in_process(
+        "rllib_two_policies.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "1"
+    )
     assert re.search(r"64 steps  mean return  proposer_0 \S+  verifier_0 \S+$", printed, re.MULTILINE)
 
 
-def test_rllib_single_agent__learns_on_a_local_ray(run_apart: Run) -> None:
+def test_rllib_single_agent__learns_on_a_local_ray(run_in_process: Run) -> None:
     _needs("rllib_single_agent.py", "ray", "rllib")
-    printed = run_apart("rllib_single_agent.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "0")
+    printed = run_in_process(
+        "rllib_single_agent.py", "--steps", "64", "--batch", "64", "--width", "8", "--runners", "0"
+    )
     assert "steps  mean return" in printed
 
 
 @pytest.mark.parametrize(
-    ("module", "extra", "said"),
+    ("module", "extra", "expected"),
     [("ray", "rllib", r"^[+-]?\d\.\d+$"), ("torchrl", "torchrl", r"^\(64, 100\) 100% legal, \d+ ")],
 )
-def test_code_in_the_page_on_other_libraries__does_what_it_says(module: str, extra: str, said: str) -> None:
+def test_code_in_the_integrations_page__prints_the_described_output(module: str, extra: str, expected: str) -> None:
     _needs("../docs/integrations.md", module, extra)
     page = (TESTS.parent / "docs" / "integrations.md").read_text()
-    (code,) = [shown.code for shown in shown_blocks(page) if f"from {module}." in shown.code]
+    (code,) = [block.code for block in code_blocks(page) if f"from {module}." in block.code]
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=TESTS.parent, timeout=SECONDS
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=TESTS.parent,
+        timeout=TIMEOUT_SECONDS,
     )
-    assert re.search(said, done.stdout, re.MULTILINE), done.stderr[-2000:]
+    assert re.search(expected, done.stdout, re.MULTILINE), done.stderr[-2000:]

@@ -1,4 +1,4 @@
-"""Hints name packages that an index has, those of the extra."""
+"""Installation hints name the packages of an extra, because this package itself is not on an index."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ OURS = re.compile(r"""install "lilgym-mp\[""")
 def test_install__names_the_packages_of_the_extra(extra: str, monkeypatch: pytest.MonkeyPatch):
     built = [f'{package}; extra == "{name}"' for name, packages in EXTRAS.items() for package in packages]
     monkeypatch.setattr(extras, "requires", lambda name: ["numpy>=2.0", *built])
-    wanted = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
-    assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == wanted
+    expected = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
+    assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == expected
     assert extras.install(extra).endswith(f"(the extra {extra})")
 
 
@@ -33,7 +33,7 @@ def test_install__of_a_checkout_that_is_not_installed(monkeypatch: pytest.Monkey
     assert extras.install("report") == 'pip install ".[report]" (the extra report)'
 
 
-def test_extras__that_code_names_are_there():
+def test_extras__named_in_code_exist():
     sources = [path for place in ("lilgym_mp", "wrappers") for path in (ROOT / place).rglob("*.py")]
     named = {extra for path in sources for extra in re.findall(r"""\binstall\(["'](\w+)["']\)""", path.read_text())}
     assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
@@ -47,11 +47,11 @@ def test_no_message_or_page__installs_this_package_from_an_index():
     assert [str(path.relative_to(ROOT)) for path in (*pages, *sources) if OURS.search(path.read_text())] == []
 
 
-MODULES = {"pillow": "PIL"}  # by distribution, where the module is called otherwise
-DEVELOPERS = {"docs", "test", "lint", "dev"}  # extras that tools use
+MODULES = {"pillow": "PIL"}  # distributions whose module has another name
+DEVELOPERS = {"docs", "test", "lint", "dev"}  # extras for development tools
 
 
-def test_extras__install_nothing_that_nothing_uses():
+def test_extras__install_no_unused_package():
     places = ("lilgym_mp", "wrappers", "examples", "scripts", "tests")
     sources = "".join(path.read_text() for place in places for path in (ROOT / place).rglob("*.py"))
     unused = []

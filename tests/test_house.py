@@ -1,4 +1,4 @@
-"""The house rules that tools can check: packaging, imports, style, the account of skipped tests."""
+"""Project rules that tools can check: packaging, imports, style, the summary of skipped tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba")
-LONG_STATEMENT = 5  # words; shorter statements may well be everybody's
+LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 
 
 def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -40,7 +40,7 @@ def _needs(module: str) -> None:
 
 
 def _package_directories() -> dict[str, Path]:
-    """Every directory that holds the package's modules, by the name it is imported by."""
+    """Every directory that contains modules of the package, by import name."""
     outside = {name: ROOT / place for name, place in SETUPTOOLS["package-dir"].items()}
     tops = {"lilgym_mp": ROOT / "lilgym_mp", **outside}
     return {
@@ -52,7 +52,7 @@ def _package_directories() -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def installed_form(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory that holds the package laid out as a wheel lays it out."""
+    """The package in the layout of a wheel."""
     _needs("setuptools")
     place = tmp_path_factory.mktemp("installed")
     _passes(sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place)
@@ -60,8 +60,8 @@ def installed_form(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_packaging__every_directory_with_modules_is_listed():
-    forgotten = _package_directories().keys() - set(SETUPTOOLS["packages"])
-    assert not forgotten, f"add to tool.setuptools.packages in pyproject.toml: {sorted(forgotten)}"
+    unlisted = _package_directories().keys() - set(SETUPTOOLS["packages"])
+    assert not unlisted, f"add to tool.setuptools.packages in pyproject.toml: {sorted(unlisted)}"
 
 
 def test_packaging__every_module_and_data_file_is_shipped(installed_form: Path):
@@ -87,7 +87,7 @@ def test_packaging__a_source_distribution_has_the_package_and_no_tests(tmp_path:
 
 
 @pytest.mark.parametrize("layout", ["checkout", "installed"])
-def test_packaging__wrappers_and_data_belong_to_the_package(layout: str, request: pytest.FixtureRequest):
+def test_packaging__wrappers_and_data_are_imported_from_the_package(layout: str, request: pytest.FixtureRequest):
     place = ROOT if layout == "checkout" else request.getfixturevalue("installed_form")
     program = """if True:
         import sys
@@ -107,7 +107,7 @@ def test_import__loads_nothing_heavy():
     assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
 
 
-def test_import__an_environment_loads_no_generator_of_statements():
+def test_import__an_environment_does_not_load_the_statement_generator():
     program = "import sys, lilgym_mp.envs.batched; print(*(name for name in sys.modules if 'mp.generator' in name))"
     done = _run(sys.executable, "-c", program)
     assert done.returncode == 0, done.stderr
@@ -125,7 +125,7 @@ def test_import_contract__holds(installed_form: Path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-FORBIDDEN = [  # a module, what it may not import, and the contract that says so
+FORBIDDEN = [  # module, an import it must not have, the contract that forbids it
     ("scene", "lilgym_mp.task", "Imports go downwards only"),
     ("task", "lilgym_mp.wrappers", "Imports go downwards only"),
     ("scene", "gymnasium", "The core depends on the standard library and NumPy only"),
@@ -142,14 +142,14 @@ def test_import_contract__names_the_rules_that_imports_break(installed_form: Pat
         place = tmp_path / "lilgym_mp" / module
         with (place / "__init__.py" if place.is_dir() else place.with_suffix(".py")).open("a") as file:
             file.write(f"\nimport {imported}\n")
-    said = _import_contract(tmp_path).stdout
+    output = _import_contract(tmp_path).stdout
     for module, imported, contract in FORBIDDEN:
-        assert f"{contract} BROKEN" in said
-        assert re.search(rf"lilgym_mp\.{module} -> {re.escape(imported)} \(l\.\d+", said), (module, imported)
+        assert f"{contract} BROKEN" in output
+        assert re.search(rf"lilgym_mp\.{module} -> {re.escape(imported)} \(l\.\d+", output), (module, imported)
 
 
 @pytest.mark.parametrize("command", [["check"], ["format", "--check"]])
-def test_style__ruff_is_content(command: list[str]):
+def test_style__passes_ruff(command: list[str]):
     _needs("ruff")
     _passes(sys.executable, "-m", "ruff", *command, "--quiet", ROOT)
 
@@ -158,31 +158,31 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z0-9']+", text.lower()))
 
 
-def _files_of_the_project() -> list[Path]:
+def _project_files() -> list[Path]:
     done = _run("git", "ls-files", "--cached", "--others", "--exclude-standard")
     if done.returncode:
-        pytest.skip("not a git checkout: there is no list of the project's files")
+        pytest.skip("not a git checkout, so the project's files cannot be listed")
     return [path for name in done.stdout.splitlines() if (path := ROOT / name).is_file()]
 
 
 def _phrases(path: Path) -> Iterator[tuple[str, ...]]:
-    """What a file holds between quotes, ends of lines and the like, in words."""
+    """The text between quotes, line ends and similar separators, split into words."""
     content = path.read_bytes()
     text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode(errors="ignore")
     return map(_words, re.split(r'["`\n.:;|]', text))
 
 
-def test_repository__holds_no_official_statement(official_data: Path):
+def test_repository__contains_no_official_statement(official_data: Path):
     sentences = re.compile(r'"sentence": *"((?:[^"\\]|\\.)*)"')
     texts = (path.read_text() for path in official_data.glob("*.json"))
     official = {_words(sentence) for text in texts for sentence in sentences.findall(text)}
     assert official, f"no statement found in {official_data}"
     long = {words for words in official if len(words) >= LONG_STATEMENT}
-    found = {path.name: words for path in _files_of_the_project() for words in long.intersection(_phrases(path))}
+    found = {path.name: words for path in _project_files() for words in long.intersection(_phrases(path))}
     assert not found
 
 
-ACCOUNTED = """
+SAMPLE_TESTS = """
 import pytest
 
 def test_with_official_data(official_data):
@@ -193,37 +193,37 @@ class TestRecorded:
     def test_one(self): pass
     def test_two(self): pass
 
-def test_skips_by_itself():
+def test_that_skips_itself():
     pytest.skip("LILGYM_DATA is unset")
 """
 
 
 @pytest.fixture
-def accounting(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
-    """A small test suite under this project's conftest, both variables unset."""
+def sample_suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    """A small test suite with this project's conftest and both variables unset."""
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.delenv("LILGYM_GOLDEN", raising=False)
     pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text())
-    pytester.makepyfile(ACCOUNTED)
+    pytester.makepyfile(SAMPLE_TESTS)
     return pytester
 
 
-def test_account__tells_what_was_skipped_for_lack_of_data(accounting: pytest.Pytester):
-    result = accounting.runpytest_inprocess("-rs")
+def test_summary__counts_tests_skipped_without_data(sample_suite: pytest.Pytester):
+    result = sample_suite.runpytest_inprocess("-rs")
     result.assert_outcomes(skipped=4)
     result.stdout.fnmatch_lines(
         [
-            "0 ran with the official data, 2 skipped for lack of LILGYM_DATA",
-            "0 ran with the golden recordings, 2 skipped for lack of LILGYM_GOLDEN",
+            "0 ran with the official data, 2 skipped because LILGYM_DATA is unset",
+            "0 ran with the golden recordings, 2 skipped because LILGYM_GOLDEN is unset",
             "*LILGYM_GOLDEN is unset: it names the directory of the golden recordings",
         ]
     )
 
 
-def test_account__tells_what_ran(accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_summary__counts_tests_that_ran(sample_suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path))
     monkeypatch.setenv("LILGYM_GOLDEN", str(tmp_path))
-    result = accounting.runpytest_inprocess()
+    result = sample_suite.runpytest_inprocess()
     result.assert_outcomes(passed=3, skipped=1)
     result.stdout.fnmatch_lines(
         ["1 ran with the official data, 1 skipped", "2 ran with the golden recordings, 0 skipped"]
@@ -231,10 +231,10 @@ def test_account__tells_what_ran(accounting: pytest.Pytester, monkeypatch: pytes
 
 
 @pytest.mark.parametrize("variable", ["LILGYM_DATA", "LILGYM_GOLDEN"])
-def test_account__refuses_a_directory_that_is_not_there(
-    accounting: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
+def test_summary__refuses_a_missing_directory(
+    sample_suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
 ):
     monkeypatch.setenv(variable, str(tmp_path / "nowhere"))
-    result = accounting.runpytest_inprocess()
+    result = sample_suite.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines([f"*{variable}=*nowhere is not a directory*"])

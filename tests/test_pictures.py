@@ -1,4 +1,4 @@
-"""The pictures of README and docs: each is made by a command that is told, shown somewhere, and fits on a page."""
+"""Each picture of README and docs has a documented command, is shown on a page, and is not too wide."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 PICTURES = ROOT / "docs" / "pictures"
-WIDEST = 1000  # pixels, of charts and films
-ENDINGS = {".png", ".gif", ".svg"}
+MAX_WIDTH = 1000  # pixels, for charts and films
+SUFFIXES = {".png", ".gif", ".svg"}
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +25,10 @@ def drawing() -> ModuleType:
 
 
 def names() -> set[str]:
-    return {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*") if path.suffix in ENDINGS}
+    return {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*") if path.suffix in SUFFIXES}
 
 
-def test_pictures__are_each_made_by_a_command_that_is_told(drawing: ModuleType):
+def test_pictures__are_each_made_by_a_documented_command(drawing: ModuleType):
     assert set(drawing.FILES) <= names()
     others = names() - set(drawing.FILES)
     assert [name for name in others if not any(fnmatch(name, pattern) for pattern in drawing.ELSEWHERE)] == []
@@ -41,9 +41,9 @@ def test_pictures__are_each_shown_on_a_page():
 
 
 def test_pictures__of_charts_and_films_are_no_wider_than_a_page():
-    widths = {path.name: _width(path) for path in PICTURES.iterdir() if path.suffix in ENDINGS}
+    widths = {path.name: _width(path) for path in PICTURES.iterdir() if path.suffix in SUFFIXES}
     assert len(widths) > 20
-    assert {name: width for name, width in widths.items() if width > WIDEST} == {}
+    assert {name: width for name, width in widths.items() if width > MAX_WIDTH} == {}
 
 
 def _width(path: Path) -> float:

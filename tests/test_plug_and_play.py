@@ -1,4 +1,4 @@
-"""What people write first with Gymnasium and Stable-Baselines3 works as they write it."""
+"""The obvious first code with Gymnasium and Stable-Baselines3 works."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_arrays__are_the_same_observations_as_arrays(id: str):
+def test_arrays__equal_the_text_observations(id: str):
     plain, arrays = gym.make(id), gym.make(id, observation="arrays")
-    (told, _), (shown, _) = plain.reset(seed=3), arrays.reset(seed=3)
-    assert shown in arrays.observation_space
-    assert (shown["image"] == told["image"]).all()
-    assert shown["target"].tolist() == [told["target"]]
+    (text, _), (array, _) = plain.reset(seed=3), arrays.reset(seed=3)
+    assert array in arrays.observation_space
+    assert (array["image"] == text["image"]).all()
+    assert array["target"].tolist() == [text["target"]]
     vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
-    assert vocabulary.decode(shown["statement"]) == words(told["statement"])
+    assert vocabulary.decode(array["statement"]) == words(text["statement"])
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
@@ -70,7 +70,7 @@ def test_observation__must_be_known():
         gym.make_vec(TOWER, num_envs=2, observation="pictures")
 
 
-def test_ppo__learns_from_the_line_everyone_writes_first():
+def test_ppo__learns_from_the_obvious_first_line():
     pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
     from stable_baselines3 import PPO
 
@@ -102,7 +102,7 @@ def test_masks_by_slots__allow_just_the_values_of_legal_actions(id: str):
     env = MultiDiscreteActions(gym.make(id), masks="slots")
     env.reset(seed=0)
     base: Any = env.unwrapped
-    arrays = np.array([base.decode_action(number) for number in np.flatnonzero(base.action_masks()).tolist()])
+    arrays = np.array([base.decode_action(index) for index in np.flatnonzero(base.action_masks()).tolist()])
     flags = np.split(env.action_masks(), np.cumsum(env.action_space.nvec)[:-1])  # pyright: ignore[reportAttributeAccessIssue]
     for slot, allowed in enumerate(flags):
         assert set(np.flatnonzero(allowed).tolist()) == set(arrays[:, slot].tolist()) - {-1}
@@ -118,7 +118,7 @@ def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
         if base.goal_reached():
             assert env.action_masks().tolist() == [True, False, False] + [True] * 6
             return
-    pytest.fail("no goal was met")
+    pytest.fail("no goal was reached")
 
 
 def test_action_masks__are_those_of_the_whole_stack():
@@ -133,20 +133,20 @@ def test_action_masks__are_those_of_the_whole_stack():
 
 
 @pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 5}, 5)])
-def test_horizon__is_told(settings: dict[str, Any], horizon: int):
+def test_horizon__is_an_attribute(settings: dict[str, Any], horizon: int):
     assert gym.make(TOWER, **settings).get_wrapper_attr("horizon") == horizon
     assert gym.make_vec(TOWER, num_envs=2, **settings).unwrapped.horizon == horizon  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_autoreset_mode__is_an_attribute_as_of_gymnasiums_vector_environments(mode: AutoresetMode):
+def test_autoreset_mode__is_an_attribute_as_in_gymnasium(mode: AutoresetMode):
     envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=2, autoreset_mode=mode))
-    told: Any = envs
-    assert told.autoreset_mode is told.unwrapped.autoreset_mode is mode
-    assert told.metadata["autoreset_mode"] is mode
+    any_envs: Any = envs
+    assert any_envs.autoreset_mode is any_envs.unwrapped.autoreset_mode is mode
+    assert any_envs.metadata["autoreset_mode"] is mode
 
 
-def test_metadata__of_vector_environments_tells_the_frame_rate():
+def test_metadata__of_vector_environments_has_the_frame_rate():
     assert gym.make_vec(TOWER, num_envs=2).metadata["render_fps"] == gym.make(TOWER).metadata["render_fps"]
 
 
@@ -168,8 +168,8 @@ def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
         tasks.by_id(True)
 
 
-def test_workers__stay_open_where_wrappers_close_what_they_wrap(monkeypatch: pytest.MonkeyPatch):
-    """Gymnasium 1.1 to 1.2.2 closes a vector environment when a wrapper of it is collected."""
+def test_workers__stay_open_when_a_wrapper_is_collected(monkeypatch: pytest.MonkeyPatch):
+    """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
     pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
     from lilgym_mp.sb3 import make_vec_env
 
@@ -182,8 +182,8 @@ def test_workers__stay_open_where_wrappers_close_what_they_wrap(monkeypatch: pyt
         env.close()
 
 
-def test_vector_wrappers__that_are_dropped_leave_open_what_they_wrapped(monkeypatch: pytest.MonkeyPatch):
-    """Gymnasium 1.1 to 1.2.2 closes a vector environment when a wrapper of it is collected."""
+def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatch: pytest.MonkeyPatch):
+    """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
     monkeypatch.setattr(gym.vector.VectorEnv, "__del__", lambda self: self.close(), raising=False)
     envs = gym.make_vec(TOWER, num_envs=2)
     for _ in range(2):

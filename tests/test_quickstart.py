@@ -1,4 +1,4 @@
-"""The quickstart lines of README and site: which there are, and that README's commands run (its code: test_docs)."""
+"""The quickstart lines of README and site are complete, and README's commands run (test_docs runs its code)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lilgym_mp.cli import main
 EXTRAS = tomllib.loads((README.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 
 
-def test_quickstarts__are_of_every_page_that_begins_something():
+def test_quickstarts__cover_readme_and_every_tutorial():
     found = list(quickstarts(full=True))
     pages = {path.name for path in TUTORIALS.glob("*.md")} | {"README.md"}
     assert {quick.document for quick in found} == pages
@@ -23,7 +23,7 @@ def test_quickstarts__are_of_every_page_that_begins_something():
     assert all(quick.lines for quick in found)
 
 
-def test_quickstarts__of_readme_are_each_of_its_lines():
+def test_quickstarts__contain_every_line_of_readme():
     text = README.read_text()
     shown = [quick.lines for quick in quickstarts(full=True) if quick.document == "README.md"]
     lines = {line for lines in shown for line in lines}
@@ -31,7 +31,7 @@ def test_quickstarts__of_readme_are_each_of_its_lines():
     assert len([line for line in lines if line.kind == "command"]) == text.count("$ .venv/bin/lilgym-mp ")
 
 
-def test_quickstarts__train_shortly_unless_in_full():
+def test_quickstarts__shorten_training_unless_full():
     (full,) = [quick for quick in quickstarts(full=True) if (quick.document, quick.extra) == ("README.md", "sb3")]
     (short,) = [quick for quick in quickstarts(full=False) if (quick.document, quick.extra) == ("README.md", "sb3")]
     assert any("--minutes 10" in line.code for line in full.lines)

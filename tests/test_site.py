@@ -1,4 +1,4 @@
-"""The documentation as a site: it builds without a warning, and its pages say what the code does."""
+"""The documentation site builds without warnings, and its generated pages match the code."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from tests.browser import chromium, watched_page
 from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
-LOOKED_AT = ("index.html", "gallery.html", "results.html", "api/environments.html", "environments/tower_flipit.html")
+VISITED = ("index.html", "gallery.html", "results.html", "api/environments.html", "environments/tower_flipit.html")
 FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?(?:https?:)?//[^"'>\s]+""")
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site."""
+    """The directory of the built site."""
     for module in ("mkdocs", "material", "mkdocstrings"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: it comes with the extra `docs`")
@@ -120,7 +120,7 @@ def browser() -> Iterator[Any]:
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser: Any, site: Path, *, dark: bool):
-    shown = [site / page for page in LOOKED_AT]
+    shown = [site / page for page in VISITED]
     with watched_page(browser, dark=dark) as watched:
         for page in shown:
             watched.page.goto(page.as_uri())

@@ -1,4 +1,4 @@
-"""What terminals show: bars, and lines where there is no terminal; tables."""
+"""Progress bars on a terminal, lines of progress elsewhere, and tables."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lilgym_mp.terminal import DownloadBar, Progress, table
 
 
 class _Terminal(StringIO):
-    """What a progress bar draws on."""
+    """A stream that claims to be a terminal."""
 
     def isatty(self) -> bool:
         return True
 
 
-def test_download_bar__shows_how_far_a_file_has_come(monkeypatch: pytest.MonkeyPatch):
+def test_download_bar__shows_the_progress_of_a_file(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TERM", "xterm")
     terminal = _Terminal()
     with DownloadBar(terminal) as bar:
@@ -28,7 +28,7 @@ def test_download_bar__shows_how_far_a_file_has_come(monkeypatch: pytest.MonkeyP
     assert "second" in terminal.getvalue()
 
 
-def test_progress__on_a_terminal_is_a_bar_with_its_note(monkeypatch: pytest.MonkeyPatch):
+def test_progress__on_a_terminal_is_a_bar_with_a_note(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TERM", "xterm")
     terminal = _Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
@@ -38,20 +38,20 @@ def test_progress__on_a_terminal_is_a_bar_with_its_note(monkeypatch: pytest.Monk
     assert "8 solved" in terminal.getvalue()
 
 
-def test_progress__without_a_terminal_tells_the_time_left(
+def test_progress__without_a_terminal_prints_the_time_left(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     now = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     with Progress(100, "tasks") as progress:
         now[0] = 30.0
-        progress.advance(20, "all well")
+        progress.advance(20, "no failures")
         now[0] = 60.0
         progress.advance(80)
-    assert capsys.readouterr().err.splitlines() == ["20 of 100 tasks, all well, 2:00 left", "100 of 100 tasks"]
+    assert capsys.readouterr().err.splitlines() == ["20 of 100 tasks, no failures, 2:00 left", "100 of 100 tasks"]
 
 
-def test_progress__of_a_resumed_run_takes_its_pace_from_what_is_new(
+def test_progress__of_a_resumed_run_measures_only_new_work(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     now = [0.0]
@@ -64,7 +64,7 @@ def test_progress__of_a_resumed_run_takes_its_pace_from_what_is_new(
     assert capsys.readouterr().err.splitlines() == ["70 of 100 steps, 0:30 left"]
 
 
-def test_progress__leaves_output_that_goes_to_a_file_alone(
+def test_progress__does_not_touch_redirected_stdout(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("TERM", "xterm")
@@ -77,7 +77,7 @@ def test_progress__leaves_output_that_goes_to_a_file_alone(
     assert "a result" not in terminal.getvalue()
 
 
-def test_progress__may_draw_only_when_told_something(monkeypatch: pytest.MonkeyPatch):
+def test_progress__can_draw_only_when_advanced(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TERM", "xterm")
     terminal = _Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
@@ -88,15 +88,15 @@ def test_progress__may_draw_only_when_told_something(monkeypatch: pytest.MonkeyP
     assert threads == threading.active_count()
 
 
-COMMANDS = {  # that take a while, and what they count
+COMMANDS = {  # long-running commands, and the progress they end with
     "evaluate --policy random-legal --configuration TowerScratch": "150 of 150 episodes",
-    "llm TowerScratch --agent expert --episodes 1": "1 of 1 episodes",  # prints a line for each, so on a terminal only
+    "llm TowerScratch --agent expert --episodes 1": "1 of 1 episodes",  # progress on a terminal only
     "solve TowerScratch --limit 2": "2 of 2 tasks",
 }
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if not command.startswith("llm")])
-def test_commands__say_on_stderr_how_far_they_are(command: str, capsys: pytest.CaptureFixture[str]):
+def test_commands__print_progress_on_stderr(command: str, capsys: pytest.CaptureFixture[str]):
     assert main(command.split()) == 0
     assert COMMANDS[command] in capsys.readouterr().err
 
@@ -111,14 +111,14 @@ def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command: str, mon
     assert "0:00:00" in terminal.getvalue()
 
 
-def test_download_bar__without_a_terminal_is_a_line_for_each_file(capsys: pytest.CaptureFixture[str]):
+def test_download_bar__without_a_terminal_prints_a_line_per_file(capsys: pytest.CaptureFixture[str]):
     with DownloadBar() as bar:
         bar.show("file", 1, 2048)
         bar.show("file", 2048, 2048)
     assert capsys.readouterr().err == "file: 2,048 bytes\n"
 
 
-def test_table__numbers_stand_to_the_right_texts_to_the_left():
+def test_table__aligns_numbers_right_and_text_left():
     assert table(["name", "count"], [("a", 1_000), ("long", None), ("b", 2.5)]).splitlines() == [
         "name  count",
         "----  -----",

@@ -1,4 +1,4 @@
-"""A part of the builtin corpus: statements of every kind, read in a fraction of the time."""
+"""A subset of the builtin corpus with all kinds of statements, quick to load."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
 
 
 def write_thin_corpus(path: Path, step: int) -> Path:
-    """Writes every `step`-th statement of the builtin corpus, and gives the path."""
+    """Writes every `step`-th statement of the builtin corpus and returns the path."""
     _, *lines = gzip.decompress(BUILTIN.read_bytes()).splitlines()
     write_corpus(path, "thin", "MIT", map(json.loads, lines[::step]))
     return path

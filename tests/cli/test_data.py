@@ -12,7 +12,7 @@ from PIL import Image
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.official.fetching import Patience
-from tests.small_corpus import count_as_release, small_entries, write_released
+from tests.small_corpus import register_as_official, small_entries, write_released
 from tests.web import Misdeed, web_server
 
 Run = Callable[..., str]
@@ -31,7 +31,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory whose two files count as the release."""
     directory = write_released(tmp_path / "released")
-    count_as_release(directory, monkeypatch)
+    register_as_official(directory, monkeypatch)
     return directory
 
 

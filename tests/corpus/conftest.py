@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from tests.small_corpus import count_as_release, small_entries, write_released
+from tests.small_corpus import register_as_official, small_entries, write_released
 from tests.web import Web, web_server
 
 
@@ -38,7 +38,7 @@ def released(tmp_path: Path) -> Path:
 @pytest.fixture
 def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
     """Two files that count as the release's: one known by content, one by numbers."""
-    return count_as_release(released, monkeypatch)
+    return register_as_official(released, monkeypatch)
 
 
 @pytest.fixture
