@@ -1,6 +1,7 @@
-"""The actions as the network's heads have them: STOP; ADD by box, cell and look; REMOVE by box and cell.
+"""Mapping between the network's logits and action indices.
 
-A Tower box is one cell with three looks, its colours. Cells on a separator are left out: nothing can be done there.
+Logits are ordered STOP; ADD by box, cell and item type; REMOVE by box and cell. A Tower box is a single cell with three
+item types, its colours. Cells on a separator have no logits, as no edit is ever legal there.
 """
 
 from __future__ import annotations
@@ -18,44 +19,43 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.learning.imitation.box_features import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 
-COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # the first changes nothing; colour c becomes order[c]
+COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # identity first; colour c becomes order[c]
 COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
-STOP_INDEX = 0
+STOP_INDEX = 0  # of STOP's logit
 
 
 @dataclass(frozen=True)
 class ActionHeads:
-    """The heads' outputs as one row: STOP, the ADDs, the REMOVEs."""
+    """The logits of all heads as one row of length `size`: STOP, the ADDs, the REMOVEs."""
 
-    cells: int  # of a box
+    cells: int  # per box
     item_types: int
-    action_of: Int64Array  # (heads,) the appearance's index of each of the heads' actions
-    index_of: Int64Array  # (actions,) the other way; -1 for actions that the heads leave out
-    recoloured: Int64Array  # (6, heads) what each action becomes under each of COLOUR_ORDERS
+    action_of: Int64Array  # (size,) logit index -> action index
+    index_of: Int64Array  # (actions,) action index -> logit index; -1 for actions without a logit
+    recoloured: Int64Array  # (6, size) logit index under each of COLOUR_ORDERS
 
     @property
-    def adds(self) -> int:
+    def add_count(self) -> int:
         return BOX_COUNT * self.cells * self.item_types
 
     @property
-    def removes(self) -> int:
+    def remove_count(self) -> int:
         return BOX_COUNT * self.cells
 
     @property
     def size(self) -> int:
-        return 1 + self.adds + self.removes
+        return 1 + self.add_count + self.remove_count
 
 
 @cache
 def action_heads(appearance: Tower | Scatter) -> ActionHeads:
-    """The heads for Tower or for Scatter on the released grid."""
-    edits = _tower_edits() if isinstance(appearance, Tower) else _scatter_edits()
-    adds, removes = edits
-    numbers = [0, *(appearance.encode(action) for action in (*adds, *removes))]
-    action_of = np.array(numbers, np.int64)
+    """The heads for Tower, or for Scatter on the released grid."""
+    adds, removes = _tower_edits() if isinstance(appearance, Tower) else _scatter_edits()
+    indices = [0, *(appearance.encode(action) for action in (*adds, *removes))]
+    action_of = np.array(indices, np.int64)
     index_of = np.full(appearance.action_count, -1, np.int64)
     index_of[action_of] = np.arange(len(action_of))
-    actions = [appearance.decode(number) for number in numbers]
+    actions = [appearance.decode(index) for index in indices]
     recoloured = [
         [index_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
     ]

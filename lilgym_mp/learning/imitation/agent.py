@@ -1,4 +1,4 @@
-"""The trained network as an agent: its model file, and its policy on images."""
+"""The imitation agent: its model file, and its policy on images."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, decide
+from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights, save_model
@@ -29,12 +29,12 @@ from lilgym_mp.scene import BOX_COUNT
 
 KIND = "imitation"
 VERSION = 1
-MOST_BOXES = 50_000  # distinct boxes that a policy remembers
+MAX_CACHED_BOXES = 50_000
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What the network is built from."""
+class Architecture:
+    """Everything needed to build the network."""
 
     appearance: str
     vocabulary: tuple[str, ...]
@@ -43,7 +43,7 @@ class Shape:
     item_layers: int
 
     @classmethod
-    def of(cls, appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> Shape:
+    def of(cls, appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> Architecture:
         return cls(appearance, vocabulary.words, recipe.width, recipe.text_layers, recipe.item_layers)
 
     def network(self, dropout: float = 0.0) -> ImitationNetwork:
@@ -61,8 +61,8 @@ class Shape:
         return {"appearance": self.appearance, "vocabulary": list(self.vocabulary), **sizes}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Shape:
-        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+    def from_json(cls, data: Mapping[str, Any]) -> Architecture:
+        """Inverse of `to_json`. Raises ValueError, TypeError, KeyError."""
         words = tuple(data["vocabulary"])
         if not all(isinstance(word, str) for word in words):
             raise ValueError("vocabulary must be a list of words")
@@ -77,18 +77,18 @@ class Shape:
 
 
 class ImitationAgent:
-    """A network with its words and its rule for when to stop."""
+    """A network with its vocabulary and stop rules."""
 
     def __init__(
         self,
         network: ImitationNetwork,
-        shape: Shape,
+        architecture: Architecture,
         rules: Mapping[str, StopRule],
         description: ModelDescription,
     ) -> None:
-        """`rules`: by the configuration's name."""
+        """`rules`: by configuration."""
         self.network = network
-        self.shape = shape
+        self.architecture = architecture
         self.rules = dict(rules)
         self._description = description
 
@@ -97,7 +97,7 @@ class ImitationAgent:
         return self._description
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
-        """The policy on images, which looks at no mask. Greedy unless the rule chosen in training says otherwise.
+        """The policy on images; it needs no action mask. Greedy, unless the stop rule samples or `sampled` is set.
 
         Raises ValueError for a configuration or grid that the network cannot play.
         """
@@ -114,11 +114,11 @@ class ImitationAgent:
         save_model(path, self._description, self.network.state_dict())
 
 
-_Asked = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxes and targets of a call
+_PolicyInputs = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxes and targets
 
 
 class _ImagePolicy:
-    """The network on images: each is read into its boxes, each distinct box of which is described once."""
+    """The network on images, which `perception` reads into boxes."""
 
     needs_masks = False
 
@@ -130,70 +130,72 @@ class _ImagePolicy:
         self._appearance = appearance
         self._horizon = horizon
         self._sampled = sampled
-        self._player = self._fresh()
+        self._policy = self._new_policy()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
-        self._latest: _Asked = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
+        self._latest: _PolicyInputs = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
 
-    def _fresh(self) -> Player:
+    def _new_policy(self) -> CachedPolicy:
         agent = self._agent
-        tokenizer = StatementTokenizer(Vocabulary(agent.shape.vocabulary))
-        return Player(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
+        tokenizer = StatementTokenizer(Vocabulary(agent.architecture.vocabulary))
+        return CachedPolicy(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        if len(self._player.table) > MOST_BOXES:
-            self._player = self._fresh()
-        player = self._player
-        boxes = player.table.indices(read_scenes(observations.images, self._appearance.name))
-        self._latest = asked = observations.statements, boxes, observations.targets
+        if len(self._policy.table) > MAX_CACHED_BOXES:
+            self._policy = self._new_policy()
+        policy = self._policy
+        boxes = policy.table.indices(read_scenes(observations.images, self._appearance.name))
+        self._latest = inputs = observations.statements, boxes, observations.targets
         if self._sampled:
-            found = player.log_probabilities(*asked)
-            log_stops = found[:, STOP_INDEX]
-            chosen = decide(found, observations.steps, self._horizon, self._rule, rng)
+            log_probabilities = policy.log_probabilities(*inputs)
+            log_stops = log_probabilities[:, STOP_INDEX]
+            chosen = choose_actions(log_probabilities, observations.steps, self._horizon, self._rule, rng)
         else:
-            chosen, log_stops = player.likeliest(*asked, observations.steps, self._horizon, self._rule)
+            chosen, log_stops = policy.greedy(*inputs, observations.steps, self._horizon, self._rule)
         self.stop_probabilities = np.exp(log_stops)
-        return player.heads.action_of[chosen]
+        return policy.heads.action_of[chosen]
 
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
-        """The network's own probabilities in the latest call, before its rule for when to stop."""
-        found = self._player.log_probabilities(*self._latest)
-        probabilities = np.zeros((len(found), self._appearance.action_count), np.float32)
-        probabilities[:, self._player.heads.action_of] = np.exp(found)
+        """The network's probabilities in the latest call, before the stop rule."""
+        log_probabilities = self._policy.log_probabilities(*self._latest)
+        probabilities = np.zeros((len(log_probabilities), self._appearance.action_count), np.float32)
+        probabilities[:, self._policy.heads.action_of] = np.exp(log_probabilities)
         return PolicyOutput(probabilities)
 
 
 def describe(
     settings: Settings,
     recipe: ImitationRecipe,
-    shape: Shape,
+    architecture: Architecture,
     rules: Mapping[str, StopRule],
-    found: Mapping[str, Any],
+    statistics: Mapping[str, Any],
 ) -> ModelDescription:
-    """`found`: what else is worth keeping, such as how long the training took."""
+    """`statistics`: further details to save, such as the training time."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
     if recipe.pretraining:
-        supervision += "; programs as texts, of generated statements too (pretraining)"
-    if found.get("generated_share"):
+        supervision += "; their programs and those of generated statements (pretraining)"
+    if statistics.get("generated_share"):
         supervision += "; generated statements with programs"
-    if found.get("other_statements"):
+    if statistics.get("other_statements"):
         supervision += "; other statements with programs"
-    kept = {name: rule.to_json() for name, rule in rules.items()}
-    details = {"network": shape.to_json(), "stop_rules": kept, "corpus": settings.corpus, **found}
+    stop_rules = {name: rule.to_json() for name, rule in rules.items()}
+    details = {"network": architecture.to_json(), "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
     return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-    place = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, place)
+    torch_device = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
     try:
-        shape = Shape.from_json(description.details["network"])
-        kept = description.details["stop_rules"]
-        rules = {name: StopRule(**kept[name]) for name in description.configurations}
-        if any(CONFIGURATIONS[name][0] != shape.appearance for name in description.configurations):
-            raise ValueError(f"a network for {shape.appearance} cannot play {', '.join(description.configurations)}")
-        network = shape.network()
+        architecture = Architecture.from_json(description.details["network"])
+        stop_rules = description.details["stop_rules"]
+        rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}
+        if any(CONFIGURATIONS[name][0] != architecture.appearance for name in description.configurations):
+            raise ValueError(
+                f"a network for {architecture.appearance} cannot play {', '.join(description.configurations)}"
+            )
+        network = architecture.network()
     except (ValueError, TypeError, KeyError, VocabularyError) as fault:
         raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
     load_weights(network, tensors, path)
-    return ImitationAgent(network.to(place).eval(), shape, rules, description)
+    return ImitationAgent(network.to(torch_device).eval(), architecture, rules, description)

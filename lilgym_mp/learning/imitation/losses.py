@@ -1,4 +1,4 @@
-"""What is minimised: -log of the probability of the whole set of optimal first actions, with auxiliaries."""
+"""The loss: negative log-probability of the set of optimal first actions, with auxiliary losses."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from torch import Tensor
 from lilgym_mp.learning.imitation.batches import Batch
 from lilgym_mp.learning.imitation.network import Outputs
 
-LEAST_SHARE = 1e-13  # of a probability; what is less likely is not learnt from
+MIN_PROBABILITY = 1e-13  # clamp; sets below it give no gradient
 
 
 class Losses(NamedTuple):
     """Means over the batch."""
 
-    truth: Tensor  # of the statement's truth, hence of STOP
+    truth: Tensor  # binary cross-entropy of the statement's truth, which determines STOP
     actions: Tensor  # -log P(set | not STOP)
-    steps: Tensor
-    legal: Tensor
+    steps: Tensor  # cross-entropy of the steps to go
+    legal: Tensor  # binary cross-entropy of legal edits (Scatter)
 
 
 def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
-    """(S, A, heads) log-probabilities of all actions of the first A scenes: STOP, then the ADDs, then the REMOVEs."""
+    """(S, A, logits) log-probabilities of all actions in the first A scenes, in the order of `ActionHeads`."""
     stop, edit = stop_log_probabilities(outputs.truth[:, : targets.shape[1]], targets)
     types = outputs.types.log_softmax(-1) + edit[..., None]
     return torch.cat(
@@ -38,23 +38,23 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
 
 
 def stop_log_probabilities(truth: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
-    """log P(STOP) and log P(not STOP): STOP is as likely as the statement has the target's value."""
+    """log P(STOP) and log P(not STOP): P(STOP) is the probability that the statement has the target value."""
     signed = torch.where(targets == 1, truth, -truth)
     return F.logsigmoid(signed), F.logsigmoid(-signed)
 
 
 def set_log_probabilities(outputs: Outputs, optimal: Tensor) -> Tensor:
-    """(S, A) log P(set | not STOP) of sets of edits, as `optimal` (S, A, heads) marks them."""
-    adds = outputs.adds.shape[-1]
+    """(S, A) log P(set | not STOP) of the edits in the boolean mask `optimal` (S, A, logits)."""
+    add_count = outputs.adds.shape[-1]
     types = outputs.types.log_softmax(-1)
-    added = _marked_share(outputs.adds, optimal[..., 1 : 1 + adds])
-    removed = _marked_share(outputs.removes, optimal[..., 1 + adds :])
+    added = _log_masked_probability(outputs.adds, optimal[..., 1 : 1 + add_count])
+    removed = _log_masked_probability(outputs.removes, optimal[..., 1 + add_count :])
     return torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)
 
 
-def _marked_share(logits: Tensor, marked: Tensor) -> Tensor:
-    """The logarithm of how much of the softmax is marked, LEAST_SHARE at least."""
-    return (logits.softmax(-1) * marked).sum(-1).clamp(min=LEAST_SHARE).log()
+def _log_masked_probability(logits: Tensor, mask: Tensor) -> Tensor:
+    """The log of the softmax probability inside the mask, clamped to MIN_PROBABILITY."""
+    return (logits.softmax(-1) * mask).sum(-1).clamp(min=MIN_PROBABILITY).log()
 
 
 def losses(outputs: Outputs, batch: Batch) -> Losses:
@@ -63,6 +63,6 @@ def losses(outputs: Outputs, batch: Batch) -> Losses:
     steps = F.cross_entropy(outputs.steps.flatten(0, 1), batch.steps.flatten())
     legal = truth.new_zeros(())
     if outputs.legal is not None:
-        wrong = F.binary_cross_entropy_with_logits(outputs.legal, batch.legal.float(), reduction="none")
-        legal = wrong.mean((-1, -2))[batch.box_mask].mean()
+        each = F.binary_cross_entropy_with_logits(outputs.legal, batch.legal.float(), reduction="none")
+        legal = each.mean((-1, -2))[batch.box_mask].mean()
     return Losses(truth, actions, steps, legal)

@@ -1,8 +1,10 @@
-"""The network: words and boxes in, the statement's truth and the policy's logits out.
+"""The network: from words and boxes to the statement's truth and the policy's logits.
 
-Boxes are understood in the light of the statement, each pair of statement and box once, however many scenes share
-it; a scene is then a sum over its three boxes, so their order makes no difference to its truth. The policy is STOP by
-the truth and the target, else ADD or REMOVE, then the arguments that the type needs.
+Boxes are encoded conditioned on the statement, once per statement-box pair, however many scenes share it. A scene is a
+sum over its three boxes, so its truth is invariant to their order. The policy factorises: STOP from the truth and the
+target, otherwise ADD or REMOVE, then the type's arguments.
+
+Module attributes are the keys of saved parameters, so renaming one breaks model files.
 """
 
 from __future__ import annotations
@@ -18,77 +20,77 @@ from torch.nn.utils.rnn import pad_sequence
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
 
-MAX_STEPS = 8  # the steps to go that the auxiliary head tells apart at most
-RELATION_GATES = 8  # relations between items that a layer looks at
-CELL_CHANNELS = 32  # of a cell's vector, against what a look asks for
+MAX_STEPS = 8  # classes of the steps-to-go head
+RELATION_GATES = 8  # per relation layer
+CELL_CHANNELS = 32  # dimension of cell keys and item type queries
 CELL_HIDDEN = 64
 GEOMETRY_CHANNELS = VALUE_CHANNELS = 16
-MAX_WORDS = 64  # words; the rest is cut off
-MIN_PADDED_WORDS = 16  # for the words of a batch of statements: torch is slow at softmax over fewer
+MAX_WORDS = 64  # of a statement; the rest is truncated
+MIN_PADDED_WORDS = 16  # padded length of a batch of statements: torch's softmax is slow over fewer
 
 
 class Inputs(NamedTuple):
-    """S statements, each with U boxes of K items at most, M items in all at most, and N scenes made of those boxes.
+    """S statements with at most U boxes of K items each, M items in total, and N scenes composed of those boxes.
 
-    C items lie in those boxes, the first V of each statement, whose cells are asked for.
+    Cells are encoded for the first V boxes of each statement, which hold C items in total.
     """
 
-    words: Tensor  # (S, T) word numbers, 0 for none
-    features: Tensor  # (S, M, F) what is known of each item but its colour
+    words: Tensor  # (S, T) word indices, 0 is padding
+    features: Tensor  # (S, M, F) of each item, except its colour
     colours: Tensor  # (S, M)
-    by_box: Tensor  # (S, U, K) where the box's items are among the S * M; S * M for none
-    by_item: Tensor  # (S, M) where the item is among the S * U * K
-    relations: Tensor  # (S, U, K, K) of each of a box's items to each
-    cell_boxes: Tensor  # (S, V) of which only the shape matters
-    cell_items: Tensor  # (C,) among the S * M
-    cell_places: Tensor  # (C,) the item's box among the S * V
-    offsets: Tensor  # (C, 2, 5) of items to cells
-    scenes: Tensor  # (S, N, 3) the boxes of each scene, 0 to U - 1
+    by_box: Tensor  # (S, U, K) index of each box's items among the S * M; S * M is padding
+    by_item: Tensor  # (S, M) index of each item among the S * U * K
+    relations: Tensor  # (S, U, K, K) between the items of a box
+    cell_boxes: Tensor  # (S, V) only its shape is used
+    cell_items: Tensor  # (C,) item index among the S * M
+    item_boxes: Tensor  # (C,) index of the item's box among the S * V
+    offsets: Tensor  # (C, 2, 5) of items to cell columns and rows
+    scenes: Tensor  # (S, N, 3) box indices 0 .. U - 1 of each scene
 
 
 class StatementEncodings(NamedTuple):
-    """S statements as the parts of a network attend to them."""
+    """Keys and values of S statements for the layers that attend to words."""
 
-    key_values: tuple[Tensor, ...]  # (S, T, 2 d) for each layer that attends to words
-    mask: Tensor  # (S, 1, 1, T) what hides the places without a word, to be added to scores
+    key_values: tuple[Tensor, ...]  # (S, T, 2 d) per layer
+    mask: Tensor  # (S, 1, 1, T) additive attention mask of the padding
 
     @classmethod
     def from_cache(cls, statements: Sequence[Sequence[Tensor]]) -> StatementEncodings:
-        """Statements read before: the key-values of each without the places that have no word."""
+        """From cached statements: the key-values of each, without padding."""
         padded = [pad_sequence(list(parts), batch_first=True) for parts in zip(*statements, strict=True)]
         missing = max(0, MIN_PADDED_WORDS - padded[0].shape[1])
         key_values = tuple(F.pad(key_value, (0, 0, 0, missing)) for key_value in padded)
         lengths = torch.tensor([len(parts[0]) for parts in statements], device=key_values[0].device)
-        places = torch.arange(key_values[0].shape[1], device=lengths.device)
-        return cls(key_values, word_mask(places[None] < lengths[:, None]))
+        positions = torch.arange(key_values[0].shape[1], device=lengths.device)
+        return cls(key_values, attention_mask(positions[None] < lengths[:, None]))
 
 
 class Packing(NamedTuple):
-    """How R rows without gaps stand for (S, N) places by statement, so that linear layers see no vacant ones."""
+    """Mapping between R packed rows and their (S, N) padded form, so that linear layers skip the padding."""
 
-    padded: Tensor  # (S, N) the row in each place, 0 in vacant places
-    places: Tensor  # (R,) where each row is among the S * N
+    padded: Tensor  # (S, N) row index; 0 is padding
+    positions: Tensor  # (R,) index of each row among the S * N
 
 
 class BoxEncodings(NamedTuple):
-    """U boxes of each of S statements, V of them with their cells (Scatter)."""
+    """U boxes for each of S statements, the first V of them with their cells (Scatter)."""
 
-    sums: Tensor  # (S, U, 2 d) what each box gives to a scene
-    again: Tensor  # (S, U, d) and, once the scene is known, gives again
-    acts: Tensor  # (S, U, d) and gives to what is to be done in it
-    cells: Tensor | None  # (S, V, 25, C) what the cells are like
-    legal: Tensor | None  # (S, V, 25, 10) logits of what is valid there: an ADD of each footprint, a REMOVE
+    scene_terms: Tensor  # (S, U, 2 d) contribution to the scene vector
+    refinement_terms: Tensor  # (S, U, d) contribution to its refinement
+    action_terms: Tensor  # (S, U, d) contribution to the action features
+    cells: Tensor | None  # (S, V, 25, C) cell keys
+    legal: Tensor | None  # (S, V, 25, 10) logits of legality: ADD of each footprint, REMOVE
 
 
 class Outputs(NamedTuple):
-    """What the network says of S x N scenes, and of the first A of each statement's scenes what to do there."""
+    """Truth logits of S x N scenes, and action logits of the first A scenes of each statement."""
 
     truth: Tensor  # (S, N) logit of the statement being true
-    types: Tensor  # (S, A, 2) logits of ADD and REMOVE, given that it is not STOP
+    types: Tensor  # (S, A, 2) logits of ADD and REMOVE, given not STOP
     adds: Tensor  # (S, A, adds)
     removes: Tensor  # (S, A, removes)
-    steps: Tensor  # (S, A, MAX_STEPS) logits of how many actions are still to be taken
-    legal: Tensor | None  # (S, V, 25, 10) logits of an ADD of each footprint and a REMOVE being valid
+    steps: Tensor  # (S, A, MAX_STEPS) logits of the steps to go
+    legal: Tensor | None  # (S, V, 25, 10) logits of legality: ADD of each footprint, REMOVE
 
 
 class Feedforward(nn.Module):
@@ -103,7 +105,7 @@ class Feedforward(nn.Module):
 
 
 class Attention(nn.Module):
-    """Attention of anything to words."""
+    """Pre-norm multi-head cross-attention to words."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -114,8 +116,8 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
 
     def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
-        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) what `self.key_value` makes of words, or
-        that by heads (S, 2, heads, T, d / heads); `mask` as in `StatementEncodings`."""
+        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) from `self.key_value`, or split by
+        `by_heads`; `mask` as in `StatementEncodings`."""
         query = self.query(self.norm(x))
         if packing is not None:
             query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
@@ -123,20 +125,20 @@ class Attention(nn.Module):
         query = query.view(batch, count, self.heads, -1).transpose(1, 2)
         key, value = (self.by_heads(key_value) if key_value.dim() == 3 else key_value).unbind(1)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
-        found = torch.matmul(scores.softmax(-1).to(value.dtype), value)
-        found = found.transpose(1, 2).reshape(batch, count, width)
+        mixed = torch.matmul(scores.softmax(-1).to(value.dtype), value)
+        mixed = mixed.transpose(1, 2).reshape(batch, count, width)
         if packing is not None:
-            found = found.flatten(0, 1).index_select(0, packing.places)
-        return x + self.out(found)
+            mixed = mixed.flatten(0, 1).index_select(0, packing.positions)
+        return x + self.out(mixed)
 
     def by_heads(self, key_value: Tensor) -> Tensor:
         """(S, 2, heads, T, d / heads) from (S, T, 2 d)."""
-        batch, places, width = key_value.shape
-        return key_value.view(batch, places, 2, self.heads, width // (2 * self.heads)).permute(0, 2, 3, 1, 4)
+        batch, length, width = key_value.shape
+        return key_value.view(batch, length, 2, self.heads, width // (2 * self.heads)).permute(0, 2, 3, 1, 4)
 
 
 class RelationLayer(nn.Module):
-    """Sums over a box's items, weighted by where they lie from each item: sums, so that items can be counted."""
+    """Sums over the items of a box, gated by their spatial relation to each item; sums, so that it can count."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -147,17 +149,17 @@ class RelationLayer(nn.Module):
 
     def forward(self, x: Tensor, inputs: Inputs) -> Tensor:
         """`x` (S, M, d)."""
-        value = in_boxes(F.relu(self.value(self.norm(x))), inputs.by_box)  # (P, K, d)
+        value = items_by_box(F.relu(self.value(self.norm(x))), inputs.by_box)  # (P, K, d)
         pairs, items, width = value.shape
         gates = F.embedding(inputs.relations.flatten(0, 1), torch.sigmoid(self.gates.weight))
         gates = gates.permute(0, 3, 1, 2).to(value.dtype)  # (P, G, K, K)
-        found = gates @ value.view(pairs, items, RELATION_GATES, -1).transpose(1, 2)
-        found = found.transpose(1, 2).reshape(pairs * items, width)
-        return x + self.out(found.index_select(0, inputs.by_item.flatten()).view(x.shape))
+        sums = gates @ value.view(pairs, items, RELATION_GATES, -1).transpose(1, 2)
+        sums = sums.transpose(1, 2).reshape(pairs * items, width)
+        return x + self.out(sums.index_select(0, inputs.by_item.flatten()).view(x.shape))
 
 
-def in_boxes(x: Tensor, by_box: Tensor) -> Tensor:
-    """(P, K, d) the items of each box, zero where there is none, from (S, M, d)."""
+def items_by_box(x: Tensor, by_box: Tensor) -> Tensor:
+    """(P, K, d) the items of each of the P statement-box pairs, zero-padded, from (S, M, d)."""
     padded = F.pad(x.flatten(0, 1), (0, 0, 0, 1))
     return padded.index_select(0, by_box.flatten()).view(-1, by_box.shape[-1], x.shape[-1])
 
@@ -174,8 +176,8 @@ class ItemLayer(nn.Module):
         return self.feedforward(self.relating(self.reading(x, key_value, mask), inputs))
 
 
-def word_mask(words: Tensor) -> Tensor:
-    """(S, 1, 1, T) what hides the places without a word, to be added to scores; `words` (S, T)."""
+def attention_mask(words: Tensor) -> Tensor:
+    """(S, 1, 1, T) additive mask that hides padding; `words` (S, T), 0 is padding."""
     return torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
 
 
@@ -200,8 +202,8 @@ class TextEncoder(nn.Module):
         nn.init.normal_(self.words.weight, std=0.3)
 
     def forward(self, words: Tensor) -> Tensor:
-        """(S, T) word numbers to (S, T, d)."""
-        mask = word_mask(words)
+        """(S, T) word indices to (S, T, d)."""
+        mask = attention_mask(words)
         x = self.dropout(self.words(words) + self.places[: words.shape[1]])
         if torch.is_autocast_enabled(x.device.type):
             x = x.to(torch.get_autocast_dtype(x.device.type))
@@ -211,7 +213,7 @@ class TextEncoder(nn.Module):
 
 
 class CellGeometry(nn.Module):
-    """What lies where in a box, cell by cell, and what may be done there; no matter what the statement says."""
+    """Encodes each cell from the items around it and predicts which edits are legal there, without the statement."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -224,13 +226,13 @@ class CellGeometry(nn.Module):
             nn.init.normal_(embedding.weight, std=0.5)
             nn.init.zeros_(embedding.weight[0])
 
-    def of_items(self, offsets: Tensor) -> Tensor:
-        """(..., 25, C) what items do to the cells, from their `offsets` (..., 2, 5)."""
+    def item_terms(self, offsets: Tensor) -> Tensor:
+        """(..., 25, C) contribution of items to the cells, from their `offsets` (..., 2, 5)."""
         across, down = self.across(offsets[..., 0, :]), self.down(offsets[..., 1, :])
         return (across[..., :, None, :] * down[..., None, :, :]).flatten(-3, -2)
 
     def forward(self, sums: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 25, H) what the cells are like, (..., 25, 10) logits of what is valid there, from the sums over items
+        """(..., 25, H) cell features and (..., 25, 10) legality logits, from item terms summed over items
         (..., 25, C)."""
         with torch.autocast(sums.device.type, enabled=False):
             hidden = F.relu(self.mix(sums + self.cells))
@@ -238,10 +240,10 @@ class CellGeometry(nn.Module):
 
 
 class ScatterHeads(nn.Module):
-    """Arguments for Scatter: a cell's vector, made of where items lie from it, against what a look asks for."""
+    """Argument heads for Scatter: cell keys times queries, one query per item type to ADD and one for REMOVE."""
 
     footprints: Tensor  # (27,) the footprint of each item type
-    offered_footprints: Tensor  # (28,) that, and REMOVE's place after the footprints
+    edit_footprints: Tensor  # (28,) the same, followed by REMOVE's index in the legality logits
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -253,74 +255,77 @@ class ScatterHeads(nn.Module):
         self.mix = nn.Linear(VALUE_CHANNELS + CELL_HIDDEN, CELL_HIDDEN)
         self.box = nn.Linear(width, CELL_HIDDEN)
         self.out = nn.Linear(CELL_HIDDEN, CELL_CHANNELS)
-        self.wanted = nn.Linear(width, self.item_types * CELL_CHANNELS)
-        self.wanted_remove = nn.Linear(width, CELL_CHANNELS)
-        self.look = nn.Linear(width, self.item_types)
+        self.wanted = nn.Linear(width, self.item_types * CELL_CHANNELS)  # ADD queries
+        self.wanted_remove = nn.Linear(width, CELL_CHANNELS)  # REMOVE query
+        self.look = nn.Linear(width, self.item_types)  # bias per item type, shared by all cells
         footprints = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
         self.register_buffer("footprints", torch.tensor(footprints), persistent=False)
-        self.register_buffer("offered_footprints", torch.tensor([*footprints, FOOTPRINT_COUNT]), persistent=False)
+        self.register_buffer("edit_footprints", torch.tensor([*footprints, FOOTPRINT_COUNT]), persistent=False)
 
-    def cell_vectors(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
-        """(S, V, 25, C) what the cells are like, (S, V, 25, 10) logits of what is valid there."""
+    def encode_cells(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
+        """(S, V, 25, C) cell keys and (S, V, 25, 10) legality logits."""
         statements, boxes = inputs.cell_boxes.shape
         across, down = (
             embedding(inputs.offsets[:, axis]) for axis, embedding in enumerate((self.across, self.down))
         )  # (items, 5, C)
         value = self.value(items.flatten(0, 1).index_select(0, inputs.cell_items)).float()[:, None]
         each = ((across * value)[:, :, None] * down[:, None]).flatten(1, 2)  # (items, 25, C)
-        each = torch.cat([self.geometry.of_items(inputs.offsets), each], -1)
+        each = torch.cat([self.geometry.item_terms(inputs.offsets), each], -1)
         cells = each.new_zeros(statements * boxes, CELLS**2, each.shape[-1])
-        cells = cells.index_add(0, inputs.cell_places, each).unflatten(0, (statements, boxes))
-        places, legal = self.geometry(cells[..., :GEOMETRY_CHANNELS])
-        found = torch.cat([cells[..., GEOMETRY_CHANNELS:], places], -1)
-        hidden = F.relu(self.mix(found) + self.box(box[:, :boxes])[..., None, :])
+        cells = cells.index_add(0, inputs.item_boxes, each).unflatten(0, (statements, boxes))
+        geometry, legal = self.geometry(cells[..., :GEOMETRY_CHANNELS])
+        features = torch.cat([cells[..., GEOMETRY_CHANNELS:], geometry], -1)
+        hidden = F.relu(self.mix(features) + self.box(box[:, :boxes])[..., None, :])
         return self.out(hidden), legal
 
-    def joined(self) -> tuple[Tensor, Tensor]:
-        """Weights and biases (28 (C + 1), d), (28 (C + 1),) of all that the looks and, after them, REMOVE ask of cells
-        in one linear layer: C channels, and what is the same in every cell."""
+    def fused_layer(self) -> tuple[Tensor, Tensor]:
+        """Weights (28 (C + 1), d) and biases (28 (C + 1),) of one linear layer that computes all queries.
 
-        def rows(wanted: Tensor, look: Tensor, remove: Tensor) -> Tensor:
-            asked = torch.cat([wanted.unflatten(0, (self.item_types, CELL_CHANNELS)), look[:, None]], 1).flatten(0, 1)
-            return torch.cat([asked, remove, torch.zeros_like(remove[:1])])
+        27 ADD queries, then REMOVE's; the last channel of each is the bias shared by all cells.
+        """
+
+        def rows(add_queries: Tensor, biases: Tensor, remove_query: Tensor) -> Tensor:
+            add_queries = add_queries.unflatten(0, (self.item_types, CELL_CHANNELS))
+            adds = torch.cat([add_queries, biases[:, None]], 1).flatten(0, 1)
+            return torch.cat([adds, remove_query, torch.zeros_like(remove_query[:1])])
 
         layers = self.wanted, self.look, self.wanted_remove
         weights, biases = [layer.weight for layer in layers], [layer.bias for layer in layers]
         return rows(*weights), rows(*biases)
 
-    def offered(self, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 25, C + 1), (..., 25, 28) what `of_offered` wants to know of cells."""
-        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.offered_footprints)
+    def fused_inputs(self, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., 25, C + 1) cell keys and (..., 25, 28) legality logits per edit, for `fused_forward`."""
+        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.edit_footprints)
 
-    def of_offered(
-        self, boxes: Tensor, cells: Tensor, legal: Tensor, joined: tuple[Tensor, Tensor]
+    def fused_forward(
+        self, boxes: Tensor, cells: Tensor, legal: Tensor, fused_layer: tuple[Tensor, Tensor]
     ) -> tuple[Tensor, Tensor]:
-        """What `forward` gives, in fewer operations, from `joined` and what `offered` gives; may overwrite `legal`."""
-        asked = F.linear(boxes, *joined).view(-1, self.item_types + 1, CELL_CHANNELS + 1)
-        valid, cells, asked = legal.flatten(0, 2), cells.flatten(0, 2), asked.transpose(1, 2)
-        found = valid.baddbmm_(cells, asked) if asked.dtype == valid.dtype else valid + cells @ asked
-        found = found.view(legal.shape)
-        return found[..., :-1].flatten(2), found[..., -1].flatten(2)
+        """`forward` in fewer operations, on `fused_inputs` and with `fused_layer`; may overwrite `legal`."""
+        queries = F.linear(boxes, *fused_layer).view(-1, self.item_types + 1, CELL_CHANNELS + 1)
+        base, cells, queries = legal.flatten(0, 2), cells.flatten(0, 2), queries.transpose(1, 2)
+        logits = base.baddbmm_(cells, queries) if queries.dtype == base.dtype else base + cells @ queries
+        logits = logits.view(legal.shape)
+        return logits[..., :-1].flatten(2), logits[..., -1].flatten(2)
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
-        """(S, A, adds), (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C), `legal`."""
-        wanted = self.wanted(boxes).unflatten(-1, (self.item_types, CELL_CHANNELS))
-        of_footprints = legal.gather(-1, self.footprints.expand(*legal.shape[:-1], -1))
-        adds = cells @ wanted.transpose(-1, -2) + self.look(boxes)[..., None, :] + of_footprints
+        """(S, A, adds) and (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C) and `legal`."""
+        add_queries = self.wanted(boxes).unflatten(-1, (self.item_types, CELL_CHANNELS))
+        add_legality = legal.gather(-1, self.footprints.expand(*legal.shape[:-1], -1))
+        adds = cells @ add_queries.transpose(-1, -2) + self.look(boxes)[..., None, :] + add_legality
         removes = (cells @ self.wanted_remove(boxes)[..., None]).squeeze(-1) + legal[..., -1]
         return adds.flatten(2), removes.flatten(2)
 
 
 class TowerHeads(nn.Module):
-    """Arguments for Tower: a colour to add, or the top block to remove, of each box."""
+    """Argument heads for Tower: ADD of each colour, and REMOVE, for each box."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.out = nn.Linear(width, len(Colour) + 1)
 
     def forward(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
-        found = self.out(boxes)
-        return found[..., :-1].flatten(2), found[..., -1]
+        logits = self.out(boxes)
+        return logits[..., :-1].flatten(2), logits[..., -1]
 
 
 class ImitationNetwork(nn.Module):
@@ -335,7 +340,7 @@ class ImitationNetwork(nn.Module):
         item_layers: int = 2,
         dropout: float = 0.1,
     ) -> None:
-        """`appearance`: "tower" or "scatter"; `vocabulary`: how many word numbers there are."""
+        """`appearance`: "tower" or "scatter"; `vocabulary`: its size."""
         super().__init__()
         self.text = TextEncoder(vocabulary, width, heads, text_layers, dropout)
         self.item = nn.Linear(FIXED_FEATURES, width)
@@ -366,49 +371,52 @@ class ImitationNetwork(nn.Module):
 
     def forward(self, inputs: Inputs, targets: Tensor) -> Outputs:
         """`targets` (S, A) of the first A scenes of each statement: 1 to make it true, 0 false."""
-        read = self.read(inputs.words)
-        return self.judged(read, self.boxes_read(inputs, read), inputs.scenes, targets)
+        statements = self.encode_statements(inputs.words)
+        return self.predict(statements, self.encode_boxes(inputs, statements), inputs.scenes, targets)
 
-    def read(self, words: Tensor) -> StatementEncodings:
-        """(S, T) words, read."""
-        mask = word_mask(words)
+    def encode_statements(self, words: Tensor) -> StatementEncodings:
+        """From (S, T) word indices."""
+        mask = attention_mask(words)
         x = self.text(words)
         layers = (cast("ItemLayer", layer).reading for layer in self.item_layers)
-        readers = (*layers, self.box_reading, self.scene_reading)
-        return StatementEncodings(tuple(reader.key_value(x) for reader in readers), mask)
+        attentions = (*layers, self.box_reading, self.scene_reading)
+        return StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)
 
-    def boxes_read(self, inputs: Inputs, read: StatementEncodings) -> BoxEncodings:
-        """The boxes in the light of the words; those whose cells are asked for come first."""
-        known = self.item(inputs.features.to(read.key_values[0].dtype))
-        x = known + self.colour(inputs.colours).to(known.dtype)
-        for layer, key_value in zip(self.item_layers, read.key_values, strict=False):
-            x = layer(x, key_value, read.mask, inputs)
-        box = in_boxes(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
+    def encode_boxes(self, inputs: Inputs, statements: StatementEncodings) -> BoxEncodings:
+        """The boxes conditioned on their statements."""
+        key_values, mask = statements
+        items = self.item(inputs.features.to(key_values[0].dtype))
+        x = items + self.colour(inputs.colours).to(items.dtype)
+        for layer, key_value in zip(self.item_layers, key_values, strict=False):
+            x = layer(x, key_value, mask, inputs)
+        box = items_by_box(F.relu(self.item_out(x)), inputs.by_box).sum(1) + self.empty_box.to(x.dtype)
         box = box.unflatten(0, inputs.by_box.shape[:2])
-        box = self.box_feedforward(self.box_reading(box, read.key_values[len(self.item_layers)], read.mask))
-        given = self.box_sum(box), self.box_again(box), self.act_box(box)
+        box = self.box_feedforward(self.box_reading(box, key_values[len(self.item_layers)], mask))
+        terms = self.box_sum(box), self.box_again(box), self.act_box(box)
         if self.scatter is None:
-            return BoxEncodings(*given, None, None)
-        return BoxEncodings(*given, *self.scatter.cell_vectors(x, box, inputs))
+            return BoxEncodings(*terms, None, None)
+        return BoxEncodings(*terms, *self.scatter.encode_cells(x, box, inputs))
 
-    def judged(self, read: StatementEncodings, boxes: BoxEncodings, scenes: Tensor, targets: Tensor) -> Outputs:
-        """What the network says of `scenes` (S, N, 3), made of the boxes; `targets` (S, A) as in `forward`."""
-        scene, truth = self.understood(chosen(boxes.sums, scenes), chosen(boxes.again, scenes), read)
+    def predict(self, statements: StatementEncodings, boxes: BoxEncodings, scenes: Tensor, targets: Tensor) -> Outputs:
+        """Outputs for `scenes` (S, N, 3), composed of the boxes; `targets` (S, A) as in `forward`."""
+        scene, truth = self.encode_scenes(
+            gather_boxes(boxes.scene_terms, scenes), gather_boxes(boxes.refinement_terms, scenes), statements
+        )
         acting = scenes[:, : targets.shape[1]]
-        each = self.to_act(scene[:, : targets.shape[1]], chosen(boxes.acts, acting), targets)
+        features = self.action_features(scene[:, : targets.shape[1]], gather_boxes(boxes.action_terms, acting), targets)
         if self.scatter is not None:
             assert boxes.cells is not None
             assert boxes.legal is not None
-            heads = self.scatter(each, chosen(boxes.cells, acting), chosen(boxes.legal, acting))
+            heads = self.scatter(features, gather_boxes(boxes.cells, acting), gather_boxes(boxes.legal, acting))
         else:
             assert self.tower is not None
-            heads = self.tower(each)
-        outputs = self.outputs(truth, each, heads)
+            heads = self.tower(features)
+        outputs = self.outputs(truth, features, heads)
         return outputs if boxes.legal is None else outputs._replace(legal=boxes.legal.float())
 
-    def outputs(self, truth: Tensor, each: Tensor, heads: tuple[Tensor, Tensor]) -> Outputs:
-        """What is said of (S, N) scenes, from `each` (S, A, 3, d) of their boxes and the logits of ADDs and REMOVEs."""
-        whole, (adds, removes) = each.sum(2), heads
+    def outputs(self, truth: Tensor, features: Tensor, heads: tuple[Tensor, Tensor]) -> Outputs:
+        """From truth logits, `features` (S, A, 3, d) from `action_features`, and the ADD and REMOVE logits."""
+        whole, (adds, removes) = features.sum(2), heads
         return Outputs(
             truth.float(),
             self.types(whole).float(),
@@ -418,23 +426,27 @@ class ImitationNetwork(nn.Module):
             None,
         )
 
-    def understood(self, sums: Tensor, again: Tensor, read: StatementEncodings) -> tuple[Tensor, Tensor]:
-        """(S, N, d) scenes and (S, N) the logits of their truth, from what their boxes give: `sums` (S, N, 3, 2 d) and
-        `again` (S, N, 3, d)."""
-        scene = self.scene_in(F.relu(sums.sum(2)))
-        scene = self.scene_feedforward(self.scene_reading(scene, read.key_values[-1], read.mask))
-        scene = scene + self.again_sum(F.relu(again + self.scene_to_box(scene)[:, :, None]).sum(2))
+    def encode_scenes(
+        self, scene_terms: Tensor, refinement_terms: Tensor, statements: StatementEncodings
+    ) -> tuple[Tensor, Tensor]:
+        """(S, N, d) scene vectors and (S, N) truth logits.
+
+        From their boxes' `scene_terms` (S, N, 3, 2 d) and `refinement_terms` (S, N, 3, d).
+        """
+        scene = self.scene_in(F.relu(scene_terms.sum(2)))
+        scene = self.scene_feedforward(self.scene_reading(scene, statements.key_values[-1], statements.mask))
+        scene = scene + self.again_sum(F.relu(refinement_terms + self.scene_to_box(scene)[:, :, None]).sum(2))
         scene = self.dropout(self.scene_again(scene))
         return scene, self.truth(scene).squeeze(-1)
 
-    def to_act(self, scene: Tensor, acts: Tensor, targets: Tensor) -> Tensor:
-        """(S, A, 3, d) the boxes of each scene (S, A, d) under its target, from what they give: `acts` (S, A, 3, d)."""
-        seen = scene + self.target(targets).to(scene.dtype)
-        return self.act_feedforward(acts + self.act_scene(seen)[:, :, None])
+    def action_features(self, scene: Tensor, action_terms: Tensor, targets: Tensor) -> Tensor:
+        """(S, A, 3, d) features of each box given its scene (S, A, d) and target."""
+        conditioned = scene + self.target(targets).to(scene.dtype)
+        return self.act_feedforward(action_terms + self.act_scene(conditioned)[:, :, None])
 
 
-def chosen(vectors: Tensor, scenes: Tensor) -> Tensor:
-    """(S, N, 3, ...) the vectors of each scene's boxes, from (S, U, ...) those of all boxes."""
+def gather_boxes(vectors: Tensor, scenes: Tensor) -> Tensor:
+    """(S, N, 3, ...) the vectors of each scene's boxes, from (S, U, ...) of all boxes."""
     statements, boxes = vectors.shape[:2]
     first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
     flat = (scenes + first).flatten()

@@ -1,4 +1,4 @@
-"""What is learnt before anything is imitated: to write statements' programs, and which edits are valid (Scatter)."""
+"""Pretraining before imitation: the text encoder on writing programs, the cell geometry on legal edits (Scatter)."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from lilgym_mp.learning.parsing.pairs import Pair, Variations
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, tokens_recoloured, words_recoloured
 
-PARSER = ParserRecipe()  # whose batches, rates and variations serve here too
-GEOMETRY_RATE = 0.01
-BOXES = 128  # in a batch
+PARSER = ParserRecipe()  # hyperparameters shared with parse and plan
+GEOMETRY_LEARNING_RATE = 0.01
+BOXES = 128  # per batch
 
 
 class TextPretraining:
-    """A decoder of programs over the network's text layers, learnt from the training statements and generated ones.
+    """Trains the network's text encoder with a program decoder on top, on training and generated statements.
 
-    Only the text layers are kept. Colours are exchanged at random, as in imitation.
+    The decoder is discarded. Colours are permuted at random, as in imitation.
     """
 
     def __init__(
@@ -48,26 +48,26 @@ class TextPretraining:
         tokenizer: StatementTokenizer,
         entries: Sequence[DatasetEntry],
         appearance: str,
-        left_out: set[str],
+        excluded: set[str],
         recipe: ImitationRecipe,
         seed: int,
     ) -> None:
-        """`left_out`: normalised statements that no generated one may be, those of other splits."""
+        """`excluded`: normalised statements of other splits, which are dropped from the generated ones."""
         self._tokenizer = tokenizer
         self._rng = random.Random(f"text {seed}")
         self._recipe = recipe
         self._done = 0.0
         device = next(network.parameters()).device
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=MAX_WORDS)
-        self._writer = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
+        self._parser = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
         self._optimiser = torch.optim.AdamW(
-            self._writer.parameters(), PARSER.learning_rate, weight_decay=PARSER.weight_decay, fused=True
+            self._parser.parameters(), PARSER.learning_rate, weight_decay=PARSER.weight_decay, fused=True
         )
         known = frozenset(tokenizer.vocabulary.words)
         examples = [Example(entry.statement, entry.program.source, appearance) for entry in entries]
         self._batches = sample_batches(
             PairSources(
-                ExamplePool(examples, known), ExampleStream(generated_examples(appearance, seed, left_out), known)
+                ExamplePool(examples, known), ExampleStream(generated_examples(appearance, seed, excluded), known)
             ),
             lambda: generated_share(PARSER.generated, self._done),
             Variations(PARSER.shapes, PARSER.numbers),
@@ -78,32 +78,32 @@ class TextPretraining:
         )
 
     def step(self, done: float) -> float:
-        """One step of the optimiser when `done`, 0 to 1, of the time for it is spent; gives the loss."""
+        """One optimiser step; returns the loss. `done`: the fraction of pretraining completed, 0 to 1."""
         self._done = done
         for group in self._optimiser.param_groups:
             group["lr"] = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
         words, tokens, slots = next(self._batches)
-        self._writer.train()
-        logits = self._writer(words, tokens, slots)
+        self._parser.train()
+        logits = self._parser(words, tokens, slots)
         loss = functional.cross_entropy(
             logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=PARSER.smoothing
         )
         self._optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self._writer.parameters(), self._recipe.gradient_norm)
+        nn.utils.clip_grad_norm_(self._parser.parameters(), self._recipe.gradient_norm)
         self._optimiser.step()
         return loss.item()
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         rng, number = self._rng, self._tokenizer.vocabulary.number
         exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
-        said = words_recoloured(pair.words[1:], exchange)[:MAX_WORDS]  # less the word of the appearance
-        words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in said]
+        recoloured = words_recoloured(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
+        words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in recoloured]
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 
 class GeometryPretraining:
-    """Which edits are valid in a box, learnt from the boxes of the scenes collected so far."""
+    """Trains `CellGeometry` to predict the legal edits of the boxes collected so far."""
 
     def __init__(self, geometry: CellGeometry, table: BoxFeatureTable, warmup: float, rng: np.random.Generator) -> None:
         self._geometry = geometry
@@ -111,26 +111,26 @@ class GeometryPretraining:
         self._warmup = warmup
         self._rng = rng
         self._device = geometry.cells.device
-        self._optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_RATE, weight_decay=0.0, fused=True)
+        self._optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)
 
     def step(self, done: float) -> float:
         """As `TextPretraining.step`."""
         for group in self._optimiser.param_groups:
-            group["lr"] = GEOMETRY_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
-        self._table.describe()
+            group["lr"] = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
+        self._table.update_features()
         chosen = self._rng.integers(len(self._table), size=BOXES)
         offsets = torch.from_numpy(self._table.offsets[chosen].astype(np.int64)).to(self._device)
-        valid = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
-        _, logits = self._geometry(self._geometry.of_items(offsets).sum(1))
-        loss = functional.binary_cross_entropy_with_logits(logits, valid)
+        legal = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
+        _, logits = self._geometry(self._geometry.item_terms(offsets).sum(1))
+        loss = functional.binary_cross_entropy_with_logits(logits, legal)
         self._optimiser.zero_grad()
         loss.backward()
         self._optimiser.step()
         return loss.item()
 
 
-def generated_examples(appearance: str, seed: int, left_out: set[str]) -> Iterator[Example]:
-    """Endless generated statements with their programs."""
+def generated_examples(appearance: str, seed: int, excluded: set[str]) -> Iterator[Example]:
+    """Infinite generated statements with their programs."""
     for statement, program in training_pairs(appearance, seed):
-        if normalised(statement) not in left_out:
+        if normalised(statement) not in excluded:
             yield Example(statement, program, appearance)

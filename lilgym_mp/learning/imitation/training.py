@@ -1,4 +1,4 @@
-"""A run of imitation: exploring, learning, checkpoints, and at the end the rule for when to stop."""
+"""Training by imitation: data collection, optimisation, checkpoints, and finally the stop rule."""
 
 from __future__ import annotations
 
@@ -22,10 +22,17 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, Shape, describe
+from lilgym_mp.learning.imitation.agent import KIND, Architecture, ImitationAgent, describe
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, best_rule, chooser, play, precision
+from lilgym_mp.learning.imitation.cached_policy import (
+    CachedPolicy,
+    StopRule,
+    action_chooser,
+    play_episodes,
+    precision,
+    tune_stop_rule,
+)
 from lilgym_mp.learning.imitation.dataset import (
     DataCollector,
     DatasetEntry,
@@ -33,7 +40,7 @@ from lilgym_mp.learning.imitation.dataset import (
     derived_entry,
     entries_from_tasks,
     generated_entries,
-    held_out,
+    split_held_out,
 )
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
@@ -44,44 +51,44 @@ from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-SAVE_SECONDS = 30.0  # of processor time between checkpoints
+SAVE_SECONDS = 30.0  # CPU time between checkpoints
 REPORT_SECONDS = 10.0
-ENTRIES_PER_COLLECTION = 32  # statements
-GEOMETRY_SHARE = 0.2  # of the share of the run that pretraining takes; on top of it (Scatter)
-ON_POLICY_AFTER = 0.2  # share of the budget after which the network's own states are collected
-MOST_TASKS_FOR_RULE = 600
-POOL_FIRST = 100  # further statements before learning begins
-POOL_GROWTH = 8  # and whenever it explores
-PAIRS_FOR_WORDS = 2000  # generated statements whose words are known
+ENTRIES_PER_COLLECTION = 32
+GEOMETRY_FRACTION = 0.2  # duration of geometry pretraining relative to text pretraining, in addition to it (Scatter)
+ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
+MAX_STOP_RULE_TASKS = 600
+INITIAL_POOL_GROWTH = 100  # statements per pool before imitation begins
+POOL_GROWTH = 8  # statements per pool and data collection
+VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
 
 class Progress(NamedTuple):
-    """How a run stands."""
+    """A line of progress.jsonl; losses are means since the last report."""
 
     steps: int  # of the optimiser
-    states: int  # learnt from so far
+    states: int  # trained on so far
     cpu_seconds: float  # of this process and its children, over the whole run
-    exploring_seconds: float  # of them, spent on scenes and optimal actions
-    sets: int  # optimal sets asked of the expert since the run was begun or resumed
-    text: float | None  # losses, means since the last report: of writing programs, while the text layers learn that
-    truth: float | None  # of the statement's truth, and of the actions, after that
-    actions: float | None
+    exploring_seconds: float  # of these, spent on data collection
+    sets: int  # expert queries since the run was started or resumed
+    text: float | None  # loss of writing programs, during text pretraining only
+    truth: float | None  # truth loss; None during pretraining, like the following
+    actions: float | None  # loss of the sets of optimal actions
     truth_accuracy: float | None
 
 
 @dataclass
-class _Standing:
-    """What a checkpoint holds beside the network and the optimiser."""
+class _TrainingState:
+    """The counters in a checkpoint; field names are part of its format."""
 
     steps: int = 0
     states: int = 0
     cpu_seconds: float = 0.0
     exploring_seconds: float = 0.0
-    begun_at: float = 0.0  # share of the budget that was spent when imitation began
+    begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
 def cpu_seconds() -> float:
-    """Processor time of this process and the children that it waited for."""
+    """CPU time of this process and its terminated children."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
@@ -99,14 +106,13 @@ def train_imitation(
     others: Sequence[Task] = (),
     on_progress: Callable[[Progress], object] = lambda progress: None,
 ) -> ImitationAgent:
-    """Trains, writes the agent to `out`/agent.safetensors, and gives it.
+    """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
-    The budget is either `minutes` of processor time, everything included, or `steps` of the optimiser; with `steps`
-    equal arguments give equal agents. `others`: tasks of further statements, learnt from as well. `resume` goes on
-    from `out`'s last checkpoint, with the recipe and seed that it was begun with.
-    Raises ValueError for a budget or settings that cannot be, TrainingRunError for an `out` that cannot serve,
-    TrainingError when the loss is no number, CorpusError for unusable data. KeyboardInterrupt leaves a checkpoint
-    behind.
+    The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
+    arguments give equal agents. `others`: tasks with additional statements to train on. `resume` continues from the
+    last checkpoint in `out`, which must have the same recipe and seed.
+    Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
+    loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """
     if (minutes is None) == (steps is None):
         raise ValueError("give a budget: either minutes or steps")
@@ -130,11 +136,11 @@ class _Run:
         resume: bool,
         others: Sequence[Task],
     ) -> None:
-        self._began = cpu_seconds()
+        self._start_cpu_seconds = cpu_seconds()
         self._settings, self._recipe, self._seed = settings, recipe, seed
         self._minutes, self._steps = minutes, steps
         self._device = select_device(device)
-        self._standing = _Standing()
+        self._state = _TrainingState()
         tasks = settings.make("train").tasks
         identity = {
             "learner": KIND,
@@ -147,16 +153,16 @@ class _Run:
         self._run = begin_run(out, identity, resume=resume)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
-        entries, self._apart = held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
+        entries, self._held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
         self._entries = entries
-        self._others = entries_from_tasks(others)
+        self._additional = entries_from_tasks(others)
         played = {settings.configuration: tasks}
         if settings.start == "flipit" and recipe.empty_starts:
             scratch = f"{settings.appearance.capitalize()}{START_TITLES['scratch']}"
             with suppress(NoTasksError):
                 played[scratch] = replace(settings, configuration=scratch).make("train").tasks
-        self._tasks_apart = {name: _tasks_of(found, self._apart) for name, found in played.items()}
-        self._other_scenes = sorted_scenes(entries) if settings.start == "flipit" else []
+        self._held_out_tasks = {name: _tasks_of(task_set, self._held_out) for name, task_set in played.items()}
+        self._other_scenes = distinct_starts(entries) if settings.start == "flipit" else []
         self._rng = np.random.default_rng(seed)
         self._table = BoxFeatureTable()
         empty_starts = recipe.empty_starts if settings.start == "flipit" else 0.0
@@ -164,29 +170,29 @@ class _Run:
         self._pools = self._new_pools()
         vocabulary = vocabulary_of(self._statements())
         self._tokenizer = StatementTokenizer(vocabulary)
-        self._shape = Shape.of(settings.appearance, vocabulary, recipe)
+        self._architecture = Architecture.of(settings.appearance, vocabulary, recipe)
         torch.manual_seed(seed)
-        self._network = self._shape.network(recipe.dropout).to(self._device)
+        self._network = self._architecture.network(recipe.dropout).to(self._device)
         self._optimiser = torch.optim.AdamW(
             self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         if resume and self._run.has_checkpoint:
             self._load_checkpoint()
         heads = self._collector.heads
-        self._player = Player(self._network, self._table, heads, self._tokenizer)
-        self._player.reduced_precision = recipe.reduced_precision
+        self._policy = CachedPolicy(self._network, self._table, heads, self._tokenizer)
+        self._policy.reduced_precision = recipe.reduced_precision
         self._batches = BatchSampler(
             self._table,
             heads,
             self._tokenizer,
             self._device,
             recolours=recipe.recolour,
-            unknown_words=recipe.unknown_words,
+            word_dropout=recipe.unknown_words,
             single_action=recipe.single_action,
         )
 
     def _new_pools(self) -> list[tuple[Pool, float]]:
-        """Pools of further entries, and their shares of a batch."""
+        """Pools of derived and generated entries with their fractions of a batch."""
         recipe, rng = self._recipe, self._rng
         starts = self._other_scenes or [Scene.empty()]
         derived = (derived_entry(self._entries[rng.integers(len(self._entries))], rng) for _ in itertools.count())
@@ -195,37 +201,37 @@ class _Run:
         return [(pool, share) for pool, share in pools if share]
 
     def _statements(self) -> Iterator[str]:
-        """Those whose words are to be known."""
-        yield from (entry.statement for entry in (*self._entries, *self._others))
+        """The statements that make up the vocabulary."""
+        yield from (entry.statement for entry in (*self._entries, *self._additional))
         if self._recipe.generated or self._recipe.pretraining:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
-            yield from (pair.statement for pair in itertools.islice(pairs, PAIRS_FOR_WORDS))
+            yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
     # The budget
 
     def _seconds(self) -> float:
-        return self._standing.cpu_seconds + cpu_seconds() - self._began
+        return self._state.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
 
-    def _done(self) -> float:
-        """Share of the budget that is spent."""
+    def _progress(self) -> float:
+        """The fraction of the budget spent."""
         if self._steps is not None:
-            return self._standing.steps / self._steps
+            return self._state.steps / self._steps
         assert self._minutes is not None
         return self._seconds() / (60 * self._minutes)
 
-    # Learning
+    # Training
 
     def learn(self, on_progress: Callable[[Progress], object]) -> None:
-        """Pretrains the text layers, then explores and learns by turns until the budget is spent."""
+        """Pretrains, then alternates data collection and optimiser steps until the budget is spent."""
         recent: list[tuple[float, float, float]] = []
         try:
             self._pretrain_text(on_progress)
             self._collect_initial_data()
-            if not self._standing.begun_at:
+            if not self._state.begun_at:
                 self._pretrain_geometry()
-                self._standing.begun_at = self._done()
+                self._state.begun_at = self._progress()
             saved = reported = self._seconds()
-            while self._done() < 1:
+            while self._progress() < 1:
                 if self._is_collection_due():
                     self._collect_more()
                 recent.append(self._step())
@@ -243,21 +249,21 @@ class _Run:
             self._report(recent, on_progress)
 
     def _pretrain_geometry(self) -> None:
-        heads, share = self._network.scatter, GEOMETRY_SHARE * self._recipe.pretraining
+        heads, share = self._network.scatter, GEOMETRY_FRACTION * self._recipe.pretraining
         if heads is None or not share:
             return
         geometry = GeometryPretraining(heads.geometry, self._table, self._recipe.warmup, self._rng)
-        first = self._done()
-        while (done := (self._done() - first) / share) < 1:
+        first = self._progress()
+        while (done := (self._progress() - first) / share) < 1:
             loss = geometry.step(done)
-            self._check_finite(loss, f"valid edits {loss:g}")
-            self._standing.steps += 1
+            self._check_finite(loss, f"legal edits {loss:g}")
+            self._state.steps += 1
 
     def _pretrain_text(self, on_progress: Callable[[Progress], object]) -> None:
         share = self._recipe.pretraining
-        if self._done() >= share:
+        if self._progress() >= share:
             return
-        statements = [*self._entries, *self._others]
+        statements = [*self._entries, *self._additional]
         text = TextPretraining(
             self._network,
             self._tokenizer,
@@ -269,24 +275,24 @@ class _Run:
         )
         recent: list[float] = []
         reported = self._seconds()
-        while (done := self._done() / share) < 1:
+        while (done := self._progress() / share) < 1:
             recent.append(text.step(done))
             self._check_finite(recent[-1], f"text {recent[-1]:g}")
-            self._standing.steps += 1
+            self._state.steps += 1
             if self._seconds() - reported > REPORT_SECONDS:
-                self._tell(on_progress, text=round(float(np.mean(recent)), 4))
+                self._report_progress(on_progress, text=round(float(np.mean(recent)), 4))
                 recent, reported = [], self._seconds()
         self._save()
 
     def _check_finite(self, loss: float, shown: str) -> None:
         if not math.isfinite(loss):
             raise TrainingError(
-                f"the loss is not finite at step {self._standing.steps} ({shown});"
+                f"the loss is not finite at step {self._state.steps} ({shown});"
                 f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
             )
 
     def _step(self) -> tuple[float, float, float]:
-        """One step of the optimiser. Gives the losses of truth and actions, and how often the truth was right."""
+        """One optimiser step. Returns the truth loss, the action loss and the truth accuracy."""
         recipe = self._recipe
         batch = self._batches.batch(self._sample_entries(), recipe.solved, recipe.judged, self._rng)
         for group in self._optimiser.param_groups:
@@ -294,105 +300,106 @@ class _Run:
         self._network.train()
         with precision(self._device, reduced=recipe.reduced_precision):
             outputs = self._network(batch.inputs, batch.targets)
-        found = losses(outputs, batch)
-        loss = self._weighted(found)
+        parts = losses(outputs, batch)
+        loss = self._weighted(parts)
         self._check_finite(
-            loss.item(), ", ".join(f"{name} {value.item():g}" for name, value in found._asdict().items())
+            loss.item(), ", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items())
         )
         self._optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self._network.parameters(), recipe.gradient_norm)
         self._optimiser.step()
-        self._standing.steps += 1
-        self._standing.states += batch.truths.numel()
-        right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
-        return float(found.truth.detach()), float(found.actions.detach()), float(right)
+        self._state.steps += 1
+        self._state.states += batch.truths.numel()
+        accuracy = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
+        return float(parts.truth.detach()), float(parts.actions.detach()), float(accuracy)
 
-    def _weighted(self, found: Losses) -> torch.Tensor:
+    def _weighted(self, parts: Losses) -> torch.Tensor:
         recipe = self._recipe
-        return recipe.truth * found.truth + found.actions + recipe.steps * found.steps + recipe.legal * found.legal
+        return recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
 
     def _schedule(self) -> float:
-        begun_at = self._standing.begun_at
-        done = min(1.0, (self._done() - begun_at) / (1 - begun_at))
-        rising = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
-        return rising * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
+        """The learning rate relative to its peak: linear warm-up, then cosine decay."""
+        begun_at = self._state.begun_at
+        done = min(1.0, (self._progress() - begun_at) / (1 - begun_at))
+        warm_up = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
+        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
     def _sample_entries(self) -> list[DatasetEntry]:
-        """TrainingData for a batch: of the pools and of other tasks by their shares, the rest of the training tasks."""
+        """A batch of entries: pools and additional tasks by their fractions, the rest from the training tasks."""
         sources: list[tuple[Sequence[DatasetEntry], float]] = [(pool.entries, share) for pool, share in self._pools]
-        sources.append((self._ready(self._others), self._recipe.mixed_share))
+        sources.append((self._solvable(self._additional), self._recipe.mixed_share))
         count = self._recipe.statements
         sample: list[DatasetEntry] = []
         for entries, share in sources:
             if entries:
-                sample += self._some(entries, round(count * share))
-        return [*sample, *self._some(self._ready(self._entries), count - len(sample))]
+                sample += self._sample(entries, round(count * share))
+        return [*sample, *self._sample(self._solvable(self._entries), count - len(sample))]
 
-    def _some(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
+    def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
         if not count:
             return []
         chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
         return [entries[index] for index in chosen]
 
     @staticmethod
-    def _ready(entries: Sequence[DatasetEntry]) -> list[DatasetEntry]:
+    def _solvable(entries: Sequence[DatasetEntry]) -> list[DatasetEntry]:
         return [entry for entry in entries if entry.with_actions]
 
-    # Exploring
+    # Data collection
 
     def _collect_initial_data(self) -> None:
         began = self._seconds()
-        for entry in (*self._entries, *self._others):
+        for entry in (*self._entries, *self._additional):
             if not entry.with_actions:
                 self._collector.collect(entry, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
         for pool, _ in self._pools:
-            self._grow(pool, POOL_FIRST)
-        if not self._ready(self._entries):
+            self._grow(pool, INITIAL_POOL_GROWTH)
+        if not self._solvable(self._entries):
             raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
-        self._standing.exploring_seconds += self._seconds() - began
+        self._state.exploring_seconds += self._seconds() - began
 
     def _grow(self, pool: Pool, count: int) -> None:
         pool.grow(self._collector, count, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
 
     def _is_collection_due(self) -> bool:
-        if self._steps is not None:  # by steps, so that equal arguments give equal agents
-            return self._standing.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
-        return self._standing.exploring_seconds < self._recipe.exploring * self._seconds()
+        if self._steps is not None:  # deterministic
+            return self._state.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
+        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
 
     def _collect_more(self) -> None:
         began = self._seconds()
         for pool, _ in self._pools:
             self._grow(pool, POOL_GROWTH)
-        entries = self._some([*self._entries, *self._others], ENTRIES_PER_COLLECTION)
-        if self._done() > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
+        entries = self._sample([*self._entries, *self._additional], ENTRIES_PER_COLLECTION)
+        if self._progress() > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
             self._collect_on_policy(entries)
         else:
             for entry in entries:
                 self._collector.collect(entry, 1, 2, self._other_scenes)
-        self._standing.exploring_seconds += self._seconds() - began
+        self._state.exploring_seconds += self._seconds() - began
 
     def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
-        """Adds the scenes that the network comes to, from starts of the entries (DAgger)."""
+        """Adds the last scenes of the network's own episodes (DAgger)."""
         tasks: list[Task] = []
         for entry in entries:
             start = self._collector.start(entry)
             tasks.append(Task("", entry.statement, entry.program.source, not entry.program(start), start))
         rule = StopRule(never_first=self._settings.start == "flipit")
         rng = self._rng if self._rng.random() < 0.5 else None
-        self._player.forget()
-        choose = chooser(self._player, self._dynamics.horizon, rule, rng)
-        for entry, episode in zip(entries, play(self._player, self._dynamics, tasks, choose), strict=True):
+        self._policy.clear_cache()
+        choose = action_chooser(self._policy, self._dynamics.horizon, rule, rng)
+        for entry, episode in zip(entries, play_episodes(self._policy, self._dynamics, tasks, choose), strict=True):
             for scene in dict.fromkeys(episode.scenes[-3:]):
                 self._collector.add(entry, scene, solve=True)
 
-    # What is left behind
+    # Files
 
     def _report(self, recent: Sequence[tuple[float, float, float]], on_progress: Callable[[Progress], object]) -> None:
         truth, actions, right = np.mean(recent, axis=0).round(4).tolist()
-        self._tell(on_progress, truth=truth, actions=actions, truth_accuracy=right)
+        self._report_progress(on_progress, truth=truth, actions=actions, truth_accuracy=right)
 
-    def _tell(
+    def _report_progress(
         self,
         on_progress: Callable[[Progress], object],
         *,
@@ -401,13 +408,13 @@ class _Run:
         actions: float | None = None,
         truth_accuracy: float | None = None,
     ) -> None:
-        standing = self._standing
+        state = self._state
         progress = Progress(
-            standing.steps,
-            standing.states,
+            state.steps,
+            state.states,
             round(self._seconds(), 1),
-            round(standing.exploring_seconds, 1),
-            self._collector.sets,
+            round(state.exploring_seconds, 1),
+            self._collector.expert_queries,
             text,
             truth,
             actions,
@@ -420,7 +427,7 @@ class _Run:
         state = {
             "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
-            "standing": {**vars(self._standing), "cpu_seconds": self._seconds()},
+            "standing": {**vars(self._state), "cpu_seconds": self._seconds()},
         }
         self._run.save_checkpoint(state)
 
@@ -429,43 +436,43 @@ class _Run:
         try:
             self._network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
-            self._standing = _Standing(**state["standing"])
+            self._state = _TrainingState(**state["standing"])
         except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as fault:
             reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
-        self._rng = np.random.default_rng([self._seed, self._standing.steps])
-        self._collector.use(self._rng)
+        self._rng = np.random.default_rng([self._seed, self._state.steps])
+        self._collector.rng = self._rng
 
     def finish(self) -> ImitationAgent:
-        """Chooses the rule for when to stop on the statements kept apart, and writes the agent."""
+        """Tunes the stop rules on the held-out statements, and saves the agent."""
         self._save()
-        self._player.forget()
+        self._policy.clear_cache()
         rules: dict[str, StopRule] = {}
-        shares: dict[str, float | None] = {}
-        for name, tasks in self._tasks_apart.items():
-            rules[name], shares[name] = StopRule(never_first=CONFIGURATIONS[name][1] == "flipit"), None
+        accuracies: dict[str, float | None] = {}
+        for name, tasks in self._held_out_tasks.items():
+            rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == "flipit"), None
             if tasks:
-                chosen = tasks[:: max(1, len(tasks) // MOST_TASKS_FOR_RULE)]
-                rules[name], shares[name] = best_rule(self._player, self._dynamics, chosen, self._rng)
-        found = {
+                chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
+                rules[name], accuracies[name] = tune_stop_rule(self._policy, self._dynamics, chosen, self._rng)
+        statistics = {
             "seed": self._seed,
-            "steps": self._standing.steps,
-            "states": self._standing.states,
+            "steps": self._state.steps,
+            "states": self._state.states,
             "cpu_minutes": round(self._seconds() / 60, 2),
-            "exploring_cpu_minutes": round(self._standing.exploring_seconds / 60, 2),
-            "held_out_tasks": {name: len(tasks) for name, tasks in self._tasks_apart.items()},
-            "held_out_accuracy": shares,
-            "other_statements": len(self._others),
+            "exploring_cpu_minutes": round(self._state.exploring_seconds / 60, 2),
+            "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
+            "held_out_accuracy": accuracies,
+            "other_statements": len(self._additional),
             "generated_share": self._recipe.generated,
         }
-        description = describe(self._settings, self._recipe, self._shape, rules, found)
-        agent = ImitationAgent(self._network.eval(), self._shape, rules, description)
+        description = describe(self._settings, self._recipe, self._architecture, rules, statistics)
+        agent = ImitationAgent(self._network.eval(), self._architecture, rules, description)
         agent.save(self._run.agent_file)
         return agent
 
 
-def sorted_scenes(entries: Iterable[DatasetEntry]) -> list[Any]:
-    """Every distinct start scene of the entries, in their order."""
+def distinct_starts(entries: Iterable[DatasetEntry]) -> list[Any]:
+    """The distinct start scenes of the entries, in order."""
     return list(dict.fromkeys(start for entry in entries for start in entry.starts))
 
 

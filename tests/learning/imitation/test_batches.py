@@ -12,7 +12,7 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, action_heads
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, held_out
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import State, make_dynamics
@@ -27,7 +27,7 @@ def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
     collector = DataCollector(make_dynamics(Tower()), table, np.random.default_rng(0))
     for entry in entries:
         collector.collect(entry, 4, 8, [])
-    table.describe()
+    table.update_features()
     return entries, table
 
 
@@ -99,7 +99,7 @@ def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
 
 def test_held_out__no_statement_is_in_both(statements: str):
     entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
-    learnt, apart = held_out(entries, 0.34, 0)
+    learnt, apart = split_held_out(entries, 0.34, 0)
     assert len(learnt) == 2
     assert len(apart) == 1
     assert not {entry.statement for entry in learnt} & {entry.statement for entry in apart}

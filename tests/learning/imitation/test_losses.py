@@ -15,7 +15,7 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 def outputs_at_random(appearance: Tower | Scatter) -> Outputs:
     heads = action_heads(appearance)
     made = torch.Generator().manual_seed(0)
-    sizes = ((2,), (2, 2), (2, heads.adds), (2, heads.removes), (2, MAX_STEPS))
+    sizes = ((2,), (2, 2), (2, heads.add_count), (2, heads.remove_count), (2, MAX_STEPS))
     return Outputs(*(3 * torch.randn((2, *size), generator=made) for size in sizes), legal=None)
 
 
@@ -33,7 +33,7 @@ def test_set_loss__is_the_sum_over_every_action_of_the_set(appearance: Tower | S
     targets = torch.tensor([[0, 1], [1, 0]])
     optimal = torch.rand((2, 2, heads.size), generator=torch.Generator().manual_seed(1)) < 0.3
     optimal[..., 0] = False
-    optimal[0, 0, 1 : 1 + heads.adds] = False  # a set of REMOVEs alone
+    optimal[0, 0, 1 : 1 + heads.add_count] = False  # a set of REMOVEs alone
     optimal[..., -1] = True
     policy = log_policy(outputs, targets).exp().double().numpy()
     found = set_log_probabilities(outputs, optimal)

@@ -9,9 +9,9 @@ import torch
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.imitation.action_heads import action_heads
-from lilgym_mp.learning.imitation.batches import Boxes, StatementTokenizer, box_inputs
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import Player, StopRule, decide
+from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.losses import log_policy
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
@@ -21,48 +21,48 @@ from lilgym_mp.scene import Scene
 STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
 
 
-def player_of(appearance: Tower | Scatter) -> tuple[Player, DataCollector]:
+def policy_of(appearance: Tower | Scatter) -> tuple[CachedPolicy, DataCollector]:
     table = BoxFeatureTable()
     torch.manual_seed(0)
     vocabulary = Vocabulary.from_statements(STATEMENTS)
     network = ImitationNetwork(appearance.name, len(vocabulary), width=32)
     collector = DataCollector(make_dynamics(appearance), table, np.random.default_rng(0))
-    return Player(network, table, action_heads(appearance), StatementTokenizer(vocabulary)), collector
+    return CachedPolicy(network, table, action_heads(appearance), StatementTokenizer(vocabulary)), collector
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower | Scatter):
-    player, collector = player_of(appearance)
+    policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(7)]
     statements = [STATEMENTS[index % 3] for index in range(7)]
     targets = np.array([0, 1, 1, 0, 1, 0, 0])
-    boxes = player.table.indices(scenes)
-    together = player.log_probabilities(statements, boxes, targets)
+    boxes = policy.table.indices(scenes)
+    together = policy.log_probabilities(statements, boxes, targets)
     for row in range(7):
-        player.forget()
-        alone = player.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
+        policy.clear_cache()
+        alone = policy.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
         np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance: Tower | Scatter):
-    player, collector = player_of(appearance)
+    policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(6)]
     targets = np.array([0, 1, 1, 0, 1, 0])
-    boxes = player.table.indices(scenes)
+    boxes = policy.table.indices(scenes)
     step_by_step = [
-        player.log_probabilities(STATEMENTS[:1], boxes[row : row + 1], targets[row : row + 1])[0] for row in range(6)
+        policy.log_probabilities(STATEMENTS[:1], boxes[row : row + 1], targets[row : row + 1])[0] for row in range(6)
     ]
-    distinct = Boxes.of(boxes[None], 6)
+    distinct = DistinctBoxes.of(boxes[None], 6)
     inputs = Inputs(
-        words=torch.from_numpy(player.tokenizer.encode(STATEMENTS[0]))[None],
-        **box_inputs(player.table, distinct, np.zeros(1, np.int64), torch.device("cpu")),
+        words=torch.from_numpy(policy.tokenizer.encode(STATEMENTS[0]))[None],
+        **box_inputs(policy.table, distinct, np.zeros(1, np.int64), torch.device("cpu")),
     )
     with torch.no_grad():
         wanted = torch.from_numpy(targets)[None]
-        at_once = log_policy(player.network.eval()(inputs, wanted), wanted)[0]
+        at_once = log_policy(policy.network.eval()(inputs, wanted), wanted)[0]
     np.testing.assert_allclose(np.stack(step_by_step), at_once.numpy(), atol=1e-4)
 
 
@@ -70,17 +70,17 @@ def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance:
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 @pytest.mark.parametrize("threshold", [-9.0, 0.0, 9.0])
 def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Scatter, threshold: float, reduced: bool):
-    player, collector = player_of(appearance)
-    player.reduced_precision = reduced
+    policy, collector = policy_of(appearance)
+    policy.reduced_precision = reduced
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(40)]
     said = [*STATEMENTS, "There is a blue block, " * 5]
-    asked = [said[index % 4] for index in range(40)], player.table.indices(scenes), np.arange(40) % 2
+    asked = [said[index % 4] for index in range(40)], policy.table.indices(scenes), np.arange(40) % 2
     rule, steps = StopRule(threshold), np.arange(40) % 12
-    log_probabilities = player.log_probabilities(*asked)
-    chosen, log_stops = player.likeliest(*asked, steps, 12, rule)
+    log_probabilities = policy.log_probabilities(*asked)
+    chosen, log_stops = policy.greedy(*asked, steps, 12, rule)
     np.testing.assert_allclose(log_stops, log_probabilities[:, 0])
-    wanted = decide(log_probabilities, steps, 12, rule, None)
+    wanted = choose_actions(log_probabilities, steps, 12, rule, None)
     stops = wanted == 0
     assert (chosen[stops] == 0).all()
     assert (chosen[~stops] > 0).all()
@@ -90,17 +90,17 @@ def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Sc
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_policy__permuting_boxes_permutes_its_actions(appearance: Tower | Scatter):
-    player, collector = player_of(appearance)
+    policy, collector = policy_of(appearance)
     scene = Scene.empty()
     for _ in range(5):
         scene = collector.edited(scene)
-    heads = player.heads
+    heads = policy.heads
     order = [2, 0, 1]
-    found = player.log_probabilities(
-        STATEMENTS[:1] * 2, player.table.indices([scene, scene.permuted(order)]), np.array([1, 1])
+    found = policy.log_probabilities(
+        STATEMENTS[:1] * 2, policy.table.indices([scene, scene.permuted(order)]), np.array([1, 1])
     )
-    adds = found[:, 1 : 1 + heads.adds].reshape(2, 3, -1)
-    removes = found[:, 1 + heads.adds :].reshape(2, 3, -1)
+    adds = found[:, 1 : 1 + heads.add_count].reshape(2, 3, -1)
+    removes = found[:, 1 + heads.add_count :].reshape(2, 3, -1)
     np.testing.assert_allclose(found[0, 0], found[1, 0], atol=1e-4)
     np.testing.assert_allclose(adds[0, order], adds[1], atol=1e-4)
     np.testing.assert_allclose(removes[0, order], removes[1], atol=1e-4)

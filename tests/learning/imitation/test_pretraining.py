@@ -48,7 +48,7 @@ def test_geometry_pretraining__tells_valid_edits():
         for _ in range(3):
             table.indices([scene])
             scene = collector.edited(scene)
-    table.describe()
+    table.update_features()
     torch.manual_seed(0)
     geometry = CellGeometry()
     pretraining = GeometryPretraining(geometry, table, 0.03, rng)
@@ -56,7 +56,7 @@ def test_geometry_pretraining__tells_valid_edits():
         pretraining.step(step / 300)
     with torch.no_grad():
         offsets = torch.from_numpy(table.offsets.astype(np.int64))
-        told = geometry(geometry.of_items(offsets).sum(1))[1].numpy() > 0
+        told = geometry(geometry.item_terms(offsets).sum(1))[1].numpy() > 0
     wrong = told != table.legal
     shares = [wrong[..., part][table.legal[..., part] == valid].mean() for part in (slice(9), 9) for valid in (0, 1)]
     assert max(shares) < 0.12  # 0.5 untrained; of ADDs and REMOVEs, not valid and valid ones

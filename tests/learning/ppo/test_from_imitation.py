@@ -82,7 +82,7 @@ def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, 
     settings = Settings(name, corpus=own)
     agent = train_ppo(settings, recipe, tmp_path / "run", steps=2 * recipe.rollout, weights=imitation_run)
     assert "rewards alone" in agent.description.supervision
-    assert "begun from imitation: programs of train statements" in agent.description.supervision
+    assert "initialised from imitation: programs of train statements" in agent.description.supervision
     again = open_agent(tmp_path / "run")
     states, _ = seen(name)
     with torch.no_grad():
@@ -94,7 +94,7 @@ def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, 
 @pytest.mark.parametrize(
     ("weights", "said"),
     [
-        (None, "begins from a trained network: name the run with --weights"),
+        (None, "starts from a trained network: name its run directory"),
         ("nowhere", "there is no such file or directory"),
         ("empty", "it has no agent.safetensors"),
         ("other", "must be 'imitation', version 1"),
@@ -114,4 +114,4 @@ def test_imitation__says_what_is_wrong_with_the_run(tmp_path: Path, weights: str
 
 def test_imitation__another_grid_is_refused(imitation_run: Path):
     with pytest.raises(WeightsError, match=r"plays Tower, and Scatter on the grid 19 x 5"):
-        ImitationModel(Scatter((38, 10)), begun_from(imitation_run)[1].shape, "")
+        ImitationModel(Scatter((38, 10)), begun_from(imitation_run)[1].architecture, "")

@@ -27,7 +27,7 @@ from lilgym_mp.learning.imitation.network import (
     Packing,
     StatementEncodings,
     TextEncoder,
-    word_mask,
+    attention_mask,
 )
 from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisation
 from lilgym_mp.learning.ppo.models.grouping import GroupedRows, group_by_statement
@@ -171,14 +171,14 @@ class BoxTransformer(Model):
         words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # a statement without words is an unknown one
         numbers = torch.from_numpy(words).to(self.value.weight.device)
-        mask = word_mask(numbers)
+        mask = attention_mask(numbers)
         x = self.text(numbers)
         readers = (*self.readings, self.scene_reading)
         return StatementEncodings(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
 def _packing(rows: GroupedRows, device: torch.device) -> Packing:
-    return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.places).to(device))
+    return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.positions).to(device))
 
 
 def _chosen(rows: Tensor, places: Tensor) -> Tensor:

@@ -58,8 +58,8 @@ def _imitated(appearance: Appearance, weights: Path | None, details: Mapping[str
     from lilgym_mp.learning.ppo.models import from_imitation
 
     if details is not None:
-        return lambda has_actor, has_critic: from_imitation.described(appearance, details)
-    return lambda has_actor, has_critic: from_imitation.begun(appearance, weights)
+        return lambda has_actor, has_critic: from_imitation.from_details(appearance, details)
+    return lambda has_actor, has_critic: from_imitation.from_run(appearance, weights)
 
 
 def _pretrained(

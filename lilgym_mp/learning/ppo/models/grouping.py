@@ -1,4 +1,4 @@
-"""States by their statements, so that what depends on a statement and a box is calculated once for each such pair."""
+"""States grouped by statement, so that what depends on a statement-box pair is computed once per distinct pair."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from lilgym_mp.scene import BOX_COUNT
 
 
 class GroupedRows(NamedTuple):
-    """R rows, each of one of S statements, as a table of the statements with P places each."""
+    """R rows grouped by S statements and padded to P rows per statement."""
 
     counts: Int64Array  # (S,) rows of each statement
-    padded: Int64Array  # (S, P) the rows of each statement in order, 0 in vacant places
-    places: Int64Array  # (R,) where each row is among the S * P
+    padded: Int64Array  # (S, P) row indices of each statement in order; 0 is padding
+    positions: Int64Array  # (R,) index of each row among the S * P
 
 
 class StatementGroups(NamedTuple):
-    """N states of S statements, and R pairs of a statement and a box."""
+    """N states of S statements, and their R distinct statement-box pairs."""
 
-    boxes: Int64Array  # (R,) of each pair
+    boxes: Int64Array  # (R,) box of each pair
     pairs: GroupedRows
-    pairs_of: Int64Array  # (N, 3) each state's pairs
+    pairs_of: Int64Array  # (N, 3) pair indices of each state
     states: GroupedRows
 
 
@@ -35,19 +35,19 @@ def group_by_statement(states: States) -> StatementGroups:
     owners, boxes = np.divmod(pairs, box_count)
     return StatementGroups(
         boxes,
-        _by_statement(owners, count),
+        _grouped(owners, count),
         pairs_of.reshape(-1, BOX_COUNT),
-        _by_statement(states.statement_of, count),
+        _grouped(states.statement_of, count),
     )
 
 
-def _by_statement(statement_of: Int64Array, count: int) -> GroupedRows:
+def _grouped(statement_of: Int64Array, count: int) -> GroupedRows:
     order = np.argsort(statement_of, kind="stable")
     counts = np.bincount(statement_of, minlength=count)
     firsts, most = counts.cumsum() - counts, int(counts.max())
     owners = statement_of[order]
-    places = np.empty(len(order), np.int64)
-    places[order] = owners * most + np.arange(len(order)) - firsts[owners]
+    positions = np.empty(len(order), np.int64)
+    positions[order] = owners * most + np.arange(len(order)) - firsts[owners]
     padded = np.zeros(count * most, np.int64)
-    padded[places] = np.arange(len(order))
-    return GroupedRows(counts, padded.reshape(count, most), places)
+    padded[positions] = np.arange(len(order))
+    return GroupedRows(counts, padded.reshape(count, most), positions)
