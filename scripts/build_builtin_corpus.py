@@ -31,7 +31,7 @@ from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.generator import LEVELS, Draft, Entry, ScenePool, StartScene, drafts, validate_draft
 from lilgym_mp.generator.generated_corpus import split_of
 from lilgym_mp.generator.noise import with_typo
-from lilgym_mp.generator.start_selection import TruthTable, start_scenes
+from lilgym_mp.generator.start_selection import TruthTable, select_starts
 from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.generator.validation import clear_scenes, is_clear, is_trivial
 from lilgym_mp.programs import compile_program
@@ -141,7 +141,7 @@ class Builder:
         truth = compile_program(draft.program).evaluate
         truths = TruthTable(self.stock, truth)
         edits = truths.edits_from_empty()
-        starts = start_scenes(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
+        starts = select_starts(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
         return Entry(draft.statement, draft.program, 0, edits or 0, tuple(starts)) if starts else None
 
     def generated(self, split: str, number: int, chosen: Selection) -> Iterator[Built]:

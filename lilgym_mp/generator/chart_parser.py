@@ -1,4 +1,4 @@
-"""A parser for small context-free grammars: every reading of a text, each as the value its rules build."""
+"""A chart parser for small context-free grammars without left recursion; gives the value of every parse."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 Builder = Callable[..., Any]
 
 
-class Part(NamedTuple):
-    """One place of a rule: a symbol in capitals, or the words that may stand there."""
+class Element(NamedTuple):
+    """An element of a rule's right-hand side: a nonterminal, or alternative words (`symbol` None)."""
 
     symbol: str | None
     words: frozenset[str]
@@ -17,78 +17,79 @@ class Part(NamedTuple):
 
 
 class Rule(NamedTuple):
-    parts: tuple[Part, ...]
+    elements: tuple[Element, ...]
     build: Builder
 
 
 class Grammar:
-    """Rules by symbol, and the words that are values by themselves."""
+    """Rules by nonterminal, and a lexicon: preterminal -> word -> value."""
 
     def __init__(self, lexicon: Mapping[str, Mapping[str, object]]) -> None:
         self.rules: dict[str, list[Rule]] = {}
         self.lexicon = lexicon
 
-    def add(self, symbol: str, pattern: str, build: Builder) -> None:
-        """Let `symbol` be what `pattern` describes: SYMBOLS, words, alternatives a|b, each optional with "?".
+    def add(self, symbol: str, pattern: str, build: Builder = lambda value: value) -> None:
+        """Add a rule that expands `symbol` to `pattern`: SYMBOLS, words and alternatives a|b; "?" marks optional ones.
 
-        `build` gets the values of the symbols in the pattern in order, None for one left out.
+        `build` maps the values of the pattern's symbols, in order and None where omitted, to the rule's value; by
+        default it returns the only one.
         """
-        self.rules.setdefault(symbol, []).append(Rule(tuple(map(_part, pattern.split())), build))
+        self.rules.setdefault(symbol, []).append(Rule(tuple(map(_element, pattern.split())), build))
 
-    def readings(self, symbol: str, tokens: Sequence[str]) -> list[Any]:
-        """The value of every way to read all tokens as `symbol`."""
+    def parses(self, symbol: str, tokens: Sequence[str]) -> list[Any]:
+        """The value of every parse of all tokens as `symbol`."""
         chart = _Chart(self, tokens)
-        return [value for end, value in chart.read(symbol, 0) if end == len(tokens)]
+        return [value for end, value in chart.spans(symbol, 0) if end == len(tokens)]
 
 
-def _part(text: str) -> Part:
+def _element(text: str) -> Element:
     optional = text.endswith("?")
     name = text.removesuffix("?")
     if name.isupper():
-        return Part(name, frozenset(), optional)
-    return Part(None, frozenset(name.split("|")), optional)
+        return Element(name, frozenset(), optional)
+    return Element(None, frozenset(name.split("|")), optional)
 
 
 class _Chart:
-    """What has been read so far, by symbol and place."""
+    """Memoised partial parses by symbol and start index."""
 
     def __init__(self, grammar: Grammar, tokens: Sequence[str]) -> None:
         self.grammar = grammar
         self.tokens = tokens
-        self.found: dict[tuple[str, int], list[tuple[int, Any]]] = {}
+        self.memo: dict[tuple[str, int], list[tuple[int, Any]]] = {}
 
-    def read(self, symbol: str, start: int) -> list[tuple[int, Any]]:
-        """Where a `symbol` that starts there may end, and its values."""
+    def spans(self, symbol: str, start: int) -> list[tuple[int, Any]]:
+        """End index and value of every parse of `symbol` from `start`."""
         key = (symbol, start)
-        if key not in self.found:
-            self.found[key] = list(self._read(symbol, start))
-        return self.found[key]
+        if key not in self.memo:
+            self.memo[key] = list(self._expand(symbol, start))
+        return self.memo[key]
 
-    def _read(self, symbol: str, start: int) -> Iterator[tuple[int, Any]]:
+    def _expand(self, symbol: str, start: int) -> Iterator[tuple[int, Any]]:
         entries = self.grammar.lexicon.get(symbol)
         if entries is not None:
             if start < len(self.tokens) and self.tokens[start] in entries:
                 yield start + 1, entries[self.tokens[start]]
             return
         for rule in self.grammar.rules[symbol]:
-            for end, values in self._follow(rule.parts, start):
+            for end, values in self._sequence(rule.elements, start):
                 yield end, rule.build(*values)
 
-    def _follow(self, parts: tuple[Part, ...], start: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
-        """Every way to read the parts one after the other, with the symbols' values."""
-        if not parts:
+    def _sequence(self, elements: tuple[Element, ...], start: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
+        """End index and symbol values of every parse of consecutive elements."""
+        if not elements:
             yield start, ()
             return
-        part, rest = parts[0], parts[1:]
-        if part.symbol is None:
-            if start < len(self.tokens) and self.tokens[start] in part.words:
-                yield from self._follow(rest, start + 1)
-            if part.optional:
-                yield from self._follow(rest, start)
+        element, rest = elements[0], elements[1:]
+        if element.symbol is None:
+            if start < len(self.tokens) and self.tokens[start] in element.words:
+                yield from self._sequence(rest, start + 1)
+            if element.optional:
+                yield from self._sequence(rest, start)
             return
-        for end, value in self.read(part.symbol, start):
-            for last, values in self._follow(rest, end):
+        for end, value in self.spans(element.symbol, start):
+            for last, values in self._sequence(rest, end):
                 yield last, (value, *values)
-        if part.optional:
-            for last, values in self._follow(rest, start):
+        if element.optional:
+            for last, values in self._sequence(rest, start):
                 yield last, (None, *values)

@@ -1,7 +1,6 @@
-"""The endless corpus: `corpus="generated:3"` is level 3 with seed 0, `"generated:3:7"` level 3 with seed 7.
+"""Generated corpora: `corpus="generated:3"` is level 3 with seed 0, `"generated:3:7"` level 3 with seed 7.
 
-The split that a statement falls into is decided by its program, so that no two splits, of whatever level and seed,
-share a program or a wording of one.
+A hash of the program decides a statement's split, so that splits share no program, whatever their levels and seeds.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ from lilgym_mp.generator.validation import Draft, Entry, drafts, is_trivial, val
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-SIZES = {"train": 250, "dev": 50, "test": 100}  # statements
-SPLIT_SHARES = {"train": 7, "dev": 1, "test": 2}  # of all programs
-STOCK_SIZE = 32  # chains of scenes
-WORDINGS = 3  # of one program, at most, while there are programs enough
-PATIENCE = 3_000  # drafts, after which a small level may have WORDINGS more of each program
-TRIVIAL_SHARE = 0.05  # of the statements may be true of the empty scene
+SPLIT_SIZES = {"train": 250, "dev": 50, "test": 100}  # in statements
+SPLIT_WEIGHTS = {"train": 7, "dev": 1, "test": 2}  # shares of all programs
+POOL_WALKS = 32
+MAX_WORDINGS = 3  # of one program
+PATIENCE = 3_000  # drafts after which MAX_WORDINGS more are allowed, for levels with few programs
+MAX_TRIVIAL_SHARE = 0.05  # of statements that are true in the empty scene
 CACHED_CORPORA = 16
 NAME = "lilgym_mp generated corpus"
 
 
 class CorpusSpec(NamedTuple):
-    """Which generated corpus."""
+    """The parameters of a generated corpus."""
 
     level: int
     seed: int = 0
 
     @classmethod
     def parse(cls, corpus: object) -> CorpusSpec | None:
-        """The spec that a corpus name gives; None when it is no name of a generated corpus.
+        """Parses a corpus name; None if it does not name a generated corpus.
 
-        Raises CorpusError for a level that there is not, or a seed that is not a whole number from 0 on.
+        Raises CorpusError for an unknown level or a malformed level or seed.
         """
         if not isinstance(corpus, str) or not is_generated(corpus):
             return None
@@ -65,15 +64,15 @@ class CorpusSpec(NamedTuple):
 
 
 def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
-    """The tasks of a corpus named "generated:LEVEL" or "generated:LEVEL:SEED". Raises CorpusError for another name."""
+    """The tasks of "generated:LEVEL" or "generated:LEVEL:SEED". Raises CorpusError for other names."""
     spec = CorpusSpec.parse(corpus)
     if spec is None:
-        raise CorpusError(f"{corpus!r} names no generated corpus; names look like generated:1 or generated:1:7")
+        raise CorpusError(f"{corpus!r} is not a generated corpus; choose for example generated:1 or generated:1:7")
     return generated_tasks(corpus, spec, appearance, start, split)
 
 
 def generated_tasks(corpus: str, spec: CorpusSpec, appearance: str, start: str, split: str) -> TaskSet:
-    """The tasks of one configuration and split of a generated corpus: the same whenever and wherever it is made."""
+    """The tasks of one configuration and split of a generated corpus, deterministic in the arguments."""
     entries = generated_entries(spec, appearance, split)
     sha256 = hashlib.sha256(repr([(entry.statement, entry.program) for entry in entries]).encode()).hexdigest()
     provenance = Provenance(corpus, NAME, corpus, appearance, start, split, sha256)
@@ -96,25 +95,25 @@ def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
 
 @lru_cache(maxsize=CACHED_CORPORA)
 def generated_entries(spec: CorpusSpec, appearance: str, split: str) -> tuple[Entry, ...]:
-    """The sound statements of a generated corpus's split. Raises ValueError for an unknown appearance."""
+    """The entries of one split of a generated corpus. Raises ValueError for an unknown appearance."""
     choose("appearance", appearance, SAMPLERS)
-    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # for all splits, so that they share forms
-    stock = ScenePool.sample(appearance, rng, STOCK_SIZE)
-    choices = random.Random(rng.getrandbits(64))
-    chosen = Selection()
-    for number, draft in enumerate(drafts(appearance, spec.level, rng)):
-        wordings = WORDINGS * (1 + number // PATIENCE)
-        if split_of(draft.program) == split and chosen.wants(draft, wordings):
-            entry = validate_draft(draft, stock, choices)
+    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # the same for all splits, so that they share forms
+    pool = ScenePool.sample(appearance, rng, POOL_WALKS)
+    validation_rng = random.Random(rng.getrandbits(64))
+    selection = Selection()
+    for index, draft in enumerate(drafts(appearance, spec.level, rng)):
+        max_wordings = MAX_WORDINGS * (1 + index // PATIENCE)
+        if split_of(draft.program) == split and selection.accepts(draft, max_wordings):
+            entry = validate_draft(draft, pool, validation_rng)
             if entry is not None:
-                chosen.add(entry)
-        if len(chosen.entries) == SIZES[split]:
+                selection.add(entry)
+        if len(selection.entries) == SPLIT_SIZES[split]:
             break
-    return tuple(chosen.entries)
+    return tuple(selection.entries)
 
 
 class Selection:
-    """Entries no two of which have the same words, few the same program, and few are true of the empty scene."""
+    """Entries with distinct statements, few wordings per program, and few statements true in the empty scene."""
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
@@ -122,11 +121,11 @@ class Selection:
         self._wordings: Counter[str] = Counter()
         self._trivial = 0
 
-    def wants(self, draft: Draft, most_wordings: int) -> bool:
+    def accepts(self, draft: Draft, max_wordings: int) -> bool:
         return (
             normalised(draft.statement) not in self._seen
-            and self._wordings[draft.program] < most_wordings
-            and (not is_trivial(draft) or self._trivial < TRIVIAL_SHARE * len(self.entries))
+            and self._wordings[draft.program] < max_wordings
+            and (not is_trivial(draft) or self._trivial < MAX_TRIVIAL_SHARE * len(self.entries))
         )
 
     def add(self, entry: Entry) -> None:
@@ -137,8 +136,10 @@ class Selection:
 
 
 def split_of(program: str) -> str:
-    """The split that a program belongs to, by its text alone."""
-    place = int.from_bytes(hashlib.sha256(program.encode()).digest()[:4]) % sum(SPLIT_SHARES.values())
+    """The split of a program, by a hash of its text."""
+    remainder = int.from_bytes(hashlib.sha256(program.encode()).digest()[:4]) % sum(SPLIT_WEIGHTS.values())
     return next(
-        split for split, bound in zip(SPLIT_SHARES, accumulate(SPLIT_SHARES.values()), strict=True) if place < bound
+        split
+        for split, bound in zip(SPLIT_WEIGHTS, accumulate(SPLIT_WEIGHTS.values()), strict=True)
+        if remainder < bound
     )

@@ -1,7 +1,8 @@
-"""Scenes to test statements on, in families of scenes that differ by one legal edit.
+"""Samples scenes to evaluate statements on, in random walks of legal edits.
 
-A family is a scene and some of its children, each the scene after one ADD that a REMOVE takes back. Scene and child
-are one edit apart, two children two edits and equally full: near misses for whoever judges by surface.
+Each step of a walk is an `Expansion`: a scene and some successors by one ADD that a REMOVE undoes. A scene and its
+successor are one edit apart; two successors of a scene are two edits apart and have the same number of items. These are
+near misses: neither the words of a statement nor the number of items gives its truth value away.
 """
 
 from __future__ import annotations
@@ -20,73 +21,69 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape
 
 RULES = RULE_SETS["paper"]
 EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
-CHILDREN = 3
-TOUCHING_GAP = 1  # pixels between two items that touch, at most
-NEAR_GAPS = (2, 3, 4)  # pixels: almost touching, as the programs have it
-CLEAR_GAP = 9  # pixels: plainly apart
+SUCCESSORS = 3  # at most, of each expanded scene
+TOUCHING_GAP = 1  # most pixels between two touching items
+NEAR_GAPS = (2, 3, 4)  # pixels: almost touching in the program language
+CLEAR_GAP = 9  # pixels: visibly apart
 TRIES = 30
 
-Looks = tuple[list[Shape], list[Colour], list[Size]]
+Palette = tuple[list[Shape], list[Colour], list[Size]]  # attribute values that a sampled scene draws from
 
 
-class Family(NamedTuple):
-    """A scene, what it can become by one item more, and how many edits led to it from the empty scene, if known."""
+class Expansion(NamedTuple):
+    """A scene with some of its successors."""
 
-    parent: Scene
-    children: tuple[Scene, ...]
-    edits: int | None
-
-
-class Chain(NamedTuple):
-    """Families, each but the first with a child of the one before as its parent."""
-
-    families: tuple[Family, ...]
+    scene: Scene
+    successors: tuple[Scene, ...]
+    edits: int | None  # that led from the empty scene to `scene`; None if unknown
 
 
-def chains(appearance: str, rng: random.Random) -> Iterator[Chain]:
-    """Endless chains: every other one grows from the empty scene by legal actions, the others from any scene."""
+Walk = tuple[Expansion, ...]  # each scene but the first is a successor of the one before
+
+
+def random_walks(appearance: str, rng: random.Random) -> Iterator[Walk]:
+    """Endless walks, alternately from the empty scene and from a random one."""
     while True:
-        yield _chain(appearance, Scene.empty(), rng, 0)
-        yield _chain(appearance, any_scene(appearance, rng), rng, None)
+        yield _random_walk(appearance, Scene.empty(), rng, 0)
+        yield _random_walk(appearance, _random_scene(appearance, rng), rng, None)
 
 
-def any_scene(appearance: str, rng: random.Random) -> Scene:
-    """A scene such as the statements' start scenes are: not only what play on the grid leads to."""
-    return _any_scatter(rng) if appearance == "scatter" else SAMPLERS[appearance].scene(rng)
+def _random_scene(appearance: str, rng: random.Random) -> Scene:
+    """A random scene, not only one that actions on the grid can reach."""
+    return _random_scatter_scene(rng) if appearance == "scatter" else SAMPLERS[appearance].scene(rng)
 
 
-def _chain(appearance: str, scene: Scene, rng: random.Random, edits: int | None) -> Chain:
-    families: list[Family] = []
-    looks = _some_looks(rng)
+def _random_walk(appearance: str, scene: Scene, rng: random.Random, edits: int | None) -> Walk:
+    expansions: list[Expansion] = []
+    palette = _random_palette(rng)
     boxes = rng.sample(range(BOX_COUNT), rng.choice((1, 2, 3, 3)))
     for _ in range(rng.choice((3, 5, 7, 9)) if edits == 0 else rng.choice((1, 2, 3))):
-        children = [_grown(appearance, scene, rng, looks, boxes) for _ in range(CHILDREN)]
-        distinct = tuple(dict.fromkeys(child for child in children if child is not None))
+        successors = [_successor(appearance, scene, rng, palette, boxes) for _ in range(SUCCESSORS)]
+        distinct = tuple(dict.fromkeys(successor for successor in successors if successor is not None))
         if not distinct:
             break
-        families.append(Family(scene, distinct, edits))
+        expansions.append(Expansion(scene, distinct, edits))
         scene = rng.choice(distinct)
         edits = None if edits is None else edits + 1
-    return Chain(tuple(families))
+    return tuple(expansions)
 
 
-def _grown(appearance: str, scene: Scene, rng: random.Random, looks: Looks, boxes: list[int]) -> Scene | None:
-    """The scene with one item more, by an ADD that some REMOVE takes back; None when that fails."""
-    footprint = APPEARANCES[appearance]
+def _successor(appearance: str, scene: Scene, rng: random.Random, palette: Palette, boxes: list[int]) -> Scene | None:
+    """The scene after a random ADD that a REMOVE undoes; None if none was found."""
+    geometry = APPEARANCES[appearance]
     for _ in range(TRIES):
         box_index = rng.choice(boxes)
-        action = _some_add(appearance, rng, looks, box_index)
-        grown, invalid = footprint.apply(scene, action, RULES.placement)
-        if (
-            invalid is None
-            and footprint.apply(grown, _undoing(grown, box_index, action), RULES.placement).scene == scene
-        ):
-            return grown
+        action = _random_add(appearance, rng, palette, box_index)
+        successor, invalid = geometry.apply(scene, action, RULES.placement)
+        if invalid is not None:
+            continue
+        if geometry.apply(successor, _inverse(successor, box_index, action), RULES.placement).scene == scene:
+            return successor
     return None
 
 
-def _some_add(appearance: str, rng: random.Random, looks: Looks, box_index: int) -> Action:
-    shapes, colours, sizes = looks
+def _random_add(appearance: str, rng: random.Random, palette: Palette, box_index: int) -> Action:
+    shapes, colours, sizes = palette
     if appearance == "tower":
         return AddBlock(box_index, rng.choice(colours))
     columns, rows = RELEASED_GRID
@@ -95,19 +92,19 @@ def _some_add(appearance: str, rng: random.Random, looks: Looks, box_index: int)
     return AddItem(column, rng.randrange(rows), rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
 
 
-def _undoing(grown: Scene, box_index: int, action: Action) -> Action:
-    """The REMOVE most likely to take the newest item of the box away."""
+def _inverse(successor: Scene, box_index: int, action: Action) -> Action:
+    """The REMOVE that should undo the ADD: in Scatter, at the centre of the new item."""
     if isinstance(action, AddBlock):
         return RemoveBlock(box_index)
     columns, rows = RELEASED_GRID
     pitch, cell = (columns + 2) // BOX_COUNT, BOX_SIDE // rows
-    item = grown.boxes[box_index].items[-1]
+    item = successor.boxes[box_index].items[-1]
     middle = item.side // 2
     return RemoveItem(box_index * pitch + (item.x + middle) // cell, (item.y + middle) // cell)
 
 
-def _some_looks(rng: random.Random) -> Looks:
-    """Few looks make items alike, so that counting and comparing them is worth while."""
+def _random_palette(rng: random.Random) -> Palette:
+    """Random attribute values; few of them make items alike, so that counts and comparisons vary."""
     counts = (1, 2, 2, 3, 3)
     return (
         rng.sample(list(Shape), rng.choice(counts)),
@@ -116,33 +113,33 @@ def _some_looks(rng: random.Random) -> Looks:
     )
 
 
-def _any_scatter(rng: random.Random) -> Scene:
-    looks = _some_looks(rng)
-    most = rng.choice((1, 2, 3, 4, 6))
+def _random_scatter_scene(rng: random.Random) -> Scene:
+    palette = _random_palette(rng)
+    max_items = rng.choice((1, 2, 3, 4, 6))
     scene = Scene.empty()
     for box_index in range(BOX_COUNT):
-        for _ in range(rng.randint(0, most)):
-            scene = _with_item(scene, box_index, rng, looks)
+        for _ in range(rng.randint(0, max_items)):
+            scene = _with_random_item(scene, box_index, rng, palette)
     return scene
 
 
-def _with_item(scene: Scene, box_index: int, rng: random.Random, looks: Looks) -> Scene:
-    """The scene with one more item where it fits and is plain to see, else the scene as it is."""
-    shapes, colours, sizes = looks
+def _with_random_item(scene: Scene, box_index: int, rng: random.Random, palette: Palette) -> Scene:
+    """The scene with one more legible item if a free place was found, otherwise unchanged."""
+    shapes, colours, sizes = palette
     shape, colour, size = rng.choice(shapes), rng.choice(colours), rng.choice(sizes)
     box = scene.boxes[box_index]
     for _ in range(TRIES):
-        x, y = _some_place(rng, size.pixels, box.items)
+        x, y = _random_place(rng, size.pixels, box.items)
         item = Item(x, y, shape, colour, size)
         if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, box.items):
-            grown = Box((*box.items, item))
-            if is_legible(grown):
-                return scene.with_box(box_index, grown)
+            successor = Box((*box.items, item))
+            if is_legible(successor):
+                return scene.with_box(box_index, successor)
     return scene
 
 
-def _some_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
-    """A place in a box: anywhere, often at or near a wall or another item."""
+def _random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
+    """Random x and y in a box, often at or near a wall or another item."""
     last = BOX_SIDE - side
     x, y = rng.randint(CLEAR_GAP, last - CLEAR_GAP), rng.randint(CLEAR_GAP, last - CLEAR_GAP)
     gap = rng.choice((0, 0, 0, rng.choice(NEAR_GAPS)))
@@ -153,16 +150,16 @@ def _some_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tupl
             return rng.choice((gap, last - gap)), rng.choice((gap, last - gap))
         case "beside" if others:
             other = rng.choice(others)
-            slide = rng.randint(-side // 2, other.side // 2)
+            offset = rng.randint(-side // 2, other.side // 2)
             before, after = -side - gap, other.side + gap
-            dx, dy = rng.choice(((before, slide), (after, slide), (slide, before), (slide, after)))
+            dx, dy = rng.choice(((before, offset), (after, offset), (offset, before), (offset, after)))
             return other.x + dx, other.y + dy
         case _:
             return x, y
 
 
 def is_legible(box: Box) -> bool:
-    """Whether it is plain for every item of the box if it touches a wall or another item, nearly does, or does not."""
+    """Whether every gap to a wall or between items is visibly touching, almost touching or apart."""
     walls = (gap for item in box.items for gap in _wall_gaps(item))
     pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
     return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP - TOUCHING_GAP for gap in (*walls, *pairs))

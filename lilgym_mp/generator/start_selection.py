@@ -1,4 +1,4 @@
-"""Start scenes for a statement, and whether its truth can change within the horizon, from a stock of scenes."""
+"""Selects start scenes for a statement from a pool of sampled scenes, by its truth values on the pool."""
 
 from __future__ import annotations
 
@@ -8,119 +8,117 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.generator.scene_sampling import EDIT_LIMIT, chains
+from lilgym_mp.generator.scene_sampling import EDIT_LIMIT, random_walks
 from lilgym_mp.scene import Scene
 
-Truth = Callable[[Scene], bool]
-Number = int  # of a scene in a stock
+SceneTest = Callable[[Scene], bool]
+SceneIndex = int  # into `ScenePool.scenes`
 
 
 class StartScene(NamedTuple):
-    """A start scene, the statement's truth in it, and by how many edits that is known to change."""
+    """A start scene with the statement's truth value and an upper bound of the edits needed to flip it."""
 
     scene: Scene
     label: bool
     edits: int
 
 
-class NumberedFamily(NamedTuple):
-    """As `scenes.Family`, by the numbers of the scenes."""
+class IndexedExpansion(NamedTuple):
+    """A `scene_sampling.Expansion` with scenes as indices."""
 
-    parent: Number
-    children: tuple[Number, ...]
+    scene: SceneIndex
+    successors: tuple[SceneIndex, ...]
     edits: int | None
 
 
 @dataclass(frozen=True)
 class ScenePool:
-    """Many chains of scenes of one appearance."""
+    """The distinct scenes of many random walks of one appearance."""
 
     scenes: tuple[Scene, ...]
-    chains: tuple[tuple[NumberedFamily, ...], ...]
+    walks: tuple[tuple[IndexedExpansion, ...], ...]
 
     @classmethod
-    def sample(cls, appearance: str, rng: random.Random, size: int) -> ScenePool:
-        """A stock of `size` chains."""
-        numbers: dict[Scene, Number] = {}
-        numbered = tuple(
+    def sample(cls, appearance: str, rng: random.Random, walks: int) -> ScenePool:
+        indices: dict[Scene, SceneIndex] = {}
+        indexed = tuple(
             tuple(
-                NumberedFamily(
-                    numbers.setdefault(family.parent, len(numbers)),
-                    tuple(numbers.setdefault(child, len(numbers)) for child in family.children),
-                    family.edits,
+                IndexedExpansion(
+                    indices.setdefault(scene, len(indices)),
+                    tuple(indices.setdefault(successor, len(indices)) for successor in successors),
+                    edits,
                 )
-                for family in chain.families
+                for scene, successors, edits in walk
             )
-            for chain in islice(chains(appearance, rng), size)
+            for walk in islice(random_walks(appearance, rng), walks)
         )
-        return cls(tuple(numbers), numbered)
+        return cls(tuple(indices), indexed)
 
 
 class TruthTable:
-    """A statement's truth in every scene of a stock, by number."""
+    """The truth value of a statement in every scene of a pool."""
 
-    def __init__(self, stock: ScenePool, truth: Truth) -> None:
-        self.stock = stock
-        self.values = [truth(scene) for scene in stock.scenes]
+    def __init__(self, pool: ScenePool, truth: SceneTest) -> None:
+        self.pool = pool
+        self.values = [truth(scene) for scene in pool.scenes]
 
     @property
-    def share(self) -> float:
-        """The share of scenes where the statement is true."""
+    def share_true(self) -> float:
         return sum(self.values) / len(self.values)
 
     def edits_from_empty(self) -> int | None:
-        """The fewest edits after which a scene grown from the empty one makes it true; an upper bound."""
+        """The fewest edits from the empty scene that make it true in the pool's walks: an upper bound; None if none."""
         best: int | None = None
-        for chain in self.stock.chains:
-            for parent, children, edits in chain:
+        for walk in self.pool.walks:
+            for scene, successors, edits in walk:
                 if edits is None or (best is not None and edits >= best):
                     break
-                if self.values[parent]:
+                if self.values[scene]:
                     best = edits
-                elif any(self.values[child] for child in children) and edits < EDIT_LIMIT:
+                elif any(self.values[successor] for successor in successors) and edits < EDIT_LIMIT:
                     best = edits + 1
         return best
 
     def neighbours(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
-        """Pairs of scenes one edit apart of which the statement tells one from the other, in random order."""
-        return self._pairs(rng, 1, lambda family: [(family.parent, child) for child in family.children])
+        """Pairs of scenes one edit apart with different truth values, in random order."""
+        return self._pairs(rng, 1, lambda expansion: [(expansion.scene, index) for index in expansion.successors])
 
-    def twins(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
-        """The same for scenes that are equally full and differ in one item: two edits apart."""
-        return self._pairs(rng, 2, lambda family: list(combinations(family.children, 2)))
+    def siblings(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
+        """The same for successors of one scene: two edits apart, with equally many items."""
+        return self._pairs(rng, 2, lambda expansion: list(combinations(expansion.successors, 2)))
 
     def _pairs(
-        self, rng: random.Random, edits: int, couples: Callable[[NumberedFamily], Sequence[tuple[Number, Number]]]
+        self,
+        rng: random.Random,
+        edits: int,
+        candidates: Callable[[IndexedExpansion], Sequence[tuple[SceneIndex, SceneIndex]]],
     ) -> Iterator[tuple[StartScene, StartScene]]:
-        for chain in self._shuffled_chains(rng):
-            for family in chain:
-                for one, other in couples(family):
-                    if self.values[one] != self.values[other] and any(self.stock.scenes[one].items()):
+        for walk in rng.sample(self.pool.walks, len(self.pool.walks)):
+            for expansion in walk:
+                for one, other in candidates(expansion):
+                    if self.values[one] != self.values[other] and any(self.pool.scenes[one].items()):
                         yield self._start(one, edits), self._start(other, edits)
 
-    def _start(self, number: Number, edits: int) -> StartScene:
-        return StartScene(self.stock.scenes[number], self.values[number], edits)
-
-    def _shuffled_chains(self, rng: random.Random) -> list[tuple[NumberedFamily, ...]]:
-        return rng.sample(self.stock.chains, len(self.stock.chains))
+    def _start(self, index: SceneIndex, edits: int) -> StartScene:
+        return StartScene(self.pool.scenes[index], self.values[index], edits)
 
 
-def start_scenes(truths: TruthTable, rng: random.Random, is_clear: Truth) -> list[StartScene]:
-    """A pair of neighbours and a pair of twins (or neighbours again), the true scene of each pair first.
+def select_starts(truths: TruthTable, rng: random.Random, is_clear: SceneTest) -> list[StartScene]:
+    """A pair of neighbours and a pair of siblings (or neighbours again), the true scene of each pair first.
 
-    Only scenes that `is_clear` accepts; empty when there are not two such pairs.
+    Only scenes that pass `is_clear`; empty if there are no two such pairs.
     """
-    chosen: list[StartScene] = []
-    for source in (truths.neighbours, truths.twins, truths.neighbours):
-        if len(chosen) < 4:
-            chosen += next(_fresh_pairs(source(rng), chosen, is_clear), ())
-    return chosen if len(chosen) == 4 else []
+    selected: list[StartScene] = []
+    for source in (truths.neighbours, truths.siblings, truths.neighbours):
+        if len(selected) < 4:
+            selected += next(_new_pairs(source(rng), selected, is_clear), ())
+    return selected if len(selected) == 4 else []
 
 
-def _fresh_pairs(
-    pairs: Iterator[tuple[StartScene, StartScene]], chosen: Sequence[StartScene], is_clear: Truth
+def _new_pairs(
+    pairs: Iterator[tuple[StartScene, StartScene]], selected: Sequence[StartScene], is_clear: SceneTest
 ) -> Iterator[list[StartScene]]:
-    taken = {start.scene for start in chosen}
+    used = {start.scene for start in selected}
     for pair in pairs:
-        if all(start.scene not in taken and is_clear(start.scene) for start in pair):
+        if all(start.scene not in used and is_clear(start.scene) for start in pair):
             yield sorted(pair, key=lambda start: not start.label)

@@ -12,7 +12,7 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries
-from lilgym_mp.generator.generated_corpus import SIZES, TRIVIAL_SHARE, WORDINGS, split_of
+from lilgym_mp.generator.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES, split_of
 from lilgym_mp.generator.start_selection import TruthTable
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
@@ -25,18 +25,18 @@ SAMPLES = [("tower", 1), ("tower", 4), ("scatter", 2)]  # (appearance, level)
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
 def test_load_scratch__has_the_documented_number_of_different_statements(appearance: str, level: int):
     tasks = load_tasks(f"generated:{level}", appearance, "scratch", "dev")
-    assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SIZES["dev"]
+    assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SPLIT_SIZES["dev"]
     assert all(task.target and not any(task.start.items()) for task in tasks)
     wordings = [sum(other.program == task.program for other in tasks) for task in tasks]
-    assert max(wordings) <= WORDINGS
-    assert sum(task.solved_by(task.start) for task in tasks) <= TRIVIAL_SHARE * len(tasks) + 1
+    assert max(wordings) <= MAX_WORDINGS
+    assert sum(task.solved_by(task.start) for task in tasks) <= MAX_TRIVIAL_SHARE * len(tasks) + 1
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
 def test_load_flipit__has_four_start_scenes_of_each_statement_half_of_them_true(appearance: str, level: int):
     tasks = load_tasks(f"generated:{level}:5", appearance, "flipit", "dev")
-    assert len(tasks) == 4 * SIZES["dev"]
-    assert contexts(tasks) == 2 * SIZES["dev"]
+    assert len(tasks) == 4 * SPLIT_SIZES["dev"]
+    assert contexts(tasks) == 2 * SPLIT_SIZES["dev"]
     assert not any(task.solved_by(task.start) for task in tasks)
     for place in range(0, len(tasks), 4):
         assert [task.target for task in tasks[place : place + 4]] == [False, True, False, True]
@@ -95,18 +95,18 @@ def test_environment__plays_a_generated_corpus():
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_stock__neighbours_are_one_legal_edit_apart(appearance: str):
-    stock = ScenePool.sample(appearance, random.Random(4), 4)
+def test_pool__neighbours_are_one_legal_edit_apart(appearance: str):
+    pool = ScenePool.sample(appearance, random.Random(4), 4)
     dynamics = make_dynamics(APPEARANCES[appearance])
-    for family in (family for chain in stock.chains for family in chain[:2]):
-        task = Task("", "", "exist(all_items)", True, stock.scenes[family.parent])
+    for expansion in (expansion for walk in pool.walks for expansion in walk[:2]):
+        task = Task("", "", "exist(all_items)", True, pool.scenes[expansion.scene])
         state = dynamics.start(task)
         legal = dynamics.legal_mask(state).nonzero()[0][1:]
         reached = {dynamics.step(state, dynamics.appearance.decode(int(index))).state.scene for index in legal}
-        assert {stock.scenes[child] for child in family.children} <= reached
+        assert {pool.scenes[index] for index in expansion.successors} <= reached
 
 
 def test_truths__edits_from_the_empty_scene_are_those_that_grew_a_true_one():
-    stock = ScenePool.sample("tower", random.Random(0), 40)
+    pool = ScenePool.sample("tower", random.Random(0), 40)
     blocks = [compile_program(f"count(all_items) == {number}").evaluate for number in (0, 1, 3, 13)]
-    assert [TruthTable(stock, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]
+    assert [TruthTable(pool, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]
