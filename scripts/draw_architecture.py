@@ -1,7 +1,7 @@
-"""Draws docs/pictures/architecture.svg: the package's parts in their layers, and which imports which.
+"""Draws docs/pictures/architecture.svg, the import graph of the package's top-level parts.
 
-The layers are those of the import contract in pyproject.toml, the arrows are the import statements of the sources.
-An arrow is left out where others lead the same way, or to the lowest layer, which all parts may use.
+The layers come from the import contract in pyproject.toml, the arrows from the import statements. Arrows implied by
+others are left out, and so are arrows to the lowest layer, which every part may use.
 Run: python scripts/draw_architecture.py [OUT.svg]
 """
 
@@ -19,16 +19,16 @@ from lilgym_mp.plotting import new_figure, save
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "lilgym_mp"
-OUTSIDE = {"wrappers": ROOT / "wrappers", "data": ROOT / "data"}  # parts that lie beside the package
+OUTSIDE = {"wrappers": ROOT / "wrappers", "data": ROOT / "data"}  # parts outside the package directory
 WIDTH, ROW_HEIGHT = 1000, 90  # pixels
 
 
 def layers() -> list[list[str]]:
-    """The parts of each layer that exist, from the highest layer down."""
+    """The existing parts of each layer, highest layer first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     rows = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
-    named = (re.findall(r"\w+", row) for row in rows)
-    existing = ([part for part in row if any(True for _ in sources(part))] for row in named)
+    parts = (re.findall(r"\w+", row) for row in rows)
+    existing = ([part for part in row if any(sources(part))] for row in parts)
     return [row for row in existing if row]
 
 
@@ -42,7 +42,7 @@ def sources(part: str) -> Iterator[Path]:
 
 
 def imported(part: str) -> set[str]:
-    """The other parts that a part imports, lazily or not, but not for type checking alone."""
+    """The other parts that a part imports, at module level or inside functions."""
     found: set[str] = set()
     for path in sources(part):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -55,26 +55,27 @@ def imported(part: str) -> set[str]:
     return found - {part}
 
 
-def reached(part: str, imports: Mapping[str, set[str]]) -> set[str]:
-    """The parts that a part needs, by others if not by itself."""
-    return imports[part].union(*(reached(other, imports) for other in imports[part]))
+def dependencies(part: str, imports: Mapping[str, set[str]]) -> set[str]:
+    """The parts that a part imports, directly or indirectly."""
+    return imports[part].union(*(dependencies(other, imports) for other in imports[part]))
 
 
-def drawn() -> Any:
-    """The figure."""
+def draw() -> Any:
+    """The figure of all layers."""
     rows = layers()
     figure = new_figure(WIDTH, ROW_HEIGHT * len(rows))
     axes: Any = figure.subplots()
     axes.set_axis_off()
-    places: dict[str, tuple[float, float]] = {}
+    positions: dict[str, tuple[float, float]] = {}
     for level, row in enumerate(rows):
-        places |= {part: ((column + 1) / (len(row) + 1), -level) for column, part in enumerate(row)}
-    imports = {part: imported(part) & (places.keys() - set(rows[-1])) for part in places}
-    for part, (x, y) in places.items():
-        for other in imports[part] - set().union(*(reached(between, imports) for between in imports[part])):
-            bend = "arc3,rad=0.2" if places[other][1] == y else "arc3"
+        positions |= {part: ((column + 1) / (len(row) + 1), -level) for column, part in enumerate(row)}
+    imports = {part: imported(part) & (positions.keys() - set(rows[-1])) for part in positions}
+    for part, (x, y) in positions.items():
+        implied = set().union(*(dependencies(between, imports) for between in imports[part]))
+        for other in sorted(imports[part] - implied):
+            bend = "arc3,rad=0.2" if positions[other][1] == y else "arc3"
             arrow = {"arrowstyle": "->", "color": "#8aa0bf", "shrinkB": 14, "connectionstyle": bend}
-            axes.annotate("", xy=places[other], xytext=(x, y), arrowprops=arrow)
+            axes.annotate("", xy=positions[other], xytext=(x, y), arrowprops=arrow)
         axes.text(x, y, part, ha="center", va="center", bbox={"boxstyle": "round", "facecolor": "#e8eef7"})
     axes.set_xlim(0, 1)
     axes.set_ylim(0.5 - len(rows), 0.5)
@@ -84,7 +85,7 @@ def drawn() -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / "docs" / "pictures" / "architecture.svg")
-    save(drawn(), parser.parse_args().out, "svg")
+    save(draw(), parser.parse_args().out, "svg")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Draws the pictures and films of README and docs into docs/pictures: `python scripts/draw_pictures.py [NAME ...]`.
 
-Without names all that takes a minute or two: films of the agent parse-and-plan (the extra `sb3`), games (`pettingzoo`),
-drawings of the code. `--list` tells the commands for the others: they need a training or the official data.
+Without names it draws those that take a minute or two: films of the agent parse-and-plan (needs the extra `sb3`), games
+(`pettingzoo`), and the architecture. `--list` prints the commands for the others, which need a training run or the
+official data.
 """
 
 from __future__ import annotations
@@ -38,7 +39,10 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
 AGENT, SPLIT = "parse-and-plan", "dev"
-ACTIONS, CHARACTERS = range(3, 7), range(30, 75)  # of episodes worth showing, and of their statements
+ACTIONS, CHARACTERS = (
+    range(3, 7),
+    range(30, 75),
+)  # numbers suitable for a film, of actions and of characters in the statement
 PROPOSERS = {
     "veto": HELPFUL_PROPOSER,
     "joint": HELPFUL_PROPOSER,
@@ -47,12 +51,12 @@ PROPOSERS = {
 }
 GAME_SEED = 2
 
-ELSEWHERE = {  # picture: what makes it
+ELSEWHERE = {  # pictures made by other commands
     "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
     "official_phenomena.svg": "lilgym-mp data stats lilgym --charts OUT; its phenomena.svg",
-    "reliability.png": "docs/agents.md tells the runs; the chart of a report on them",
+    "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",
     "web/*.png": "python scripts/web_screenshots.py",
@@ -60,7 +64,7 @@ ELSEWHERE = {  # picture: what makes it
 
 
 def shown_episode(configuration: str) -> Episode:
-    """A success of the agent on dev of a length worth showing, another statement for each configuration."""
+    """A successful dev episode of suitable length, with a different statement for each configuration."""
     settings = Settings(configuration)
     policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
     fitting = (
@@ -72,7 +76,7 @@ def shown_episode(configuration: str) -> Episode:
 
 
 def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
-    """What render mode "rgb_array" shows of the episode, with names of places."""
+    """The episode as rendered by mode "rgb_array", with the grid drawn in."""
     env = gym.make(Settings(configuration).id, split=SPLIT, render_mode="rgb_array", render_cells=True).unwrapped
     assert isinstance(env, LilGymEnv)
     env.reset(options={"task": episode.task_id})
@@ -84,7 +88,7 @@ def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
 
 
 def draw_films() -> None:
-    """A film and a first frame of each configuration, and one film of all four."""
+    """A film and a first frame for each configuration, and one film of all four."""
     films = []
     for configuration in CONFIGURATIONS:
         episode = shown_episode(configuration)
@@ -96,14 +100,14 @@ def draw_films() -> None:
 
 
 def draw_games() -> None:
-    """A film of one game of each protocol, between a scripted proposer and a verifier that knows the truth."""
+    """A film of one game per protocol, between a scripted proposer and a verifier that knows the truth."""
     for protocol in PROTOCOLS:
         frames = game_frames(protocol, seed=GAME_SEED)
         save_gif(PICTURES / f"game_{protocol}.gif", frames)
 
 
 def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
-    """What render mode "rgb_array" shows of a game."""
+    """A game as rendered by mode "rgb_array"."""
     game = parallel_env(protocol=protocol, split=SPLIT, render_mode="rgb_array")
     rng = np.random.default_rng(seed)
     game.reset(seed=seed)
@@ -117,7 +121,7 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
 
 
 def _choice(partner: Partner, turn: PartnerTurn) -> int:
-    """The only legal action where there is one, such as waiting, else the partner's."""
+    """The only legal action if there is just one, such as waiting, otherwise the partner's choice."""
     legal = np.flatnonzero(turn.action_mask)
     return int(legal[0]) if len(legal) == 1 else int(partner(turn))
 
@@ -140,7 +144,7 @@ DRAWN: dict[str, Callable[[], None]] = {
     "episode": draw_episode,
     "architecture": draw_architecture,
 }
-FILES = [  # that these make
+FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
     *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
     "agent.gif",
@@ -151,8 +155,8 @@ FILES = [  # that these make
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Draws the pictures of README and docs.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(DRAWN)} (default: all)")
-    parser.add_argument("--list", action="store_true", help="tell the commands that make the other pictures")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(DRAWN)} (default: all)")
+    parser.add_argument("--list", action="store_true", help="print the commands that make the other pictures")
     args = parser.parse_args()
     if unknown := sorted(set(args.names) - set(DRAWN)):
         parser.error(f"unknown pictures {unknown}; choose from {', '.join(DRAWN)}")
