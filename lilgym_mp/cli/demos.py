@@ -24,7 +24,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_whole
 from lilgym_mp.extras import install
-from lilgym_mp.solver.action_sets import action_sets, explored, write_action_sets
+from lilgym_mp.solver.action_sets import explore, pack_action_sets, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
 
 
@@ -86,8 +86,8 @@ def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
     dynamics = settings.dynamics()
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, args.split)
     exploration = {"exploration": args.exploration, "repeats": args.repeats, "seed": args.seed}
-    states = explored(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **exploration)
-    sets = action_sets(states, dynamics, {**_metadata(settings, args), **exploration})
+    states = explore(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **exploration)
+    sets = pack_action_sets(states, dynamics, {**_metadata(settings, args), **exploration})
     print(f"{len(sets):,} states of {len(sets.task):,} tasks, {int(sets.complete.sum()):,} of their sets complete")
     _write_npz(args.out, partial(write_action_sets, sets=sets))
     return 0

@@ -1,7 +1,7 @@
-"""States with every good action: what a learner of sets imitates, made by the expert and kept in one file.
+"""A data set for imitation learning: states labelled with all their optimal actions, in one npz file.
 
-States are starts, states along the expert's paths with some exploration, or any that are given, such as those that a
-learner visited (DAgger, Ross et al. 2011). docs/solver.md lists the arrays of the file.
+States are starts, states of the expert's episodes with some exploration, or any given ones, such as those that a
+learner visited (DAgger, Ross et al. 2011). docs/solver.md lists the arrays in the file.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
-from lilgym_mp.solver.reports import in_processes
+from lilgym_mp.solver.demonstrations import write_npz
+from lilgym_mp.solver.reports import map_chunks
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
 FORMAT = "lilgym_mp action sets"
 VERSION = 1
-CHUNK = 64  # tasks or states handed to a process at a time
-FORMS: Mapping[str, tuple[str, int]] = {  # by array: its type and number of axes
+CHUNK_SIZE = 64  # tasks or states that a process gets at a time
+ARRAY_TYPES: Mapping[str, tuple[str, int]] = {  # by array: dtype and number of axes
     "task": ("U", 1),
     "statement": ("U", 1),
     "program": ("U", 1),
@@ -51,26 +52,26 @@ FORMS: Mapping[str, tuple[str, int]] = {  # by array: its type and number of axe
 
 
 class ActionSetFileError(ValueError):
-    """A file that does not hold sets of actions, or not those that are wanted."""
+    """A file that does not contain action sets, or contains unexpected ones."""
 
 
 class Origin(IntEnum):
     """Where a state comes from."""
 
     START = 0
-    PATH = 1  # on the way of the expert, or where exploration led
+    PATH = 1  # a later state of an exploring episode
     GIVEN = 2
 
 
 class LabelledState(NamedTuple):
-    """A state and the first actions of shortest solutions from it."""
+    """A state with the first actions of shortest solutions from it."""
 
     state: State
     found: ActionSet
     origin: Origin
 
 
-def explored(
+def explore(
     tasks: Sequence[Task],
     dynamics: Dynamics,
     *,
@@ -80,14 +81,14 @@ def explored(
     jobs: int = 1,
     budget: int | None = None,
 ) -> list[LabelledState]:
-    """The start of each task, and the states of `repeats` episodes from it, in the tasks' order.
+    """The start of each task, followed by the states of `repeats` episodes from it, in the order of the tasks.
 
-    In each state one of the good actions is taken, all equally likely; with probability `exploration` it is instead a
-    random legal edit: ADD or REMOVE with equal chances where both are possible, then any of those. An episode ends
-    where STOP is taken, no solution is known or no further edit may be made. A start is listed once. Equal arguments
-    give equal states, whatever the number of `jobs` (processes).
+    In each state one of the optimal actions is drawn uniformly or, with probability `exploration`, a random legal edit:
+    its type first, ADD or REMOVE with equal probability if both are legal, then one edit of that type. An episode ends
+    with STOP, where no solution is known, or before the last step of the horizon. Equal arguments give equal states,
+    whatever the number of processes, `jobs`.
 
-    Raises ValueError for an exploration outside of 0 .. 1, fewer than one repeat or job, a negative seed.
+    Raises ValueError for an exploration outside 0 to 1, fewer than one repeat or job, or a negative seed.
     """
     if not 0 <= exploration <= 1:
         raise ValueError(f"exploration must be a probability from 0 to 1, not {exploration}")
@@ -95,78 +96,82 @@ def explored(
         raise ValueError(f"repeats must be at least 1, not {repeats}")
     if seed < 0:
         raise ValueError(f"seed must be at least 0, not {seed}")
-    order = sorted(range(len(tasks)), key=lambda index: tasks[index].program)  # one program's share what is found out
-    numbered = [(index, tasks[index]) for index in order]
-    explore = partial(_explored, dynamics, budget, exploration, repeats, seed)
+    order = sorted(range(len(tasks)), key=lambda index: tasks[index].program)  # tasks of one program share caches
+    indexed = [(index, tasks[index]) for index in order]
+    explore_chunk = partial(_explore_chunk, dynamics, budget, exploration, repeats, seed)
     by_task: list[list[LabelledState]] = [[] for _ in tasks]
-    for index, states in zip(order, in_processes(explore, numbered, jobs, CHUNK), strict=True):
+    for index, states in zip(order, map_chunks(explore_chunk, indexed, jobs, CHUNK_SIZE), strict=True):
         by_task[index] = states
     return [state for states in by_task for state in states]
 
 
-def labelled(
+def label(
     states: Sequence[State], dynamics: Dynamics, *, jobs: int = 1, budget: int | None = None
 ) -> list[LabelledState]:
-    """The given states with their sets, in their order. Raises ValueError where a horizon is over or for no jobs."""
+    """The given states with their optimal actions, in order.
+
+    Raises ValueError if a state has no action left, or for fewer than one job.
+    """
     order = sorted(range(len(states)), key=lambda index: states[index].task.program)
     found: list[ActionSet | None] = [None] * len(states)
-    answers = in_processes(partial(_sets, dynamics, budget), [states[index] for index in order], jobs, CHUNK)
+    label_chunk = partial(_optimal_sets, dynamics, budget)
+    answers = map_chunks(label_chunk, [states[index] for index in order], jobs, CHUNK_SIZE)
     for index, actions in zip(order, answers, strict=True):
         found[index] = actions
     pairs = zip(states, found, strict=True)
     return [LabelledState(state, actions, Origin.GIVEN) for state, actions in pairs if actions is not None]
 
 
-def _sets(dynamics: Dynamics, budget: int | None, states: Sequence[State]) -> list[ActionSet]:
+def _optimal_sets(dynamics: Dynamics, budget: int | None, states: Sequence[State]) -> list[ActionSet]:
     return Solver(dynamics, budget).optimal_sets(states)
 
 
-def _explored(
+def _explore_chunk(
     dynamics: Dynamics,
     budget: int | None,
     exploration: float,
     repeats: int,
     seed: int,
-    numbered: Sequence[tuple[int, Task]],
+    indexed: Sequence[tuple[int, Task]],
 ) -> list[list[LabelledState]]:
     solver = Solver(dynamics, budget)
     found: list[list[LabelledState]] = []
-    for number, task in numbered:
+    for index, task in indexed:
         start = dynamics.start(task)
         states = [LabelledState(start, solver.optimal_actions(start), Origin.START)]
         for repeat in range(repeats):
-            random = np.random.default_rng((seed, number, repeat))
-            states.extend(_episode(solver, start, exploration, random))
+            rng = np.random.default_rng((seed, index, repeat))
+            states.extend(_episode(solver, start, exploration, rng))
         found.append(states)
     return found
 
 
-def _episode(solver: Solver, state: State, exploration: float, random: np.random.Generator) -> Iterator[LabelledState]:
-    """The states after the start."""
+def _episode(solver: Solver, state: State, exploration: float, rng: np.random.Generator) -> Iterator[LabelledState]:
+    """The states of an episode after its start."""
     dynamics = solver.dynamics
     found = solver.optimal_actions(state)
     while state.steps < dynamics.horizon - 1 and found.actions:
-        explores = random.random() < exploration
-        number = _random_edit(dynamics, state, random) if explores else int(random.choice(found.actions))
-        if number == 0:
+        explores = rng.random() < exploration
+        action = _random_edit(dynamics, state, rng) if explores else int(rng.choice(found.actions))
+        if action == 0:
             return
-        state = dynamics.step(state, dynamics.appearance.decode(number)).state
+        state = dynamics.step(state, dynamics.appearance.decode(action)).state
         found = solver.optimal_actions(state)
         yield LabelledState(state, found, Origin.PATH)
 
 
-def _random_edit(dynamics: Dynamics, state: State, random: np.random.Generator) -> int:
-    """A legal edit, of each type as often; STOP, which is 0, where there is none."""
+def _random_edit(dynamics: Dynamics, state: State, rng: np.random.Generator) -> int:
+    """A legal ADD or REMOVE with equal probability; 0, i.e. STOP, if there is none."""
     legal = dynamics.legal_mask(state)
     adds = _adds(dynamics.appearance)
-    kinds = [kind for kind in ((legal & adds).nonzero()[0], (legal & ~adds).nonzero()[0][1:]) if len(kind)]
-    return int(random.choice(kinds[int(random.integers(len(kinds)))])) if kinds else 0
+    by_type = [actions for actions in ((legal & adds).nonzero()[0], (legal & ~adds).nonzero()[0][1:]) if len(actions)]
+    return int(rng.choice(by_type[int(rng.integers(len(by_type)))])) if by_type else 0
 
 
 @cache
 def _adds(appearance: Appearance) -> BoolArray:
-    """(action_count,) which actions add."""
-    arrays = (appearance.to_array(appearance.decode(number)) for number in range(appearance.action_count))
+    """(action_count,) whether each action is an ADD."""
+    arrays = (appearance.to_array(appearance.decode(action)) for action in range(appearance.action_count))
     return np.array([array[0] == ActionType.ADD for array in arrays])
 
 
@@ -175,22 +180,22 @@ def _adds(appearance: Appearance) -> BoolArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActionSets:
-    """N states of T tasks with A actions and I items together, as arrays."""
+    """N states of T tasks as arrays; A and I are the total numbers of actions and items."""
 
-    about: Mapping[str, Any]  # format, version, appearance, grid, rules, horizon, and what else was given to `write`
+    about: Mapping[str, Any]  # metadata: format, version, appearance, grid, rules, horizon, and what the caller added
     task: NDArray[np.str_]  # (T,) ids
     statement: NDArray[np.str_]  # (T,)
     program: NDArray[np.str_]  # (T,)
     target: BoolArray  # (T,)
     state_task: NDArray[np.int32]  # (N,) index of the state's task
-    steps_taken: NDArray[np.int16]  # (N,) actions before
+    steps_taken: NDArray[np.int16]  # (N,) actions taken before the state
     origin: NDArray[np.uint8]  # (N,) `Origin`
     item: Int16Array  # (I, 5) x, y, shape, colour, size, state by state and box by box
-    box_sizes: Int16Array  # (N, 3) items in each box
-    action: NDArray[np.int32]  # (A,) ascending in each state, as the appearance numbers them
+    box_sizes: Int16Array  # (N, 3) number of items in each box
+    action: NDArray[np.int32]  # (A,) action indices, ascending within each state
     action_starts: Int64Array  # (N + 1,) the actions of state i are at `action_starts[i]` to `[i + 1]`
     steps_to_go: Int16Array  # (N,) actions to success, STOP included; 0 where no solution is known
-    complete: BoolArray  # (N,) whether every good action is there
+    complete: BoolArray  # (N,) whether every optimal action is included
 
     def __len__(self) -> int:
         return len(self.state_task)
@@ -199,19 +204,19 @@ class ActionSets:
         return self.action[self.action_starts[index] : self.action_starts[index + 1]]
 
     def items(self, capacity: int | None = None) -> Int16Array:
-        """(N, 3, capacity, 5) as `observation.item_array`; by default as large as the fullest box.
+        """(N, 3, capacity, 5) items, padded as by `observation.item_array`; `capacity` defaults to the largest box.
 
-        Raises ValueError when a box holds more.
+        Raises ValueError if a box has more items.
         """
-        most = int(self.box_sizes.max(initial=0))
-        capacity = most if capacity is None else capacity
-        if most > capacity:
-            raise ValueError(f"a box holds {most} items; a capacity of {capacity} is too small")
+        largest = int(self.box_sizes.max(initial=0))
+        capacity = largest if capacity is None else capacity
+        if largest > capacity:
+            raise ValueError(f"a box holds {largest} items; a capacity of {capacity} is too small")
         sizes = self.box_sizes.ravel().astype(np.int64)
         boxes = np.repeat(np.arange(len(sizes)), sizes)
-        places = np.arange(len(boxes)) - np.repeat(sizes.cumsum() - sizes, sizes)
+        positions = np.arange(len(boxes)) - np.repeat(sizes.cumsum() - sizes, sizes)
         found = np.full((len(sizes), capacity, len(Item._fields)), EMPTY, np.int16)
-        found[boxes, places] = self.item
+        found[boxes, positions] = self.item
         return found.reshape(len(self), BOX_COUNT, capacity, len(Item._fields))
 
     def scenes(self) -> list[Scene]:
@@ -227,15 +232,15 @@ def _item(row: Sequence[int]) -> Item:
     return Item(x, y, Shape(shape), Colour(colour), Size(size))
 
 
-def action_sets(states: Sequence[LabelledState], dynamics: Dynamics, about: Mapping[str, Any]) -> ActionSets:
-    """The states as arrays; `about` is kept beside them, so put into it what they were made from.
+def pack_action_sets(states: Sequence[LabelledState], dynamics: Dynamics, about: Mapping[str, Any]) -> ActionSets:
+    """The states as arrays, with `about` as additional metadata, e.g. on how they were made.
 
-    A checksum `corpus_sha256` in it is what `load_action_sets` checks. Raises ValueError for no states.
+    `load_action_sets` checks the corpus by `about["corpus_sha256"]`. Raises ValueError for no states.
     """
     if not states:
-        raise ValueError("there are no states to keep")
+        raise ValueError("there must be at least one state")
     tasks = list(dict.fromkeys(state.task for state, _, _ in states))
-    numbers = {task: number for number, task in enumerate(tasks)}
+    indices = {task: index for index, task in enumerate(tasks)}
     boxes = [[len(box.items) for box in state.scene.boxes] for state, _, _ in states]
     items = [item for state, _, _ in states for item in state.scene.items()]
     sizes = [len(found.actions) for _, found, _ in states]
@@ -245,12 +250,12 @@ def action_sets(states: Sequence[LabelledState], dynamics: Dynamics, about: Mapp
         statement=np.array([task.statement for task in tasks]),
         program=np.array([task.program for task in tasks]),
         target=np.array([task.target for task in tasks]),
-        state_task=np.array([numbers[state.task] for state, _, _ in states], np.int32),
+        state_task=np.array([indices[state.task] for state, _, _ in states], np.int32),
         steps_taken=np.array([state.steps for state, _, _ in states], np.int16),
         origin=np.array([origin for _, _, origin in states], np.uint8),
         item=np.array(items, np.int16).reshape(-1, len(Item._fields)),
         box_sizes=np.array(boxes, np.int16),
-        action=np.array([number for _, found, _ in states for number in found.actions], np.int32),
+        action=np.array([action for _, found, _ in states for action in found.actions], np.int32),
         action_starts=np.cumsum([0, *sizes], dtype=np.int64),
         steps_to_go=np.array([found.steps for _, found, _ in states], np.int16),
         complete=np.array([found.complete for _, found, _ in states]),
@@ -268,28 +273,26 @@ def _settings(dynamics: Dynamics) -> dict[str, Any]:
 
 
 def write_action_sets(path: Path, sets: ActionSets) -> None:
-    """An npz file, compressed, with `about` as JSON; equal sets give equal bytes."""
-    text = json.dumps(sets.about, ensure_ascii=False, sort_keys=True)
-    with path.open("wb") as file:
-        np.savez_compressed(file, about=np.array(text), **{name: getattr(sets, name) for name in FORMS})
+    """Writes a compressed npz file with `about` as JSON. Equal sets give equal bytes."""
+    write_npz(path, {name: getattr(sets, name) for name in ARRAY_TYPES}, sets.about)
 
 
 def load_action_sets(path: Path | str, *, corpus_sha256: str | None = None) -> ActionSets:
-    """The sets in a file that `write_action_sets` wrote.
+    """Reads a file written by `write_action_sets`.
 
-    `corpus_sha256`: the checksum of the corpus that they must come from. Raises OSError where the file cannot be
-    read, ActionSetFileError for a file of another form, version or corpus, or one that is cut off.
+    `corpus_sha256`: the checksum of the expected corpus, if it should be checked. Raises OSError if the file cannot be
+    read, and ActionSetFileError if it is truncated or has another format, version or corpus.
     """
     path = Path(path)
     with path.open("rb") as file:
         try:
             with np.load(file, allow_pickle=False) as arrays:
-                found: dict[str, Any] = {name: arrays[name] for name in ("about", *FORMS)}
+                found: dict[str, Any] = {name: arrays[name] for name in ("about", *ARRAY_TYPES)}
             about = cast("dict[str, Any]", json.loads(str(found.pop("about"))))
         except KeyError as fault:
-            raise ActionSetFileError(f"{path} holds no sets of actions: {fault.args[0]}") from None
+            raise ActionSetFileError(f"{path} does not contain action sets: {fault.args[0]}") from None
         except (ValueError, EOFError, OSError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error) as fault:
-            raise ActionSetFileError(f"{path} is no npz file, or it is cut off: {fault}") from None
+            raise ActionSetFileError(f"{path} is not an npz file, or is truncated: {fault}") from None
     _check_about(path, about, corpus_sha256)
     _check_arrays(path, found)
     return ActionSets(about=about, **found)
@@ -297,23 +300,25 @@ def load_action_sets(path: Path | str, *, corpus_sha256: str | None = None) -> A
 
 def _check_about(path: Path, about: Mapping[str, Any], corpus_sha256: str | None) -> None:
     if about.get("format") != FORMAT:
-        raise ActionSetFileError(f"{path} is of the format {about.get('format')!r}, not {FORMAT!r}")
+        raise ActionSetFileError(f"{path} has format {about.get('format')!r}, not {FORMAT!r}")
     if about.get("version") != VERSION:
-        raise ActionSetFileError(f"{path} is of version {about.get('version')!r}; this package reads {VERSION}")
+        raise ActionSetFileError(f"{path} has version {about.get('version')!r}; this package reads version {VERSION}")
     if corpus_sha256 is not None and about.get("corpus_sha256") != corpus_sha256:
         given = about.get("corpus_sha256")
         raise ActionSetFileError(f"{path} comes from the corpus with checksum {given}, not {corpus_sha256}")
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    for name, (kind, axes) in FORMS.items():
+    for name, (dtype, axes) in ARRAY_TYPES.items():
         array = arrays[name]
-        fits = array.dtype.kind == "U" if kind == "U" else array.dtype == np.dtype(kind)
-        if not fits or array.ndim != axes:
-            raise ActionSetFileError(f"{path}: {name} must have {axes} axes of {kind}, not {array.dtype} {array.shape}")
+        matches = array.dtype.kind == "U" if dtype == "U" else array.dtype == np.dtype(dtype)
+        if not matches or array.ndim != axes:
+            raise ActionSetFileError(
+                f"{path}: {name} must have {axes} axes of {dtype}, not {array.dtype} of shape {array.shape}"
+            )
     states = len(arrays["state_task"])
     starts, tasks = arrays["action_starts"], len(arrays["task"])
-    agree = (
+    consistent = (
         all(len(arrays[name]) == states for name in ("steps_taken", "origin", "box_sizes", "steps_to_go", "complete"))
         and all(len(arrays[name]) == tasks for name in ("statement", "program", "target"))
         and arrays["box_sizes"].shape[1:] == (BOX_COUNT,)
@@ -323,5 +328,5 @@ def _check_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         and (starts[0], starts[-1]) == (0, len(arrays["action"]))
         and ((arrays["state_task"] >= 0) & (arrays["state_task"] < tasks)).all()
     )
-    if not agree:
-        raise ActionSetFileError(f"{path}: its arrays do not belong together")
+    if not consistent:
+        raise ActionSetFileError(f"{path}: its arrays are inconsistent")

@@ -1,4 +1,4 @@
-"""Starts near success, for a curriculum that begins at the end. Source: Florensa et al. 2017 (reverse curriculum)."""
+"""Tasks that start near their goal, for a reverse curriculum. Source: Florensa et al. 2017."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from lilgym_mp.rules import make_dynamics
 from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
-SET_CACHE_SIZE = 8
+CACHE_SIZE = 8  # task sets
 
 
-@lru_cache(maxsize=SET_CACHE_SIZE, typed=True)  # True is no number of edits, though it equals 1
+@lru_cache(maxsize=CACHE_SIZE, typed=True)  # typed: True must be refused even after a call with 1
 def tasks_near_success(
     appearance: Appearance, rules: str, horizon: int, edits: int, budget: int | None, tasks: TaskSet
 ) -> TaskSet:
-    """The tasks, each started on a shortest solution where `edits` edits are left of it.
+    """The tasks with their starts moved along a shortest solution, to where `edits` edits are left.
 
-    A task that needs fewer edits, or for which no solution is found, starts where it did. Ids stay.
+    A task that needs fewer edits, or has no known solution, keeps its start. Ids do not change.
     Raises ValueError for a negative number of edits or a budget below 1.
     """
     if isinstance(edits, bool) or not isinstance(edits, int) or edits < 0:  # pyright: ignore[reportUnnecessaryIsInstance]

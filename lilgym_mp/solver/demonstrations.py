@@ -1,4 +1,4 @@
-"""Solutions played out: what a learner imitates, as arrays in one file."""
+"""Demonstrations for imitation learning: solutions played out as episodes, and as arrays in one npz file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HALF_SIZE = "half"
 
 
 class Demonstration(NamedTuple):
-    """One episode of the expert that ended in success."""
+    """One successful episode of the expert."""
 
     task: Task
     actions: tuple[Action, ...]
@@ -33,7 +33,7 @@ class Demonstration(NamedTuple):
 
 
 def demonstration(report: TaskReport, dynamics: Dynamics) -> Demonstration:
-    """The report's solution, which must be one, played out."""
+    """Plays out the solution of a solved task."""
     task, solution, _ = report
     states: list[State] = []
     rewards: list[float] = []
@@ -50,26 +50,26 @@ def demonstration(report: TaskReport, dynamics: Dynamics) -> Demonstration:
 def demonstrations(
     reports: Sequence[TaskReport], dynamics: Dynamics, episodes: int | None = None, seed: int = 0
 ) -> list[Demonstration]:
-    """A demonstration of each solved task in order; or of `episodes` tasks drawn uniformly, the solved among them.
+    """A demonstration of each task in order or, given `episodes`, of that many tasks drawn uniformly with replacement.
 
-    Raises ValueError for fewer than one episode.
+    Unsolved tasks have none, so there may be fewer. Raises ValueError for fewer than one episode.
     """
     if episodes is not None and episodes < 1:
         raise ValueError(f"episodes must be at least 1 or None, not {episodes}")
     played = [demonstration(report, dynamics) if report.solution.solved else None for report in reports]
     if episodes is not None:
         drawn: list[int] = np.random.default_rng(seed).integers(len(played), size=episodes).tolist()
-        played = [played[number] for number in drawn]
+        played = [played[index] for index in drawn]
     return [episode for episode in played if episode is not None]
 
 
 def arrays(episodes: Sequence[Demonstration], dynamics: Dynamics, *, images: bool = False) -> dict[str, Any]:
-    """N episodes of M actions together as arrays; the actions of episode i are at `starts[i]` .. `starts[i + 1]`.
+    """N episodes with M actions in total, as arrays; the actions of episode i are at `starts[i]:starts[i + 1]`.
 
-    Raises ValueError when there are no episodes.
+    Raises ValueError for no episodes.
     """
     if not episodes:
-        raise ValueError("there are no demonstrations: no task of these was solved")
+        raise ValueError("there are no demonstrations: none of the tasks was solved")
     appearance = dynamics.appearance
     tasks = [episode.task for episode in episodes]
     states = [state for episode in episodes for state in episode.states]
@@ -98,8 +98,8 @@ def images_of(states: Iterable[State]) -> Iterable[UInt8Array]:
     return (canvas.show(state.scene).copy() for state in states)
 
 
-def write_npz(path: Path, found: Mapping[str, Any], about: Mapping[str, Any]) -> None:
-    """Writes the arrays compressed, with `about` as JSON beside them; equal arrays give equal bytes."""
+def write_npz(path: Path, arrays: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Writes a compressed npz file of the arrays, and of `about` as JSON. Equal content gives equal bytes."""
     text = json.dumps(about, ensure_ascii=False, sort_keys=True)
     with path.open("wb") as file:
-        np.savez_compressed(file, about=np.array(text), **found)
+        np.savez_compressed(file, about=np.array(text), **arrays)

@@ -1,4 +1,4 @@
-"""An agent that plays shortest solutions, from whatever state it finds."""
+"""The expert: an agent that plays shortest solutions from any state."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lilgym_mp.solver.solution import ActionSet, Solution
 from lilgym_mp.solver.solver import Solver
 
 
-class Plays(Protocol):
+class HasState(Protocol):
     """What the expert needs of an environment: the MDP and its current state."""
 
     @property
@@ -20,7 +20,7 @@ class Plays(Protocol):
 
 
 class Expert:
-    """Plans in an environment of this package, wrapped or not, and never steps it.
+    """Plans in an environment of this package, which may be wrapped. It never steps the environment.
 
     >>> import gymnasium as gym, lilgym_mp
     >>> env = gym.make("lilgym_mp/TowerFlipIt-v0")
@@ -35,31 +35,31 @@ class Expert:
     """
 
     def __init__(self, env: object, budget: int | None = None) -> None:
-        """`budget`: scenes looked at per plan, at most; None is the appearance's own.
+        """`budget`: how many scenes a plan may examine; None is the default of the appearance.
 
-        Raises TypeError for what is no environment of this package, ValueError for a budget below 1.
+        Raises TypeError if `env` is not an environment of this package, ValueError for a budget below 1.
         """
-        self._env = _playable(env)
+        self._env = _unwrapped(env)
         self._solver = Solver(self._env.dynamics, budget)
-        self._awaited: State | None = None  # where the plan goes on
+        self._expected: State | None = None  # the state in which the plan continues
         self._planned: tuple[Action, ...] = ()
 
     def act(self) -> int:
-        """The number of the next action of a shortest solution.
+        """The index of the next action of a shortest solution.
 
-        It plans anew when the state is not the one its last action led to, so it may be asked in any state, such
-        as those that a learner strays into. Where it knows no solution it stops: nothing left is worth more.
+        Replans whenever the state is not the one that its last action led to, so it can advise a learner in any state.
+        Without a solution the action is STOP, which then loses least.
         """
         state = self._env.state
-        if not self._planned or state != self._awaited:
+        if not self._planned or state != self._expected:
             self._planned = self.plan().actions or (STOP,)
         action, *rest = self._planned
         self._planned = tuple(rest)
-        self._awaited = self._env.dynamics.step(state, action).state
+        self._expected = self._env.dynamics.step(state, action).state
         return self._env.dynamics.appearance.encode(action)
 
     def plan(self) -> Solution:
-        """A shortest solution from the current state. Raises ValueError when the episode is over."""
+        """A shortest solution from the current state. Raises ValueError if the episode is over."""
         return self._solver.solve_from(self._env.state)
 
     def optimal_actions(self) -> ActionSet:
@@ -67,9 +67,9 @@ class Expert:
         return self._solver.optimal_actions(self._env.state)
 
 
-def _playable(env: object) -> Plays:
+def _unwrapped(env: object) -> HasState:
     inner: Any = getattr(env, "unwrapped", env)
-    kind = cast("Any", type(inner))  # asked for `state`, which the environment itself has from its first reset only
-    if not isinstance(getattr(inner, "dynamics", None), Dynamics) or not hasattr(kind, "state"):
+    env_type = cast("Any", type(inner))  # its `state` property raises before the first reset, so ask the type
+    if not isinstance(getattr(inner, "dynamics", None), Dynamics) or not hasattr(env_type, "state"):
         raise TypeError(f"the expert needs an environment of lilgym_mp with `dynamics` and `state`, not {env!r}")
     return inner

@@ -1,4 +1,4 @@
-"""Demonstrations as a Minari dataset, which offline learners read. Minari is imported when one is written."""
+"""Demonstrations as a Minari dataset for offline learning. Minari is imported only when one is written."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver.demonstrations import HALF_SIZE, Demonstration, images_of
 
 ALGORITHM = "lilgym_mp expert"
-HDF5_FORMAT = ("v110", "v110")  # its headers take a third of the older ones'; oldest and newest to be written
+HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
 
 
 def write_minari(
     dataset_id: str, episodes: Sequence[Demonstration], dynamics: Dynamics, env_spec: EnvSpec, description: str
 ) -> None:
-    """Writes the dataset `dataset_id` where Minari keeps its own; the infos name each episode's task and program.
+    """Writes the dataset to Minari's data directory; the infos contain each episode's task id and program.
 
-    Images are kept as they are, never as JPEG, in an HDF5 file that gzip compresses: Minari reads and adds to it as to
-    any other. Raises ModuleNotFoundError without Minari, ValueError for a name that is taken or is none, or without
-    episodes. When writing fails nothing is left.
+    Images are stored losslessly, in an HDF5 file compressed by gzip, which Minari can read and append to as usual. If
+    writing fails, no files remain. Raises ModuleNotFoundError without Minari, and ValueError for no episodes or a
+    dataset id that is invalid or in use.
     """
     minari = import_module("minari")
     if not episodes:
-        raise ValueError("there are no demonstrations: no task of these was solved")
-    place: Path = import_module("minari.storage").get_dataset_path(dataset_id)
-    if place.exists():
-        raise ValueError(f"there is a Minari dataset {dataset_id!r} already; choose another name, or delete it")
+        raise ValueError("there are no demonstrations: none of the tasks was solved")
+    path: Path = import_module("minari.storage").get_dataset_path(dataset_id)
+    if path.exists():
+        raise ValueError(f"the Minari dataset {dataset_id!r} exists already; choose another name, or delete it")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # about authors and links that a dataset may have
+            warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
             dataset = minari.create_dataset_from_buffers(
                 dataset_id,
-                _buffers(episodes, dynamics),  # it goes through them once
+                _buffers(episodes, dynamics),  # may be an iterator: it is consumed once
                 env=env_spec,
                 eval_env=env_spec,
                 observation_space=observation_space(HALF_SIZE, [episode.task for episode in episodes]),
@@ -53,7 +53,7 @@ def write_minari(
             )
         _compress(dataset.storage)
     except BaseException:
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(path, ignore_errors=True)
         raise
 
 
@@ -80,7 +80,7 @@ def _buffers(episodes: Sequence[Demonstration], dynamics: Dynamics) -> Iterator[
 
 
 def _compress(storage: Any) -> None:
-    """Writes the file of Minari's storage anew, compressed: Minari itself compresses nothing and pads every array."""
+    """Rewrites the file of Minari's storage compressed; Minari itself does not compress, and pads every array."""
     h5py: Any = import_module("h5py")
     path: Path = storage.data_path / "main_data.hdf5"
     smaller = path.with_suffix(".tmp")
@@ -91,7 +91,7 @@ def _compress(storage: Any) -> None:
 
 
 def _copy_compressed(source: Any, target: Any) -> None:
-    """Copies an HDF5 group; an array becomes one compressed chunk that may still be appended to."""
+    """Copies an HDF5 group; each array becomes one compressed chunk and stays extensible."""
     target.attrs.update(source.attrs)
     for name, part in source.items():
         if hasattr(part, "items"):

@@ -1,7 +1,8 @@
-"""Solving many tasks, over several processes where wanted, and the results in numbers."""
+"""Solving many tasks, optionally in several processes, and summaries of the results."""
 
 from __future__ import annotations
 
+import itertools
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,10 +17,10 @@ from lilgym_mp.solver.solution import Solution, Status
 from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
 
-Question = TypeVar("Question")
-Answer = TypeVar("Answer")
+Input = TypeVar("Input")
+Output = TypeVar("Output")
 
-CHUNK = 32  # tasks handed to a process at a time; those of one statement lie together and share work
+CHUNK_SIZE = 32  # tasks that a process gets at a time; consecutive tasks of one statement share caches
 
 
 class TaskReport(NamedTuple):
@@ -38,75 +39,74 @@ def solve_tasks(
     jobs: int = 1,
     on_report: Callable[[TaskReport], object] = lambda report: None,
 ) -> list[TaskReport]:
-    """A report for each task, in their order, whatever the number of processes.
+    """Solves tasks in `jobs` processes. Returns their reports in order; solutions do not depend on `jobs`.
 
-    `budget`: scenes looked at per task. `on_report` hears of each as it is ready. When it is interrupted, no
-    process is left behind. Raises ValueError for fewer than one job or a budget below 1.
+    `budget`: scenes examined per task. `on_report` is called with each report, in order, as soon as it is ready. Ends
+    all processes when interrupted. Raises ValueError for fewer than one job or a budget below 1.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
     solver = Solver(dynamics, budget)
     reports: list[TaskReport] = []
-    for report in _solved_here(tasks, solver) if jobs == 1 else _solved_by_processes(tasks, solver, jobs):
+    for report in _solve_here(tasks, solver) if jobs == 1 else _solve_in_processes(tasks, solver, jobs):
         reports.append(report)
         on_report(report)
     return reports
 
 
-def _solved_here(tasks: Sequence[Task], solver: Solver) -> Iterator[TaskReport]:
+def _solve_here(tasks: Sequence[Task], solver: Solver) -> Iterator[TaskReport]:
     for task in tasks:
         begin = perf_counter()
         solution = solver.solve(task)
         yield TaskReport(task, solution, perf_counter() - begin)
 
 
-def _solved_by_processes(tasks: Sequence[Task], solver: Solver, jobs: int) -> Iterator[TaskReport]:
+def _solve_in_processes(tasks: Sequence[Task], solver: Solver, jobs: int) -> Iterator[TaskReport]:
     solve = partial(_solutions, solver.dynamics, solver.budget)
-    for task, (solution, seconds) in zip(tasks, in_processes(solve, tasks, jobs, CHUNK), strict=True):
+    for task, (solution, seconds) in zip(tasks, map_chunks(solve, tasks, jobs, CHUNK_SIZE), strict=True):
         yield TaskReport(task, solution, seconds)
 
 
-def in_processes(
-    answer: Callable[[Sequence[Question]], Sequence[Answer]], questions: Sequence[Question], jobs: int, chunk: int
-) -> Iterator[Answer]:
-    """The answer to each question, in their order; `answer` takes `chunk` of them at a time, in its own process.
+def map_chunks(
+    function: Callable[[Sequence[Input]], Sequence[Output]], inputs: Sequence[Input], jobs: int, chunk_size: int
+) -> Iterator[Output]:
+    """The output for each input, in order; `function` maps a chunk of inputs to as many outputs.
 
-    With one job it works in this process. When it is interrupted, no process is left behind. Raises ValueError for
-    fewer than one job.
+    Uses `jobs` processes, or only this one for a single job. Ends all processes when interrupted. Raises ValueError
+    for fewer than one job.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
-    chunks = [questions[begin : begin + chunk] for begin in range(0, len(questions), chunk)]
+    chunks = [inputs[begin : begin + chunk_size] for begin in range(0, len(inputs), chunk_size)]
     if jobs == 1:
-        for some in chunks:
-            yield from answer(some)
+        yield from itertools.chain.from_iterable(map(function, chunks))
         return
-    executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_leave_interrupts_to_the_parent)
+    executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_ignore_interrupts)
     try:
-        for answers in executor.map(answer, chunks):
-            yield from answers
+        yield from itertools.chain.from_iterable(executor.map(function, chunks))
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-def _leave_interrupts_to_the_parent() -> None:
+def _ignore_interrupts() -> None:
+    """The parent process handles them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _solutions(dynamics: Dynamics, budget: int, tasks: Sequence[Task]) -> list[tuple[Solution, float]]:
-    """The solutions and their seconds; the tasks themselves need not travel back."""
-    return [(report.solution, report.seconds) for report in _solved_here(tasks, Solver(dynamics, budget))]
+    """Solutions and seconds; without the tasks, which the parent process has."""
+    return [(report.solution, report.seconds) for report in _solve_here(tasks, Solver(dynamics, budget))]
 
 
 class Summary(NamedTuple):
-    """What came of a set of tasks."""
+    """Statistics of reports."""
 
     tasks: int
     solved: int
-    proven_optimal: int  # of the solved
+    proven_optimal: int  # of the solved tasks
     unsolvable: int  # proven
     not_found: int
-    mean_steps: float  # of the solved, STOP included
+    mean_steps: float  # of the solved tasks, STOP included
     most_steps: int
     median_seconds: float
     mean_seconds: float
@@ -114,15 +114,15 @@ class Summary(NamedTuple):
 
     @property
     def solved_share(self) -> float:
-        """Of the tasks that are not proven unsolvable; 1 when there is none."""
+        """The share of solved tasks among those not proven unsolvable; 1 if there are none."""
         solvable = self.tasks - self.unsolvable
         return self.solved / solvable if solvable else 1.0
 
 
 def summarise(reports: Sequence[TaskReport]) -> Summary:
-    """Raises ValueError when there are no reports."""
+    """Raises ValueError for no reports."""
     if not reports:
-        raise ValueError("there are no reports to summarise")
+        raise ValueError("cannot summarise zero reports")
     counts = Counter(report.solution.status for report in reports)
     steps = [report.solution.steps for report in reports if report.solution.solved]
     seconds = [report.seconds for report in reports]
@@ -154,7 +154,7 @@ COLUMNS = (
 
 
 def summary_table(summaries: Mapping[str, Summary]) -> str:
-    """A Markdown table, a row for each named summary."""
+    """A Markdown table with a row for each named summary."""
     rows = [("", *COLUMNS), ("---", *["---:"] * len(COLUMNS))]
     for name, summary in summaries.items():
         cells = (
@@ -173,7 +173,7 @@ def summary_table(summaries: Mapping[str, Summary]) -> str:
 
 
 def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:
-    """One task's report as JSON; actions as the appearance numbers them."""
+    """One task's report as JSON, with actions as indices."""
     task, solution, seconds = report
     return {
         "task": task.id,

@@ -1,4 +1,4 @@
-"""The 121 boxes of Tower as pictures: a Tower picture is three of them, side by side."""
+"""Images of the 121 Tower boxes; the image of a Tower scene is three of them side by side."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Box, Scene, SceneError
 
 
 def tower_box_index(box: Box) -> int:
-    """Where the box is in `tower_box_images` and `tower_tables().boxes`. Raises SceneError for no box of Tower."""
+    """The box's index in `tower_box_images` and `tower_tables().boxes`. Raises SceneError if it is not a Tower box."""
     index = tower_tables().numbers.get(box.items)
     if index is None:
-        raise SceneError(f"{box!r} is no box of Tower")
+        raise SceneError(f"{box!r} is not a Tower box")
     return index
 
 
 @cache
 def tower_box_images(image_size: str = "half") -> UInt8Array:
-    """(121, height, width, 3) each box as it is drawn at any of the three places, not to be written.
+    """(121, side, side, 3) read-only; each box looks the same at all three places. `side` is 50 or, native, 100 pixels.
 
-    50 pixels high and wide at half size, 100 at native size. Raises ValueError for an unknown image size.
+    Raises ValueError for an unknown image size.
     """
     shrink = shrink_of(image_size)
     side = BOX_SIDE // shrink
@@ -35,6 +35,6 @@ def tower_box_images(image_size: str = "half") -> UInt8Array:
 
 
 def box_columns(index: int, image_size: str = "half") -> slice:
-    """The columns of a picture that box `index` takes. Raises ValueError for an unknown image size."""
+    """The columns of box `index` in an image. Raises ValueError for an unknown image size."""
     shrink = shrink_of(image_size)
     return slice(index * BOX_PITCH // shrink, (index * BOX_PITCH + BOX_SIDE) // shrink)

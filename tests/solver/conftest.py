@@ -1,4 +1,4 @@
-"""A small corpus of our own, so that solving a whole split is quick."""
+"""A small corpus, so that solving a whole split is fast."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCATTERED = (
     scene([circle(0, 0, LARGE, B), square(40, 40, colour=K)], [triangle(5, 60, SMALL, Y)], [square(80, 80, colour=B)]),
     scene([circle(0, 70, LARGE, Y)], [circle(33, 33, colour=B), circle(70, 0, LARGE, B)], [triangle(50, 50, LARGE, K)]),
 )
-MEANINGS = (
+STATEMENTS = (
     ("tower", "A blue block is there.", "exist(filter_color(all_items, Color.BLUE))", TOWERS),
     ("tower", "Two towers have two blocks.", "count(filter_obj(all_boxes, lambda b: count(b) == 2)) == 2", TOWERS),
     ("tower", "Each tower has black on top.", "count(filter_obj(all_items, lambda x: is_top(x) and is_black(x))) == 3",
@@ -33,11 +33,11 @@ MEANINGS = (
 )  # fmt: skip
 
 
-def entry(number: int, split: str, appearance: str, statement: str, program: str, starts: tuple[Scene, ...]) -> Any:
-    name = f"{split}-{number}"
+def entry(index: int, split: str, appearance: str, statement: str, program: str, starts: tuple[Scene, ...]) -> Any:
+    name = f"{split}-{index}"
     flips = [
-        {"id": f"{name}-{place}", "label": Task("", "", program, True, start).truth(start), "scene": start.to_json()}
-        for place, start in enumerate(starts)
+        {"id": f"{name}-{position}", "label": Task("", "", program, True, start).truth(start), "scene": start.to_json()}
+        for position, start in enumerate(starts)
     ]
     return {
         "id": name,
@@ -51,8 +51,8 @@ def entry(number: int, split: str, appearance: str, statement: str, program: str
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The path of the corpus: three statements an appearance, with three starts, in train and in dev."""
+    """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
     path: Path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
-    entries = [entry(number, split, *meaning) for split in ("train", "dev") for number, meaning in enumerate(MEANINGS)]
+    entries = [entry(index, split, *fields) for split in ("train", "dev") for index, fields in enumerate(STATEMENTS)]
     write_corpus(path, "own", "MIT", entries)
     return str(path)

@@ -1,4 +1,4 @@
-"""States with sets of actions: made the same every time, kept in a file, and read back."""
+"""Labelled states: reproducible, and preserved by writing and reading a file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lilgym_mp.solver.action_sets import (
     ActionSets,
     LabelledState,
     Origin,
-    action_sets,
-    explored,
-    labelled,
+    explore,
+    label,
     load_action_sets,
+    pack_action_sets,
     write_action_sets,
 )
 from tests.solver.tasks import mdp
@@ -31,14 +31,14 @@ APPEARANCES = ("tower", "scatter")
 ARRAYS = [name for name in ActionSets.__dataclass_fields__ if name != "about"]
 
 
-def some(appearance: str, **options: Any) -> list[LabelledState]:
-    return explored(load_tasks("builtin", appearance, "flipit", "dev")[:8], mdp(appearance), **options)
+def explored(appearance: str, **options: Any) -> list[LabelledState]:
+    return explore(load_tasks("builtin", appearance, "flipit", "dev")[:8], mdp(appearance), **options)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_explored__states_follow_each_other_by_legal_actions(appearance: str):
+def test_explore__consecutive_states_are_linked_by_legal_actions(appearance: str):
     dynamics = mdp(appearance)
-    found = some(appearance, exploration=0.5, seed=3)
+    found = explored(appearance, exploration=0.5, seed=3)
     solver = Solver(dynamics)
     assert sum(origin is Origin.START for _, _, origin in found) == 8
     for before, after in itertools.pairwise(found):
@@ -50,8 +50,8 @@ def test_explored__states_follow_each_other_by_legal_actions(appearance: str):
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_explored__without_exploration_keeps_to_shortest_solutions(appearance: str):
-    found = some(appearance, exploration=0.0)
+def test_explore__without_exploration_follows_shortest_solutions(appearance: str):
+    found = explored(appearance, exploration=0.0)
     for before, after in itertools.pairwise(found):
         if after.origin is Origin.PATH:
             assert after.found.steps == before.found.steps - 1
@@ -59,24 +59,24 @@ def test_explored__without_exploration_keeps_to_shortest_solutions(appearance: s
             assert before.found.steps == 1
 
 
-def test_explored__is_the_same_for_a_seed_whatever_the_number_of_processes():
-    assert some("scatter", seed=1, repeats=2) == some("scatter", seed=1, repeats=2, jobs=2)
-    assert some("scatter", seed=1) != some("scatter", seed=2)
+def test_explore__depends_on_the_seed_but_not_on_the_number_of_processes():
+    assert explored("scatter", seed=1, repeats=2) == explored("scatter", seed=1, repeats=2, jobs=2)
+    assert explored("scatter", seed=1) != explored("scatter", seed=2)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_labelled__is_each_given_state_with_its_set(appearance: str):
-    states = [state for state, _, _ in some(appearance)]
-    found = labelled(states, mdp(appearance))
+def test_label__gives_each_state_its_optimal_actions(appearance: str):
+    states = [state for state, _, _ in explored(appearance)]
+    found = label(states, mdp(appearance))
     solver = Solver(mdp(appearance))
     assert found == [LabelledState(state, solver.optimal_actions(state), Origin.GIVEN) for state in states]
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_file__gives_back_what_was_written(appearance: str, tmp_path: Path):
+def test_file__preserves_what_was_written(appearance: str, tmp_path: Path):
     dynamics = mdp(appearance)
-    states = some(appearance, seed=5)
-    sets = action_sets(states, dynamics, {"corpus_sha256": "abc"})
+    states = explored(appearance, seed=5)
+    sets = pack_action_sets(states, dynamics, {"corpus_sha256": "abc"})
     write_action_sets(tmp_path / "sets.npz", sets)
     read = load_action_sets(tmp_path / "sets.npz", corpus_sha256="abc")
     assert read.about == sets.about
@@ -90,66 +90,66 @@ def test_file__gives_back_what_was_written(appearance: str, tmp_path: Path):
         assert tuple(read.actions_of(index).tolist()) == found.actions
         assert (read.steps_to_go[index], read.complete[index]) == (found.steps, found.complete)
         assert (read.steps_taken[index], read.origin[index]) == (state.steps, origin)
-        number = read.state_task[index]
-        assert (read.task[number], read.program[number]) == (state.task.id, state.task.program)
-        assert (read.statement[number], read.target[number]) == (state.task.statement, state.task.target)
+        task = read.state_task[index]
+        assert (read.task[task], read.program[task]) == (state.task.id, state.task.program)
+        assert (read.statement[task], read.target[task]) == (state.task.statement, state.task.target)
 
 
-def test_file__is_the_same_to_the_byte(tmp_path: Path):
-    sets = action_sets(some("tower"), mdp("tower"), {})
+def test_file__is_reproducible(tmp_path: Path):
+    sets = pack_action_sets(explored("tower"), mdp("tower"), {})
     for name in ("one.npz", "two.npz"):
         write_action_sets(tmp_path / name, sets)
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_file__that_is_cut_off_is_refused(share: float, tmp_path: Path):
+def test_file__that_is_truncated_is_refused(share: float, tmp_path: Path):
     path = tmp_path / "sets.npz"
-    write_action_sets(path, action_sets(some("tower"), mdp("tower"), {}))
+    write_action_sets(path, pack_action_sets(explored("tower"), mdp("tower"), {}))
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(ActionSetFileError, match=r"sets\.npz is no npz file, or it is cut off"):
+    with pytest.raises(ActionSetFileError, match=r"sets\.npz is not an npz file, or is truncated"):
         load_action_sets(path)
 
 
-def test_file__of_another_corpus_version_or_form_is_refused(tmp_path: Path):
+def test_file__with_another_corpus_version_or_format_is_refused(tmp_path: Path):
     path = tmp_path / "sets.npz"
-    sets = action_sets(some("tower"), mdp("tower"), {"corpus_sha256": "abc"})
+    sets = pack_action_sets(explored("tower"), mdp("tower"), {"corpus_sha256": "abc"})
     write_action_sets(path, sets)
     with pytest.raises(ActionSetFileError, match="comes from the corpus with checksum abc, not xyz"):
         load_action_sets(path, corpus_sha256="xyz")
     arrays = {name: getattr(sets, name) for name in ARRAYS}
     np.savez(path, about=np.array(json.dumps({**sets.about, "version": 99})), **arrays)
-    with pytest.raises(ActionSetFileError, match="is of version 99; this package reads 1"):
+    with pytest.raises(ActionSetFileError, match="has version 99; this package reads version 1"):
         load_action_sets(path)
     np.savez(path, about=np.array(json.dumps(sets.about)), **{**arrays, "action_starts": sets.action_starts[:-1]})
-    with pytest.raises(ActionSetFileError, match="arrays do not belong together"):
+    with pytest.raises(ActionSetFileError, match="arrays are inconsistent"):
         load_action_sets(path)
     np.savez(path, about=np.array(json.dumps(sets.about)), **{**arrays, "action": sets.action.astype(np.float32)})
     with pytest.raises(ActionSetFileError, match="action must have 1 axes of i4"):
         load_action_sets(path)
     np.savez(path, about=np.array("{}"))
-    with pytest.raises(ActionSetFileError, match="holds no sets of actions"):
+    with pytest.raises(ActionSetFileError, match="does not contain action sets"):
         load_action_sets(path)
     with pytest.raises(FileNotFoundError):
         load_action_sets(tmp_path / "nowhere.npz")
 
 
 def test_items__refuse_a_capacity_that_is_too_small():
-    sets = action_sets(some("tower"), mdp("tower"), {})
+    sets = pack_action_sets(explored("tower"), mdp("tower"), {})
     with pytest.raises(ValueError, match="a capacity of 0 is too small"):
         sets.items(0)
 
 
 def test_bad_input__is_named():
     with pytest.raises(ValueError, match=r"exploration must be a probability from 0 to 1, not 1\.5"):
-        some("tower", exploration=1.5)
+        explored("tower", exploration=1.5)
     with pytest.raises(ValueError, match="repeats must be at least 1, not 0"):
-        some("tower", repeats=0)
+        explored("tower", repeats=0)
     with pytest.raises(ValueError, match="jobs must be at least 1, not 0"):
-        some("tower", jobs=0)
-    with pytest.raises(ValueError, match="no states to keep"):
-        action_sets([], mdp("tower"), {})
+        explored("tower", jobs=0)
+    with pytest.raises(ValueError, match="at least one state"):
+        pack_action_sets([], mdp("tower"), {})
 
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
@@ -163,6 +163,6 @@ def test_command__writes_sets(configuration: str, corpus: str, tmp_path: Path, c
     assert (read.about["seed"], read.about["exploration"]) == (2, 0.25)
 
 
-def test_command__refuses_what_sets_have_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__refuses_options_that_do_not_apply_to_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["demos", "TowerFlipIt", "--sets", "--images", "--out", str(tmp_path / "sets.npz")]) != 0
     assert "--sets needs --out and excludes" in capsys.readouterr().err

@@ -21,26 +21,26 @@ from lilgym_mp.task import Task
 Captured = pytest.CaptureFixture[str]
 
 
-def test_solve__tells_shares_and_writes_solutions(corpus: str, tmp_path: Path, capsys: Captured):
+def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, capsys: Captured):
     out = tmp_path / "solutions.json"
     assert main(["solve", "--corpus", corpus, "--jobs", "1", "--replay", "--out", str(out)]) == 0
-    told = capsys.readouterr()
-    assert f"corpus {corpus}, rules paper, horizon 12, grid 19x5" in told.out
+    printed = capsys.readouterr()
+    assert f"corpus {corpus}, rules paper, horizon 12, grid 19x5" in printed.out
     for name, count in (("TowerScratch dev", 3), ("ScatterFlipIt dev", 9)):
-        assert f"| {name} | {count} | {count} (100.00 %) | {count} |" in told.out
-        assert f"{name}: {count} of {count} solutions succeed in the environment" in told.out
-        assert f"{count} of {count} tasks of {name}" in told.err
+        assert f"| {name} | {count} | {count} (100.00 %) | {count} |" in printed.out
+        assert f"{name}: {count} of {count} solutions succeed in the environment" in printed.out
+        assert f"{count} of {count} tasks of {name}" in printed.err
     data = json.loads(out.read_text())
     assert data["summaries"]["ScatterFlipIt dev"]["solved"] == 9
     assert {record["status"] for record in data["tasks"]} == {"solved"}
 
 
-def test_solve__takes_the_first_tasks_only_where_told_to(corpus: str, capsys: Captured):
+def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):
     assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--limit", "2"]) == 0
     assert "| TowerFlipIt train | 2 | 2 (100.00 %) | 2 |" in capsys.readouterr().out
 
 
-def test_solve__lists_what_has_no_solution(corpus: str, capsys: Captured):
+def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
     assert main(["solve", "TowerScratch", "--corpus", corpus, "--horizon", "1", "--jobs", "1"]) == 0
     assert "unsolvable, no scene within 0 edits has that value" in capsys.readouterr().out
 
@@ -58,9 +58,9 @@ def test_solve__lists_what_has_no_solution(corpus: str, capsys: Captured):
 )
 def test_solve__names_the_mistake(options: list[str], message: str, capsys: Captured):
     assert main(["solve", *options]) == 2
-    told = capsys.readouterr()
-    assert message in told.err
-    assert told.out == ""
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert printed.out == ""
 
 
 def test_demos__are_the_same_from_one_process_and_from_two(corpus: str, tmp_path: Path, capsys: Captured):
@@ -92,7 +92,7 @@ def test_demos__name_the_mistake(
     assert not list(tmp_path.iterdir())
 
 
-def test_demos__leave_nothing_when_the_disk_is_full(
+def test_demos__leave_no_files_if_the_disk_is_full(
     corpus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ):
     def fail(path: Path, *_: object) -> None:
@@ -106,7 +106,7 @@ def test_demos__leave_nothing_when_the_disk_is_full(
     assert not list(tmp_path.iterdir())
 
 
-def test_solve__says_that_a_process_was_ended(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_solve__reports_a_killed_process(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
     assert main(["solve", "TowerScratch", "--corpus", corpus, "--jobs", "2"]) == 2
     assert "a worker process was killed" in capsys.readouterr().err
@@ -117,24 +117,24 @@ class _EndsItsProcess(Solver):
         os._exit(1)
 
 
-def test_demos__say_what_minari_needs(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_demos__name_the_missing_dependency(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.cli.demos.find_spec", lambda name: None)
     assert main(["demos", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
     assert 'pip install "minari[hdf5]' in capsys.readouterr().err
 
 
-def test_solve__shows_named_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):
+def test_solve__shows_single_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):
     task, *_ = load_tasks(corpus, "scatter", "flipit", "dev")
     film = tmp_path / "film.gif"
     command = ["solve", "ScatterFlipIt", "--corpus", corpus, "--task", task.id, "--show", "--gif", str(film)]
     assert main(command) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     solution = Solver(make_dynamics(make_appearance("scatter"))).solve(task)
-    assert task.statement in told
-    assert task.program in told
+    assert task.statement in printed
+    assert task.program in printed
     for number, action in enumerate(solution.actions, 1):
-        assert f"  {number}. {describe(action)}: reward" in told
-    assert told.count("+--------------------+  +") == 2 * solution.steps
+        assert f"  {number}. {describe(action)}: reward" in printed
+    assert printed.count("+--------------------+  +") == 2 * solution.steps
     assert film.read_bytes().startswith(b"GIF8")
     assert main(command) == 2
     assert "--force overwrites it" in capsys.readouterr().err
@@ -149,7 +149,7 @@ def test_solve__shows_named_tasks_action_by_action(corpus: str, tmp_path: Path, 
         (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
     ],
 )
-def test_solve__says_what_does_not_go_with_tasks(corpus: str, arguments: list[str], message: str, capsys: Captured):
+def test_solve__refuses_unsuitable_options_with_task(corpus: str, arguments: list[str], message: str, capsys: Captured):
     assert main(["solve", "--corpus", corpus, *arguments]) == 2
     assert message in capsys.readouterr().err
 

@@ -22,27 +22,27 @@ BLUE = "exist(filter_color(all_items, Color.BLUE))"
 NEVER = "count(all_items) == 99"
 
 
-def shown(*programs: str, episodes: int | None = None, seed: int = 0) -> list[Demonstration]:
+def demonstrate(*programs: str, episodes: int | None = None, seed: int = 0) -> list[Demonstration]:
     start = scene(left=tower(K))
     reports = solve_tasks([task(program, start) for program in programs], mdp("tower"), budget=10_000)
     return demonstrations(reports, mdp("tower"), episodes, seed)
 
 
-def test_demonstration__tells_every_state_before_an_action():
-    (episode,) = shown(BLUE)
+def test_demonstration__has_the_state_before_each_action():
+    (episode,) = demonstrate(BLUE)
     assert [state.scene for state in episode.states] == [scene(left=tower(K)), scene(left=tower(K), right=tower(B))]
     assert (episode.rewards, episode.terminated, episode.truncated) == ((-0.1, 1.0), True, False)
 
 
-def test_demonstrations__leave_out_what_is_not_solved():
-    assert [episode.task.program for episode in shown(BLUE, NEVER)] == [BLUE]
+def test_demonstrations__omit_unsolved_tasks():
+    assert [episode.task.program for episode in demonstrate(BLUE, NEVER)] == [BLUE]
 
 
-def test_draws__follow_their_seed():
+def test_draws__depend_on_the_seed():
     programs = [f"count(all_items) == {count}" for count in range(2, 8)]
 
     def drawn(seed: int) -> list[str]:
-        return [episode.task.program for episode in shown(*programs, episodes=9, seed=seed)]
+        return [episode.task.program for episode in demonstrate(*programs, episodes=9, seed=seed)]
 
     assert len(drawn(1)) == 9
     assert drawn(1) == drawn(1) != drawn(2)
@@ -50,11 +50,11 @@ def test_draws__follow_their_seed():
 
 def test_draws__of_no_episode_are_refused():
     with pytest.raises(ValueError, match="episodes must be at least 1 or None, not 0"):
-        shown(BLUE, episodes=0)
+        demonstrate(BLUE, episodes=0)
 
 
-def test_arrays__hold_the_actions_of_each_episode_in_turn():
-    found = arrays(shown(BLUE, "count(all_items) == 3"), mdp("tower"), images=True)
+def test_arrays__concatenate_the_actions_of_the_episodes():
+    found = arrays(demonstrate(BLUE, "count(all_items) == 3"), mdp("tower"), images=True)
     assert found["program"].tolist() == [BLUE, "count(all_items) == 3"]
     assert found["starts"].tolist() == [0, 2, 5]
     assert found["action_array"][0].tolist() == Tower().to_array(Tower().decode(int(found["action"][0])))
@@ -64,8 +64,8 @@ def test_arrays__hold_the_actions_of_each_episode_in_turn():
 
 
 def test_arrays__of_no_episode_are_refused():
-    with pytest.raises(ValueError, match="no task of these was solved"):
-        arrays(shown(NEVER), mdp("tower"))
+    with pytest.raises(ValueError, match="none of the tasks was solved"):
+        arrays(demonstrate(NEVER), mdp("tower"))
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
@@ -74,17 +74,17 @@ def test_arrays__replay_in_the_environment(appearance: str):
     dynamics = mdp(appearance)
     found = arrays(demonstrations(solve_tasks(tasks, dynamics), dynamics), dynamics, images=True)
     env = gym.make(f"lilgym_mp/{appearance.capitalize()}FlipIt-v0", split="dev")
-    for number, begin in enumerate(found["starts"][:-1].tolist()):
-        observation, info = env.reset(options={"task": str(found["task"][number])})
-        for place in range(begin, found["starts"][number + 1]):
-            assert np.array_equal(observation["image"], found["image"][place])
-            observation, reward, *_, info = env.step(int(found["action"][place]))
-            assert reward == pytest.approx(found["reward"][place])
+    for index, begin in enumerate(found["starts"][:-1].tolist()):
+        observation, info = env.reset(options={"task": str(found["task"][index])})
+        for step in range(begin, found["starts"][index + 1]):
+            assert np.array_equal(observation["image"], found["image"][step])
+            observation, reward, *_, info = env.step(int(found["action"][step]))
+            assert reward == pytest.approx(found["reward"][step])
         assert info["is_success"]
 
 
-def test_npz__is_the_same_every_time_and_says_what_it_is(tmp_path: Path):
-    found = arrays(shown(BLUE), mdp("tower"))
+def test_npz__is_reproducible_and_contains_its_metadata(tmp_path: Path):
+    found = arrays(demonstrate(BLUE), mdp("tower"))
     for name in ("a.npz", "b.npz"):
         write_npz(tmp_path / name, found, {"seed": 5})
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
@@ -107,15 +107,15 @@ def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatc
     env = dataset.recover_environment()
     for episode in dataset.iterate_episodes():
         observation, info = env.reset(options={"task": episode.infos["task"][0].decode()})
-        for place, action in enumerate(episode.actions):
-            assert np.array_equal(observation["image"], episode.observations["image"][place])
+        for step, action in enumerate(episode.actions):
+            assert np.array_equal(observation["image"], episode.observations["image"][step])
             observation, *_, info = env.step(int(action))
         assert info["is_success"]
     with pytest.raises(ValueError, match="already"):
         write_minari("lilgym/own-v0", episodes, mdp("tower"), dataset.env_spec, "Ours.")
 
 
-def test_minari__is_small_says_how_small_and_can_be_added_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_minari__is_compressed_and_extensible_and_records_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     minari: Any = pytest.importorskip("minari")
     from minari.data_collector import EpisodeBuffer
 
@@ -146,14 +146,14 @@ def test_minari__is_small_says_how_small_and_can_be_added_to(tmp_path: Path, mon
     assert (minari.load_dataset("own-v0")[len(episodes)].observations["image"] == first.observations["image"]).all()
 
 
-def test_minari__leaves_nothing_when_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_minari__leaves_no_files_if_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("minari")
     from lilgym_mp.solver.minari_dataset import write_minari
 
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     spec = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev").spec
     assert spec is not None
-    broken = [episode._replace(states=()) for episode in shown(BLUE)]
+    broken = [episode._replace(states=()) for episode in demonstrate(BLUE)]
     with pytest.raises(IndexError):
         write_minari("own-v0", broken, mdp("tower"), spec, "Ours.")
     assert not (tmp_path / "own-v0").exists()

@@ -1,4 +1,4 @@
-"""What docs/solver.md and the expert's docstring show is what happens."""
+"""The examples in docs/solver.md and in the expert's docstring."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from lilgym_mp.solver import expert
 DOCUMENT = Path(__file__).parents[2] / "docs" / "solver.md"
 
 
-def test_document__shows_what_happens():
+def test_document__has_correct_examples():
     failures, tried = doctest.testfile(str(DOCUMENT), module_relative=False)
     assert (failures, tried > 10) == (0, True)
 
 
-def test_docstrings__show_what_happens():
+def test_docstring__has_correct_examples():
     failures, tried = doctest.testmod(expert)
     assert (failures, tried > 3) == (0, True)

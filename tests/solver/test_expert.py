@@ -1,4 +1,4 @@
-"""The expert plays environments to success, from wherever it is asked."""
+"""The expert plays environments to success from any state."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_expert__succeeds(configuration: str, rules: str):
         assert total == pytest.approx(1 - 0.1 * (steps - 1))
 
 
-def test_expert__plans_anew_after_another_went_astray():
+def test_expert__replans_after_other_actions():
     env = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev")
     expert = Expert(env)
     env.reset(seed=3)
@@ -45,7 +45,7 @@ def test_expert__plans_anew_after_another_went_astray():
     assert play(env, expert)[1]["is_success"]
 
 
-def test_expert__follows_its_plan_from_one_episode_to_the_next():
+def test_expert__plays_consecutive_episodes():
     env = gym.make("lilgym_mp/TowerScratch-v0", split="dev")
     expert = Expert(env)
     for _ in range(3):
@@ -53,13 +53,13 @@ def test_expert__follows_its_plan_from_one_episode_to_the_next():
         assert play(env, expert)[1]["is_success"]
 
 
-def test_expert__stops_where_nothing_helps():
+def test_expert__stops_if_there_is_no_solution():
     env = gym.make("lilgym_mp/TowerScratch-v0", split="dev", horizon=1)
     env.reset(seed=0)
     assert Expert(env).act() == 0
 
 
-def test_expert__looks_through_wrappers():
+def test_expert__accepts_wrapped_environments():
     env = ActionMask(gym.make("lilgym_mp/ScatterFlipIt-v0", split="dev"))
     env.reset(seed=0)
     found = Expert(env).optimal_actions()
@@ -72,7 +72,7 @@ def test_expert__needs_an_environment_of_this_package():
         Expert(gym.make("CartPole-v1"))
 
 
-def test_expert__needs_a_reset_environment_to_act():
+def test_expert__needs_an_environment_that_was_reset():
     expert = Expert(gym.make("lilgym_mp/TowerScratch-v0", split="dev"))
     with pytest.raises(gym.error.ResetNeeded):
         expert.act()

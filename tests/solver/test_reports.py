@@ -1,4 +1,4 @@
-"""Many tasks solved, by one process or several, counted and told."""
+"""Solving many tasks in one process or several, and summarising the results."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.rules import Outcome
 from lilgym_mp.solver import Status
-from lilgym_mp.solver.reports import CHUNK, TaskReport, report_json, solve_tasks, summarise, summary_table
+from lilgym_mp.solver.reports import CHUNK_SIZE, TaskReport, report_json, solve_tasks, summarise, summary_table
 from lilgym_mp.solver.solution import Solution
 from tests.solver.tasks import mdp, outcome, task
 
-TASKS = load_tasks("builtin", "tower", "flipit", "dev")[: 2 * CHUNK + 3]
+TASKS = load_tasks("builtin", "tower", "flipit", "dev")[: 2 * CHUNK_SIZE + 3]
 SOLVED = Solution(Status.SOLVED, (), 0, 7)
 UNSOLVABLE = Solution(Status.UNSOLVABLE, (), 12, 9, "no scene has that value")
 
@@ -25,14 +25,14 @@ def test_reports__are_the_same_from_one_process_and_from_two():
     assert [(report.task, report.solution) for report in together] == [(r.task, r.solution) for r in alone]
 
 
-def test_reports__are_heard_in_order():
-    heard: list[TaskReport] = []
-    reports = solve_tasks(TASKS[:5], mdp("tower"), jobs=2, on_report=heard.append)
-    assert heard == reports
-    assert [report.task for report in heard] == list(TASKS[:5])
+def test_on_report__is_called_in_order():
+    received: list[TaskReport] = []
+    reports = solve_tasks(TASKS[:5], mdp("tower"), jobs=2, on_report=received.append)
+    assert received == reports
+    assert [report.task for report in received] == list(TASKS[:5])
 
 
-def test_interruption__leaves_no_process_behind():
+def test_interruption__ends_all_processes():
     def interrupt(report: TaskReport) -> None:
         raise KeyboardInterrupt
 
@@ -47,15 +47,15 @@ def test_options__must_be_positive(option: str, message: str):
         solve_tasks(TASKS, mdp("tower"), **{option: 0})
 
 
-def test_summary__counts_the_solvable_only():
+def test_summary__excludes_unsolvable_tasks_from_the_share():
     one = task("True")
     summary = summarise([TaskReport(one, SOLVED, 0.002), TaskReport(one, UNSOLVABLE, 0.004)])
     assert (summary.tasks, summary.solved, summary.unsolvable, summary.solved_share) == (2, 1, 1, 1.0)
     assert summary.mean_seconds == pytest.approx(0.003)
 
 
-def test_summary__of_nothing_is_refused():
-    with pytest.raises(ValueError, match="no reports"):
+def test_summary__of_zero_reports_is_refused():
+    with pytest.raises(ValueError, match="zero reports"):
         summarise([])
 
 
@@ -64,11 +64,11 @@ def test_table__has_a_row_for_each_summary():
     assert table.splitlines()[-1] == "| TowerFlipIt dev | 1 | 1 (100.00 %) | 0 | 0 | 0 | 0.00 | 0 | 1.50 | 1.50 |"
 
 
-def test_json__has_the_actions_by_number():
+def test_json__has_action_indices():
     dynamics = mdp("tower")
     (report,) = solve_tasks([task("exist(filter_color(all_boxes[1].all_items_in_box(), Color.BLACK))")], dynamics)
-    told = report_json(report, dynamics)
-    assert (told["actions"], told["status"], told["proven_optimal"]) == ([5, 0], "solved", True)
+    record = report_json(report, dynamics)
+    assert (record["actions"], record["status"], record["proven_optimal"]) == ([5, 0], "solved", True)
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])

@@ -1,4 +1,4 @@
-"""A Tower picture is three of 121."""
+"""Images and indices of Tower boxes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tests.scenes import B, K, Y, circle, scene, tower
 
 
 @pytest.mark.parametrize("image_size", ["half", "native"])
-def test_images__are_the_parts_of_every_picture(image_size: str):
+def test_images__are_the_parts_of_a_scene_image(image_size: str):
     shown = scene(tower(B, K, Y, Y), tower(), tower(K, B))
-    picture = draw(shown, image_size)
+    image = draw(shown, image_size)
     images = tower_box_images(image_size)
     for index, box in enumerate(shown.boxes):
-        assert np.array_equal(picture[:, box_columns(index, image_size)], images[tower_box_index(box)])
+        assert np.array_equal(image[:, box_columns(index, image_size)], images[tower_box_index(box)])
 
 
 def test_images__are_all_different():
@@ -26,6 +26,6 @@ def test_images__are_all_different():
     assert len({image.tobytes() for image in images}) == 121
 
 
-def test_index__refuses_what_is_no_box_of_tower():
-    with pytest.raises(SceneError, match="is no box of Tower"):
+def test_index__refuses_other_boxes():
+    with pytest.raises(SceneError, match="is not a Tower box"):
         tower_box_index(Box((circle(0, 0),)))

@@ -1,4 +1,4 @@
-"""Rewards shaped by the expert, and starts near success."""
+"""Rewards shaped by the expert, and starts near the goal."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def make_batch(corpus: str) -> Callable[[str], Any]:
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
-def test_shaping__rewards_shortest_solutions_with_nothing_along_the_way(make: Make, configuration: str):
+def test_shaping__gives_zero_reward_along_shortest_solutions(make: Make, configuration: str):
     env = PotentialShaping(make(configuration))
     expert = Expert(env)
     for seed in range(5):
@@ -56,7 +56,7 @@ def test_shaping__rewards_shortest_solutions_with_nothing_along_the_way(make: Ma
 
 
 @pytest.mark.parametrize("discount", [1.0, 0.9])
-def test_shaping__changes_every_return_by_the_starts_potential(make: Make, discount: float):
+def test_shaping__shifts_every_return_by_the_starts_potential(make: Make, discount: float):
     def discounted_return(actions: list[int]) -> tuple[float, float]:
         """Of the same episode, shaped and not."""
         env = PotentialShaping(make("TowerScratch"), discount)
@@ -76,7 +76,7 @@ def test_shaping__changes_every_return_by_the_starts_potential(make: Make, disco
     assert differences == pytest.approx([differences[0]] * 3)
 
 
-def test_shaping__charges_a_detour_at_once(make: Make):
+def test_shaping__penalises_a_detour_immediately(make: Make):
     env = PotentialShaping(make("TowerFlipIt"))
     env.reset(options={"task": "train-0-2"})
     good = set(Expert(env).optimal_actions().actions)
@@ -124,7 +124,7 @@ def test_shaping__of_a_batch_rewards_as_single_environments_do(corpus: str, conf
             batch.reset(options={"reset_mask": ended})
 
 
-def test_shaping__serves_sb3(corpus: str):
+def test_shaping__works_with_sb3(corpus: str):
     sb3 = pytest.importorskip("lilgym_mp.sb3", reason="stable-baselines3 is not installed")
     settings = {"n_envs": 2, "seed": 1, "corpus": corpus, "horizon": 3}
     batched, dummy = (
@@ -189,7 +189,7 @@ def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list
 
 @pytest.mark.parametrize("form", ["turns", "together", "single"])
 @pytest.mark.parametrize("protocol", ["veto", "joint", "critique"])
-def test_shaping__of_a_game_changes_returns_by_the_starts_potential(corpus: str, protocol: str, form: str):
+def test_shaping__of_a_game_shifts_returns_by_the_starts_potential(corpus: str, protocol: str, form: str):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     settings = {"appearance": "tower", "start": "scratch", "corpus": corpus, "protocol": protocol, "horizon": 3}
     potential = PotentialShaping(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, horizon=3))
@@ -212,7 +212,7 @@ def test_reverse_curriculum__starts_that_many_edits_from_success(make: Make, con
         assert Expert(env).plan().steps == min(edits + 1, Expert(plain).plan().steps)
 
 
-def test_reverse_curriculum__leaves_what_it_cannot_solve_where_it_was(make: Make):
+def test_reverse_curriculum__keeps_the_starts_of_unsolved_tasks(make: Make):
     env = ReverseCurriculum(make("TowerFlipIt", horizon=1), 0)
     plain = make("TowerFlipIt", horizon=1)
     assert [task.start for task in env.unwrapped.tasks] == [task.start for task in plain.unwrapped.tasks]
@@ -239,18 +239,18 @@ def test_reverse_curriculum__wraps_batches_of_towers(make_batch: Callable[[str],
     assert env.goal_reached().all()
 
 
-def test_reverse_curriculum__refuses_batches_of_scatter_with_advice(make_batch: Callable[[str], Any]):
+def test_reverse_curriculum__refuses_batches_of_scatter(make_batch: Callable[[str], Any]):
     with pytest.raises(WrongEnvironment, match="for Scatter, wrap each environment"):
         reverse_curriculum_v0(make_batch("ScatterFlipIt"), 0)
 
 
 @pytest.mark.parametrize("edits", [-1, True, 0.5])
-def test_reverse_curriculum__needs_a_number_of_edits(make: Make, edits: int):
+def test_reverse_curriculum__needs_a_whole_number_of_edits(make: Make, edits: int):
     with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
         ReverseCurriculum(make("TowerScratch"), edits)
 
 
-def test_reverse_curriculum__takes_true_for_no_number_after_one_edit_too(make: Make):
+def test_reverse_curriculum__refuses_true_even_after_a_call_with_one(make: Make):
     ReverseCurriculum(make("TowerScratch"), 1)
     with pytest.raises(ValueError, match="edits must be a whole number of at least 0, not True"):
         ReverseCurriculum(make("TowerScratch"), True)
