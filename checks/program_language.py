@@ -1,6 +1,7 @@
-"""Attacks on the program language: programs made to break its limits, and random ones against the reference form.
+"""Stress test of the program language: adversarial programs against its limits, and fuzzing of generated code against
+the reference evaluator.
 
-Each attack runs in a process of its own under limits of processor time and memory. Run:
+Each attack runs in its own process with limited CPU time and memory. Run:
 python -m checks.program_language --count 2000
 """
 
@@ -21,13 +22,13 @@ from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
-SECONDS = 40  # of processor time, for one attack
-MEGABYTES = 300  # beyond what the process has at first
-ITEMS = 72  # as many as the fast form takes
+SECONDS = 40  # CPU time per attack
+MEGABYTES = 300  # on top of the initial process size
+ITEMS = 72  # the most that generated code accepts
 
 
 def nested(levels: int, step: str, leaf: str, first: str) -> str:
-    """`leaf` in `levels` lambdas of v1, v2, ..., each of one value that `step` makes of the one before."""
+    """`leaf` inside `levels` lambdas with parameters v1, v2, ...; each is bound to `step` of the previous one."""
     source = leaf
     for level in range(levels, 0, -1):
         source = f"All([{step.format(f'v{level - 1}')}], lambda v{level}: {source})"
@@ -35,7 +36,7 @@ def nested(levels: int, step: str, leaf: str, first: str) -> str:
 
 
 def loops(variables: str, leaf: str) -> str:
-    """`leaf` in loops over all items."""
+    """`leaf` inside nested loops over all items."""
     return "".join(f"All(all_items, lambda {name}: " for name in variables) + leaf + ")" * len(variables)
 
 
@@ -86,13 +87,13 @@ ATTACKS: dict[str, str] = {
 
 
 def crowded_scene(count: int) -> Scene:
-    """A scene of `count` small items, whatever they overlap."""
+    """A scene of `count` small items, which may overlap."""
     items = [Item(3 * (n % 30), 3 * (n // 30 % 30), Shape(n % 3), Colour(n // 3 % 3), Size.SMALL) for n in range(count)]
     return Scene.of(items[::3], items[1::3], items[2::3])
 
 
 def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
-    """The value, or why there is none. Anything but ProgramRuntimeError is raised."""
+    """The value, or the message of its ProgramRuntimeError. Other exceptions propagate."""
     try:
         return evaluate(scene)
     except ProgramRuntimeError as fault:
@@ -100,7 +101,7 @@ def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
 
 
 def attacked(source: str, items: int = ITEMS) -> dict[str, Any]:
-    """What came of compiling and evaluating `source`: seconds, megabytes and the outcome."""
+    """Time, memory and outcome of compiling and evaluating `source`."""
     before, begun = _peak(), process_time()
     try:
         program = Program(source)
@@ -120,12 +121,12 @@ def attacked(source: str, items: int = ITEMS) -> dict[str, Any]:
 
 
 def _peak() -> float:
-    """Megabytes, the most that this process has used."""
+    """Peak memory of this process in megabytes."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megabytes: int = MEGABYTES) -> Any:
-    """What `work` gives in a process of its own; a text saying how it ended where it gave nothing."""
+    """The result of `work` in its own process, or a text saying how the process ended."""
     context = multiprocessing.get_context("fork")
     answers, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work_limited, args=(theirs, seconds, megabytes, work, args))
@@ -154,7 +155,7 @@ def _work_limited(answers: Any, seconds: int, megabytes: int, work: Callable[...
 
 
 class Writer:
-    """Random programs of every word and construct, mostly of the right kinds and sometimes not."""
+    """Random programs of all words and constructs, mostly well typed."""
 
     def __init__(self, chance: random.Random) -> None:
         self.chance = chance
@@ -218,7 +219,7 @@ class Writer:
         return chance.choice(leaves.get(kind, leaves["collection"]))
 
     def mutated(self, source: str) -> str:
-        """The text with some pieces lost, doubled or swapped."""
+        """The text with some substrings deleted or duplicated."""
         for _ in range(self.chance.randint(1, 3)):
             a, b = sorted(self.chance.randrange(len(source) + 1) for _ in "ab")
             piece = source[a : min(b, a + 12)]
@@ -228,7 +229,7 @@ class Writer:
 
 
 def random_scene(chance: random.Random) -> Scene:
-    """Up to four items a box."""
+    """A scene with up to four items per box."""
 
     def item() -> Item:
         kinds = (chance.choice(list(kind)) for kind in (Shape, Colour, Size))
@@ -238,9 +239,9 @@ def random_scene(chance: random.Random) -> Scene:
 
 
 def fuzz(count: int, seed: int) -> dict[str, int]:
-    """Compiles random and mutated programs, and holds the fast form against the reference form.
+    """Compares generated code with the reference evaluator on random and mutated programs.
 
-    Raises AssertionError for a difference; whatever else a program raises is raised on.
+    Raises AssertionError for a difference; unexpected exceptions propagate.
     """
     chance = random.Random(seed)
     writer = Writer(chance)
@@ -254,11 +255,11 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
         except ProgramError:
             found["refused"] += 1
             continue
-        found["programs with a fast form" if program.has_generated_code else "programs without"] += 1
+        found["programs with generated code" if program.has_generated_code else "programs without"] += 1
         for _ in range(3):
             scene = random_scene(chance)
             ours, theirs = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
-            assert ours == theirs, f"{source!r}: {ours} by the fast form, {theirs} by the reference form, on {scene}"
+            assert ours == theirs, f"{source!r}: generated code: {ours}, reference evaluator: {theirs}, on {scene}"
             found["values" if isinstance(ours, bool) else "failures"] += 1
     return dict(found)
 

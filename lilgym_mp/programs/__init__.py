@@ -1,4 +1,4 @@
-"""The program language: what a statement means, as one expression over the boxes and items of a scene."""
+"""The program language: the meaning of a statement as one expression over the boxes and items of a scene."""
 
 from lilgym_mp.programs.compiler import Program, compile_program, explain_program
 from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError

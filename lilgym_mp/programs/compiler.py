@@ -1,4 +1,4 @@
-"""Program source to a callable truth."""
+"""Compiles program source to a callable from scenes to truth values."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ CACHE_SIZE = 8_192  # programs
 
 
 class Program:
-    """A compiled program. `program(scene)` is its truth in the scene.
+    """A compiled program. `program(scene)` is its truth value in the scene, memoised in `scene.memo`.
 
-    On a scene where it has no value (ProgramRuntimeError) the truth is False, and `errors` counts the message,
-    once a scene. The truth is kept in `scene.memo`. A program is pickled by its source, without the counts.
+    Where evaluation raises ProgramRuntimeError, the truth value is False and `errors` counts the message, once per
+    scene. Pickling keeps the source only.
     """
 
-    __slots__ = ("_fast", "_key", "_reference", "errors", "has_generated_code", "source", "tree")
+    __slots__ = ("_generated", "_key", "_reference", "errors", "has_generated_code", "source", "tree")
 
     def __init__(self, source: str) -> None:
-        """Raises ProgramError when `source` is not a program."""
+        """Raises ProgramError when `source` is not a valid program."""
         self.source = source
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
         self._reference = build_closure(self.tree)
-        fast = generate_function(self.tree)
-        self.has_generated_code = fast is not None  # whether the program has a fast form
-        self._fast = fast or _unsure
+        generated = generate_function(self.tree)
+        self.has_generated_code = generated is not None  # else every evaluation uses the reference evaluator
+        self._generated = generated or _always_fall_back
         self._key = "program truth " + source
 
     def __call__(self, scene: Scene) -> bool:
@@ -40,21 +40,21 @@ class Program:
         truth = memo.get(self._key)
         if truth is None:
             try:
-                truth = self._fast(scene)
+                truth = self._generated(scene)
             except FallbackError:
                 truth = self._reference_truth(scene)
             memo[self._key] = truth
         return truth
 
     def evaluate(self, scene: Scene) -> bool:
-        """The truth in the scene; raises ProgramRuntimeError where there is none. Nothing is counted."""
+        """The truth value in the scene. Raises ProgramRuntimeError where there is none; `errors` is unchanged."""
         try:
-            return self._fast(scene)
+            return self._generated(scene)
         except FallbackError:
             return self.evaluate_reference(scene)
 
     def evaluate_reference(self, scene: Scene) -> bool:
-        """`evaluate` by the reference form alone, which defines what is right."""
+        """`evaluate` by the reference evaluator, which defines the semantics."""
         return evaluate(self._reference, scene)
 
     def _reference_truth(self, scene: Scene) -> bool:
@@ -71,18 +71,17 @@ class Program:
         return f"Program({self.source!r})"
 
 
-def _unsure(scene: Scene) -> bool:
-    """The fast form of programs that have none."""
+def _always_fall_back(scene: Scene) -> bool:
     raise FallbackError
 
 
 def compile_program(source: str) -> Program:
-    """The program with that source; the same object while it is among the last ones asked for.
+    """The compiled program, from an LRU cache.
 
-    Raises ProgramError, with position and reason, when `source` is not a program, TypeError when it is no text.
+    Raises ProgramError with position and reason when `source` is not a valid program, TypeError when it is not a str.
     """
     if not isinstance(source, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"the source of a program is a str, not {type(source).__name__}")
+        raise TypeError(f"the source of a program must be a str, not {type(source).__name__}")
     return _compiled(source)
 
 
@@ -90,7 +89,7 @@ _compiled = lru_cache(maxsize=CACHE_SIZE)(Program)
 
 
 def explain_program(source: str) -> str:
-    """Lines for a person: what is wrong with the source, or the words it uses and its value on no items."""
+    """Human-readable text: the error in the source, or the words it uses and its value on the empty scene."""
     try:
         program = compile_program(source)
     except ProgramError as fault:

@@ -1,23 +1,23 @@
-"""What can be wrong with a program: in its source, or when it is run on a scene."""
+"""Compile-time and run-time errors of programs."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-CONTEXT = 60  # characters of source shown on either side of a fault
+CONTEXT = 60  # characters of source shown on either side of an error
 
 
 class Position(NamedTuple):
-    """Where in the source, both counted from 1."""
+    """A 1-based position in the source."""
 
     line: int
     column: int
 
 
 class ProgramError(ValueError):
-    """A source text that is not a program of the language.
+    """A source text that is not a valid program.
 
-    `position` and `piece` say where and what, `reason` says which rule it breaks.
+    `piece` is the offending text at `position`; `reason` is the rule it breaks.
     """
 
     def __init__(self, source: str, offset: int, piece: str, reason: str) -> None:
@@ -31,7 +31,7 @@ class ProgramError(ValueError):
         super().__init__(f"line {self.position.line}, column {self.position.column}{shown}: {reason}")
 
     def explain(self) -> str:
-        """The fault for a person: reason, source line, and a caret under the piece at fault."""
+        """A multi-line message: the reason, the source line, and carets under the offending text."""
         start = self.source.rfind("\n", 0, self.offset) + 1
         end = self.source.find("\n", self.offset)
         line = self.source[start:] if end < 0 else self.source[start:end]
@@ -50,11 +50,11 @@ class ProgramError(ValueError):
 
 
 class ProgramRuntimeError(RuntimeError):
-    """A program that has no value on a scene: `unique` of nothing, `AND` of a number, too much work."""
+    """A program has no value on a scene: `unique` of an empty list, `AND` of a number, an exceeded limit."""
 
 
 def _printable(text: str) -> str:
-    """One column a character, so that carets stay in place."""
+    """The text with one printable ASCII character per column, so that the carets stay aligned."""
     return "".join(character if " " <= character <= "~" else "?" for character in text)
 
 

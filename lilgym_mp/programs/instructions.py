@@ -1,7 +1,7 @@
-"""A program's truth as instructions for compiled code: one after another without branches, on 64-bit integers.
+"""Branch-free instructions on 64-bit integers, by which compiled (numba) code evaluates a program.
 
-They are written from the expression of the fast form, and have its value. Expressions that need lists, sets of objects
-or a loop have none; so have those about a box that the compiled code has no way to ask.
+They are lowered from the generated expression and have the same value. Expressions that need lists, sets of objects or
+loops are not supported, nor are box functions that the caller cannot lower.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ MAX_INSTRUCTIONS = 256
 
 @unique
 class Operation(IntEnum):
-    """What an instruction (operation, a, b) does; a and b are earlier instructions, for their values, unless said."""
+    """Opcode of an instruction (operation, a, b). Unless noted, a and b are indices of earlier instructions."""
 
-    CONSTANT = 0  # the number a
-    LENGTH = auto()  # the number of items of box b
-    ITEM_TYPE_TEST = auto()  # the mask of the items of box b whose item type is in the mask a
-    POSITION_TEST = auto()  # the mask of the items of box b that pass test a of their place
-    BOX_TABLE = auto()  # what table a has of box b
-    ONLY_BIT = auto()  # the position of the only bit of a; the program's truth is unknown unless there is just one
+    CONSTANT = 0  # the integer a
+    LENGTH = auto()  # the number of items in box b
+    ITEM_TYPE_TEST = auto()  # bitmask of the items of box b whose item type is in the bitmask a
+    POSITION_TEST = auto()  # bitmask of the items of box b whose position and size pass test a
+    BOX_TABLE = auto()  # the entry of lookup table a for box b
+    ONLY_BIT = auto()  # the position of the only set bit of a; unless there is exactly one, the truth is unknown
     BIT_COUNT = auto()
     NOT = auto()
     INVERT = auto()
     NEGATIVE = auto()
-    AND_THEN = auto()  # a and b, as in Python: b where a is not zero
-    OR_ELSE = auto()
+    AND_THEN = auto()  # Python's `a and b`: b if a is non-zero, else a
+    OR_ELSE = auto()  # Python's `a or b`
     BIT_AND = auto()
     BIT_OR = auto()
     SHIFT_LEFT = auto()
@@ -81,64 +81,65 @@ _SWAPPED: Mapping[type[ast.AST], Operation] = {ast.Gt: Operation.LESS, ast.GtE: 
 
 
 def instructions(tree: Node, lower_box_function: LowerBoxFunction) -> list[Instruction] | None:
-    """A program's instructions, the last of which is its truth (not zero: true); None where there are none."""
+    """A program's instructions, or None when it is unsupported. The last one is the truth value (non-zero: true)."""
     expression = generate_expression(tree)
     if expression is None:
         return None
-    writer = _Writer(lower_box_function)
+    lowering = _Lowering(lower_box_function)
     try:
-        last = writer.write_text(expression.text, expression, dict(zip(BOXES, range(len(BOXES)), strict=True)))
+        last = lowering.lower_text(expression.text, expression, dict(zip(BOXES, range(len(BOXES)), strict=True)))
     except (Unsupported, RecursionError):
         return None
-    written = list(writer.numbers)
-    if last != len(written) - 1:
-        written.append(Instruction(Operation.BIT_OR, last, last))
-    return written if len(written) <= MAX_INSTRUCTIONS else None
+    emitted = list(lowering.indices)
+    if last != len(emitted) - 1:
+        emitted.append(Instruction(Operation.BIT_OR, last, last))
+    return emitted if len(emitted) <= MAX_INSTRUCTIONS else None
 
 
-class _Writer:
-    """Writes each distinct instruction once."""
+class _Lowering:
+    """Lowers expressions, emitting each distinct instruction once (common subexpression elimination)."""
 
     def __init__(self, lower_box_function: LowerBoxFunction) -> None:
-        self.numbers: dict[Instruction, int] = {}
+        self.indices: dict[Instruction, int] = {}
         self._lower_box_function = lower_box_function
 
     def add(self, *instruction: int) -> int:
-        """The number of an instruction, whose value later ones take by it."""
-        return self.numbers.setdefault(Instruction(Operation(instruction[0]), *instruction[1:]), len(self.numbers))
+        """Emits an instruction unless already present; returns its index."""
+        return self.indices.setdefault(Instruction(Operation(instruction[0]), *instruction[1:]), len(self.indices))
 
-    def write_text(self, text: str, within: Expression, boxes: Mapping[str, int]) -> int:
-        return self.write(ast.parse(text, mode="eval").body, within, boxes)
+    def lower_text(self, text: str, within: Expression, boxes: Mapping[str, int]) -> int:
+        return self.lower(ast.parse(text, mode="eval").body, within, boxes)
 
-    def write(self, node: ast.expr, within: Expression, boxes: Mapping[str, int]) -> int:
-        """Writes a part of an expression `within` which boxes have the names `boxes`; gives the number of its value."""
+    def lower(self, node: ast.expr, within: Expression, boxes: Mapping[str, int]) -> int:
+        """Lowers a node of the expression `within`; `boxes` maps its box names to box indices. Returns the index of the
+        instruction with the node's value."""
 
-        def write(part: ast.expr) -> int:
-            return self.write(part, within, boxes)
+        def lower(part: ast.expr) -> int:
+            return self.lower(part, within, boxes)
 
         match node:
             case ast.Constant(value=int() as value):
                 return self.add(Operation.CONSTANT, int(value))
             case ast.Name(id=name) if name in within.hoisted:
-                return self.write_text(within.hoisted[name], within, boxes)
+                return self.lower_text(within.hoisted[name], within, boxes)
             case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _BINARY:
-                return self.add(_BINARY[type(operator)], write(left), write(right))
+                return self.add(_BINARY[type(operator)], lower(left), lower(right))
             case ast.UnaryOp(op=operator, operand=operand) if type(operator) in _UNARY:
-                return self.add(_UNARY[type(operator)], write(operand))
+                return self.add(_UNARY[type(operator)], lower(operand))
             case ast.BoolOp(op=operator, values=values):
-                return self._joined(_BINARY[type(operator)], [write(value) for value in values])
+                return self._joined(_BINARY[type(operator)], [lower(value) for value in values])
             case ast.Compare(left=left, ops=operators, comparators=rights):
-                values = [write(left), *map(write, rights)]
+                values = [lower(left), *map(lower, rights)]
                 pairs = zip(operators, values[:-1], values[1:], strict=True)
                 return self._joined(Operation.BIT_AND, [self._compared(*pair) for pair in pairs])
             case ast.Call(func=ast.Attribute(value=owner, attr="bit_count"), args=[]):
-                return self.add(Operation.BIT_COUNT, write(owner))
+                return self.add(Operation.BIT_COUNT, lower(owner))
             case ast.Call(func=ast.Name(id="len"), args=[ast.Attribute(value=ast.Name(id=box), attr="items")]):
                 return self.add(Operation.LENGTH, 0, boxes[box])
             case ast.Call(func=ast.Name(id="only"), args=[mask]):
-                return self.add(Operation.ONLY_BIT, write(mask))
+                return self.add(Operation.ONLY_BIT, lower(mask))
             case ast.Call(func=ast.Name(id="occurring"), args=[mask, *by_value]):
-                return self._occurring(write(mask), [write(having) for having in by_value])
+                return self._occurring(lower(mask), [lower(with_value) for with_value in by_value])
             case ast.Call(func=ast.Name(id=name), args=[ast.Name(id=box)]) if box in boxes:
                 return self._box_function(name, within.names, boxes[box])
             case _:
@@ -160,7 +161,9 @@ class _Writer:
     def _occurring(self, mask: int, by_value: list[int]) -> int:
         """`runtime._occurring`."""
         zero = self.add(Operation.CONSTANT, 0)
-        occurs = [self.add(Operation.UNEQUAL, self.add(Operation.BIT_AND, mask, having), zero) for having in by_value]
+        occurs = [
+            self.add(Operation.UNEQUAL, self.add(Operation.BIT_AND, mask, with_value), zero) for with_value in by_value
+        ]
         bits = [
             self.add(Operation.SHIFT_LEFT, occurring, self.add(Operation.CONSTANT, value))
             for value, occurring in enumerate(occurs)
@@ -168,10 +171,10 @@ class _Writer:
         return self._joined(Operation.BIT_OR, bits)
 
     def _box_function(self, name: str, names: Mapping[str, Any], box: int) -> int:
-        kernel = names.get(f"{name}_kept")
+        kernel = names.get(f"{name}_object")
         try:
             return self.add(*self._lower_box_function(names[name], box))
         except Unsupported:
             if not isinstance(kernel, Kernel):
                 raise
-            return self.write_text(kernel.expression.text, kernel.expression, {LOCAL_BOX: box})
+            return self.lower_text(kernel.expression.text, kernel.expression, {LOCAL_BOX: box})

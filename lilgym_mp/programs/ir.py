@@ -1,6 +1,6 @@
-"""What generated expressions stand for: the types of the fast form, and what can be done with them alone.
+"""The typed intermediate representation of generated code: what a fragment of Python source evaluates to.
 
-`text` is the source of an expression; `total` says that it never raises.
+`text` is the source of an expression. `total`: evaluating it never raises.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from lilgym_mp.programs import box_functions, costs
 from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.scene import BOX_COUNT, Item
 
-MOST_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # in a scene that the fast form takes
+MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # in a scene that generated code accepts
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
-LOCAL_BOX = "b"  # the one box of a kernel
+LOCAL_BOX = "b"  # the parameter of a kernel
 ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
 ITEM_FIELDS = dict(zip(ATTRIBUTE_TYPES, map(Item._fields.index, ("colour", "shape", "size")), strict=True))
 
 
 class Unsupported(Exception):
-    """A construct the fast form does not have."""
+    """Code generation does not support this construct."""
 
 
 @dataclass(frozen=True)
-class Truth:
+class Bool:
     """0, 1, False or True."""
 
     text: str
@@ -35,41 +35,41 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Number:
+class Int:
     text: str
     total: bool = True
 
 
 @dataclass(frozen=True)
-class Attribute:
-    """A value of an enum, as its number."""
+class AttributeValue:
+    """An enum member, represented by its integer value."""
 
-    kind: type[Enum]
+    enum: type[Enum]
     text: str
     total: bool = True
 
 
 @dataclass(frozen=True)
-class Attributes:
-    """A set of values of an enum, as the mask of their numbers."""
+class AttributeSet:
+    """A set of enum members, represented as a bitmask of their integer values."""
 
-    kind: type[Enum]
+    enum: type[Enum]
     text: str
     total: bool = True
 
 
 @dataclass(frozen=True)
 class AttributeList:
-    """A list of values of an enum, as a list of their numbers."""
+    """A list of enum members, represented as a list of their integer values."""
 
-    kind: type[Enum]
+    enum: type[Enum]
     text: str
     total: bool = True
 
 
 @dataclass(frozen=True)
-class OneItem:
-    """An item, as its index in a box."""
+class ItemRef:
+    """An item, represented by its index in a box."""
 
     box: str
     text: str
@@ -77,14 +77,14 @@ class OneItem:
 
 
 @dataclass(frozen=True)
-class OneBox:
+class BoxRef:
     box: str
     total: bool = True
 
 
 @dataclass(frozen=True)
-class Part:
-    """Items of one box, as a mask; `text` None for all of them."""
+class BoxItems:
+    """Items of one box, represented as a bitmask; `text` None stands for all items."""
 
     box: str
     text: str | None
@@ -95,20 +95,20 @@ class Part:
         return self.text if self.text is not None else f"((1 << len({self.box}.items)) - 1)"
 
     @property
-    def some(self) -> str:
+    def nonempty(self) -> str:
         return f"({self.mask} != 0)" if self.text is not None else f"(len({self.box}.items) != 0)"
 
     @property
-    def number(self) -> str:
+    def count(self) -> str:
         return f"({self.mask}).bit_count()" if self.text is not None else f"len({self.box}.items)"
 
 
 @dataclass(frozen=True)
 class Items:
-    """A list or set of items, box by box; no item twice."""
+    """A list or set of distinct items, one bitmask per box."""
 
-    parts: tuple[Part, ...]
-    ordered: bool  # a list, in scene order; else a set
+    parts: tuple[BoxItems, ...]
+    ordered: bool  # True: a list in scene order; False: a set
 
     @property
     def total(self) -> bool:
@@ -116,192 +116,208 @@ class Items:
 
 
 @dataclass(frozen=True)
-class Static:
-    """A list or tuple of elements known when the program is compiled, each there if its condition holds."""
+class StaticList:
+    """A list or tuple whose possible elements are known at compile time; each is present if its condition is true."""
 
-    elements: tuple[Code, ...]
-    conditions: tuple[Truth, ...]
+    elements: tuple[Value, ...]
+    conditions: tuple[Bool, ...]
 
     @property
     def total(self) -> bool:
         return all(condition.total for condition in self.conditions)
 
     @property
-    def certain(self) -> bool:
+    def unconditional(self) -> bool:
         return all(condition.text == "True" for condition in self.conditions)
 
 
 @dataclass(frozen=True)
-class TheOnly:
-    """The only item of a collection from several boxes."""
+class UniqueItem:
+    """The only item of a collection that spans several boxes; its box is not known at compile time."""
 
     of: Items
     total: bool = False
 
 
 @dataclass(frozen=True)
-class Choices:
-    """A list of tuples of `size` items of the parts, of which only the number is told."""
+class Combinations:
+    """The list of `size`-element tuples of the items in `parts`; only its length is represented."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[BoxItems, ...]
     size: int
-    number: str
+    count: str
     total: bool = True
     filtered: bool = False
 
 
-Code = Truth | Number | Attribute | Attributes | AttributeList | OneItem | OneBox | Items | Static | TheOnly | Choices
-Scope = dict[str, Code]
+Value = (
+    Bool
+    | Int
+    | AttributeValue
+    | AttributeSet
+    | AttributeList
+    | ItemRef
+    | BoxRef
+    | Items
+    | StaticList
+    | UniqueItem
+    | Combinations
+)
+Scope = dict[str, Value]
 
 
-def uncovered(what: object = "") -> NoReturn:
-    raise Unsupported(what)
+def unsupported(construct: object = "") -> NoReturn:
+    raise Unsupported(construct)
 
 
 @dataclass(frozen=True)
 class ItemMask:
     text: str
-    within: bool = True  # no bits beyond the box's items
+    in_range: bool = True  # no bits set beyond the last item of the box
     total: bool = True
 
 
-def narrowed(part: Part, mask: ItemMask) -> Part:
-    if part.text is None and mask.within:
-        return Part(part.box, mask.text, mask.total)
-    return Part(part.box, f"({part.mask} & {mask.text})", part.total and mask.total)
+def narrow(part: BoxItems, mask: ItemMask) -> BoxItems:
+    if part.text is None and mask.in_range:
+        return BoxItems(part.box, mask.text, mask.total)
+    return BoxItems(part.box, f"({part.mask} & {mask.text})", part.total and mask.total)
 
 
-def most_elements(value: Code) -> int:
-    """The most elements that a value can have, at all levels and itself included."""
+def max_elements(value: Value) -> int:
+    """Upper bound on the elements of a value at all levels, itself included."""
     match value:
         case Items(parts=parts):
             return 1 + len(parts) * box_functions.MAX_BOX_ITEMS
-        case OneBox():
+        case BoxRef():
             return 1 + box_functions.MAX_BOX_ITEMS
         case AttributeList():
-            return 1 + MOST_ITEMS
-        case Attributes(kind=kind):
-            return 1 + len(kind)
-        case Choices(parts=parts, size=size):
+            return 1 + MAX_ITEMS
+        case AttributeSet(enum=enum):
+            return 1 + len(enum)
+        case Combinations(parts=parts, size=size):
             return 1 + math.comb(len(parts) * box_functions.MAX_BOX_ITEMS, size) * (1 + size)
-        case Static(elements=elements):
-            return 1 + len(elements) + sum(most_elements(e) for e in elements if isinstance(e, Static | AttributeList))
+        case StaticList(elements=elements):
+            return (
+                1 + len(elements) + sum(max_elements(e) for e in elements if isinstance(e, StaticList | AttributeList))
+            )
         case _:
             return 1
 
 
-def steps_to_weigh(value: Code) -> int:
-    """The most steps that counting a value's elements, and bringing a set of them into order, can take."""
-    weight = most_elements(value)
-    if isinstance(value, Attributes) or (isinstance(value, Items) and not value.ordered):
-        return 2 * weight + costs.sort_steps(weight, weight)
-    return 2 * weight
+def max_measure_steps(value: Value) -> int:
+    """Upper bound on the steps charged for measuring a value and, for a set, sorting it."""
+    count = max_elements(value)
+    if isinstance(value, AttributeSet) or (isinstance(value, Items) and not value.ordered):
+        return 2 * count + costs.sort_steps(count, count)
+    return 2 * count
 
 
-def text_length(value: Code, enough: int) -> int:
-    """The characters of a value's text, or more than `enough` if there are more."""
+def text_length(value: Value, limit: int) -> int:
+    """The length of a value's text; counting stops once it exceeds `limit`."""
     match value:
-        case OneBox():
+        case BoxRef():
             return 0
-        case Static(elements=parts, conditions=conditions):
+        case StaticList(elements=parts, conditions=conditions):
             parts = (*parts, *conditions)
-        case Items(parts=parts) | TheOnly(of=Items(parts=parts)):
+        case Items(parts=parts) | UniqueItem(of=Items(parts=parts)):
             pass
-        case Choices(parts=parts, number=number):
-            parts = (*parts, Number(number))
+        case Combinations(parts=parts, count=count):
+            parts = (*parts, Int(count))
         case _:
             return len(value.text)
     length = 0
     for part in parts:
-        length += len(part.text or "") if isinstance(part, Part) else text_length(part, enough)
-        if length > enough:
+        length += len(part.text or "") if isinstance(part, BoxItems) else text_length(part, limit)
+        if length > limit:
             break
     return length
 
 
-def each_value(values: Attributes) -> Static:
-    """A set of attribute values, in order, as the values that it may hold."""
-    numbers = [str(value.value) for value in values.kind]
-    conditions = (Truth(f"({values.text} >> {number} & 1)", values.total) for number in numbers)
-    return Static(tuple(Attribute(values.kind, number) for number in numbers), tuple(conditions))
+def as_static_list(values: AttributeSet) -> StaticList:
+    """An attribute set as a list of all members of the enum, each present if its bit is set."""
+    numbers = [str(value.value) for value in values.enum]
+    conditions = (Bool(f"({values.text} >> {number} & 1)", values.total) for number in numbers)
+    return StaticList(tuple(AttributeValue(values.enum, number) for number in numbers), tuple(conditions))
 
 
 def all_total(values: Iterable[Any]) -> bool:
     return all(value.total for value in values)
 
 
-def negated(truth: Truth) -> Truth:
-    return Truth(f"(not {truth.text})", truth.total)
+def negate(truth: Bool) -> Bool:
+    return Bool(f"(not {truth.text})", truth.total)
 
 
-def as_collection(value: Code) -> Code:
-    """A box as its items, where a collection is meant; anything else as it is."""
-    if isinstance(value, OneBox):
-        return Items((Part(value.box, None),), ordered=True)
-    if isinstance(value, Static) and value.certain and value.elements:
-        items = [element for element in value.elements if isinstance(element, OneItem)]
-        if len(items) == len(value.elements):  # a choice of items, in scene order
+def as_collection(value: Value) -> Value:
+    """Coerces a box, or a static tuple of items, to Items; other values are returned unchanged."""
+    if isinstance(value, BoxRef):
+        return Items((BoxItems(value.box, None),), ordered=True)
+    if isinstance(value, StaticList) and value.unconditional and value.elements:
+        items = [element for element in value.elements if isinstance(element, ItemRef)]
+        if len(items) == len(value.elements):  # one of several combinations, in scene order
             parts: dict[str, list[str]] = {}
             for item in items:
                 parts.setdefault(item.box, []).append(f"1 << {item.text}")
-            return Items(tuple(Part(box, f"({' | '.join(bits)})") for box, bits in parts.items()), ordered=True)
+            return Items(tuple(BoxItems(box, f"({' | '.join(bits)})") for box, bits in parts.items()), ordered=True)
     return value
 
 
-def as_truth(value: Code) -> Truth:
+def as_truth(value: Value) -> Bool:
     match value:
-        case Truth():
+        case Bool():
             return value
-        case Number() | Attributes():
-            return Truth(f"({value.text} != 0)", value.total)
+        case Int() | AttributeSet():
+            return Bool(f"({value.text} != 0)", value.total)
         case AttributeList():
-            return Truth(f"({value.text} != [])", value.total)
-        case Items() | Choices():
+            return Bool(f"({value.text} != [])", value.total)
+        case Items() | Combinations():
             return existence(value)
-        case OneBox():
-            return existence(Items((Part(value.box, None),), ordered=True))
-        case Static():
-            return existence(value) if value.elements else Truth("False")
+        case BoxRef():
+            return existence(Items((BoxItems(value.box, None),), ordered=True))
+        case StaticList():
+            return existence(value) if value.elements else Bool("False")
         case _:
-            return Truth("True") if value.total else uncovered("truth of an uncertain value")
+            return Bool("True") if value.total else unsupported("truth of a value that may raise")
 
 
-def existence(value: Items | Static | Choices) -> Truth:
-    if isinstance(value, Choices):
-        return Truth(f"({value.number} != 0)", value.total)
-    if isinstance(value, Static):
+def existence(value: Items | StaticList | Combinations) -> Bool:
+    if isinstance(value, Combinations):
+        return Bool(f"({value.count} != 0)", value.total)
+    if isinstance(value, StaticList):
         texts = [condition.text for condition in value.conditions]
     else:
-        texts = [part.some for part in value.parts]
-    return Truth("(" + (" or " if value.total else " | ").join(texts) + ")", value.total)
+        texts = [part.nonempty for part in value.parts]
+    return Bool("(" + (" or " if value.total else " | ").join(texts) + ")", value.total)
 
 
-def parallel(left: Items, right: Items) -> list[tuple[Part, Part]]:
-    """The parts of two collections, box by box."""
+def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
+    """The parts of two collections paired by box."""
     pairs = list(zip(left.parts, right.parts, strict=False))
     if len(left.parts) != len(right.parts) or any(a.box != b.box for a, b in pairs):
-        uncovered("collections from different boxes")
+        unsupported("collections from different boxes")
     return pairs
 
 
-def conjunction(texts: list[str], *, total: bool) -> Truth:
-    return Truth("(" + (" and " if total else " & ").join(texts) + ")", total)
+def conjunction(texts: list[str], *, total: bool) -> Bool:
+    return Bool("(" + (" and " if total else " & ").join(texts) + ")", total)
 
 
-def equality(left: Code, right: Code) -> Truth:
-    """`==`, for values that can be equal at all."""
+def equality(left: Value, right: Value) -> Bool:
+    """`left == right`, for operands of comparable types."""
     total = all_total((left, right))
     match left, right:
-        case (Truth() | Number(), Truth() | Number()):
-            return Truth(f"({left.text} == {right.text})", total)
-        case (Attribute(), Attribute()) | (Attributes(), Attributes()) | (AttributeList(), AttributeList()):
-            same = left.kind is right.kind
-            return Truth(f"({left.text} == {right.text})", total) if same else uncovered("different attributes")
+        case (Bool() | Int(), Bool() | Int()):
+            return Bool(f"({left.text} == {right.text})", total)
+        case (
+            (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) | (AttributeList(), AttributeList())
+        ):
+            same = left.enum is right.enum
+            return Bool(f"({left.text} == {right.text})", total) if same else unsupported("different attributes")
         case (Items(), Items()) if left.ordered == right.ordered:
-            return conjunction([f"({a.mask} == {b.mask})" for a, b in parallel(left, right)], total=total)
-        case (OneItem(), OneItem()) if left.box == right.box:
-            return Truth(f"({left.text} == {right.text})", total)
-        case (OneBox(), OneBox()):
-            return Truth(str(left.box == right.box), total)
+            return conjunction([f"({a.mask} == {b.mask})" for a, b in paired_by_box(left, right)], total=total)
+        case (ItemRef(), ItemRef()) if left.box == right.box:
+            return Bool(f"({left.text} == {right.text})", total)
+        case (BoxRef(), BoxRef()):
+            return Bool(str(left.box == right.box), total)
         case _:
-            uncovered("equality")
+            unsupported("equality")

@@ -1,7 +1,7 @@
-"""Programs as sequences of tokens, each form before its parts: how many parts a token has ends a program.
+"""Programs as token sequences in prefix (Polish) notation; each token has a fixed arity, so no brackets are needed.
 
-Meant for canonical trees (`canonical_form`). Tokens do not depend on any corpus: they are the language's words, by
-number of arguments, with variables by depth and numbers up to MAX_NUMBER.
+Meant for canonical trees (`canonical_form`). The token set does not depend on a corpus: the language's words, one token
+per number of arguments, variables by nesting depth, and integers up to MAX_NUMBER.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS
 
 MAX_NUMBER = 20
-MAX_DISPLAY = 4  # elements of a list or set written out
+MAX_DISPLAY = 4  # elements of a list or set display
 COMPARISONS = ("==", "!=", "<", "<=", ">", ">=", "in", "not in")
 OPERATORS = ("+", "%")
 CONNECTIVES = ("and", "or")
 
 
 class PrefixError(ValueError):
-    """A tree that has no tokens, or tokens that are no tree."""
+    """A tree that cannot be encoded as tokens, or tokens that do not form a tree."""
 
 
 @cache
 def token_arities() -> Mapping[str, int]:
-    """Every token, in a fixed order, and how many parts follow it."""
+    """Every token, in a fixed order, with its arity."""
     arities: dict[str, int] = dict.fromkeys(SCENE_NAMES, 0)
     arities |= {_variable(depth): 0 for depth in range(len(VARIABLES))}
     arities |= {f"#{number}": 0 for number in range(MAX_NUMBER + 1)}
@@ -64,7 +64,7 @@ def _variable(depth: int) -> str:
 
 
 def prefix_tokens(node: Node) -> list[str]:
-    """The tokens of a canonical tree. Raises PrefixError for forms that have none, such as slices."""
+    """The tokens of a canonical tree. Raises PrefixError for constructs without tokens, such as slices."""
     return list(_tokens(node))
 
 
@@ -76,7 +76,7 @@ def _tokens(node: Node) -> Iterator[str]:
                 yield from _tokens(operand)
             yield from _tokens(operands[-1])
         case _:
-            token, parts = _form(node)
+            token, parts = _token_and_parts(node)
             if token not in token_arities():
                 raise PrefixError(f"there is no token for {token}")
             yield token
@@ -84,7 +84,7 @@ def _tokens(node: Node) -> Iterator[str]:
                 yield from _tokens(part)
 
 
-def _form(node: Node) -> tuple[str, Sequence[Node]]:
+def _token_and_parts(node: Node) -> tuple[str, Sequence[Node]]:
     match node:
         case Constant(value=bool() as value):
             return str(value), ()
@@ -101,7 +101,7 @@ def _form(node: Node) -> tuple[str, Sequence[Node]]:
         case Call(word=word, arguments=arguments):
             given = [argument for argument in arguments if argument is not None]
             if None in arguments[: len(given)]:
-                raise PrefixError(f"{word.name}: an argument before the last is left out")
+                raise PrefixError(f"{word.name}: an argument before the last is omitted")
             return f"{word.name}({len(given)})", given
         case Member(of=of, name=name, called=called):
             return f".{name}{'()' if called else ''}", (of,)
@@ -120,7 +120,7 @@ def _form(node: Node) -> tuple[str, Sequence[Node]]:
 
 
 def tree_from_tokens(tokens: Sequence[str]) -> Node:
-    """The tree of all the tokens. Raises PrefixError where they are none, too few or too many."""
+    """The tree that the tokens encode. Raises PrefixError for unknown, missing or surplus tokens."""
     node, end = _tree(tokens, 0, 0)
     if end != len(tokens):
         raise PrefixError(f"{len(tokens) - end} tokens follow the end of the program")
@@ -128,7 +128,7 @@ def tree_from_tokens(tokens: Sequence[str]) -> Node:
 
 
 def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[Node, int]:
-    """The tree that starts at a token inside `depth` lambdas, and where it ends."""
+    """Parses the subtree at index `at`, inside `depth` lambdas; returns it and the index after its last token."""
     if at >= len(tokens):
         raise PrefixError("the tokens end before the program does")
     token = tokens[at]
@@ -181,5 +181,5 @@ def _node(token: str, parts: Sequence[Node], depth: int) -> Node:
 
 def _bound_variable(index: int, depth: int) -> Variable:
     if index >= depth:
-        raise PrefixError(f"the variable v{index} stands inside {depth} functions only")
+        raise PrefixError(f"variable v{index} is used inside only {depth} lambdas")
     return Variable(variable_name(index))

@@ -1,4 +1,4 @@
-"""Program trees back to source text, and a table of the language's words."""
+"""Unparses syntax trees to source text, and lists the language's words."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from lilgym_mp.programs.syntax import (
 )
 from lilgym_mp.programs.words import WORDS
 
-# How tightly each form binds: an operand that binds less tightly than its place asks for gets brackets.
+# Operator precedence, lowest first: an operand of lower precedence than its context requires is parenthesised.
 LAMBDA, OR, AND, NOT, COMPARISON, SUM, PRODUCT, ATOM = range(8)
-_BINDING = {"or": OR, "and": AND, "+": SUM, "%": PRODUCT}
+_PRECEDENCE = {"or": OR, "and": AND, "+": SUM, "%": PRODUCT}
 
 
 def source_of(node: Node) -> str:
-    """The program text of a tree: `parse(source_of(tree)) == tree`."""
+    """The source text of a tree: `parse(source_of(tree)) == tree`."""
     return _text(node, LAMBDA)
 
 
-def _text(node: Node, place: int) -> str:
-    text, binding = _form(node)
-    return f"({text})" if binding < place else text
+def _text(node: Node, required: int) -> str:
+    text, precedence = _unparsed(node)
+    return f"({text})" if precedence < required else text
 
 
-def _form(node: Node) -> tuple[str, int]:
-    """The text of a node, and how tightly it binds."""
+def _unparsed(node: Node) -> tuple[str, int]:
+    """The text of a node and its precedence."""
     match node:
         case Constant(value=Enum() as member):
             return str(member), ATOM
@@ -58,16 +58,16 @@ def _form(node: Node) -> tuple[str, int]:
         case Member(of=of, name=name, called=called):
             return f"{_text(of, ATOM)}.{name}{'()' if called else ''}", ATOM
         case Logic(operator=operator, operands=operands):
-            binding = _BINDING[operator]
-            return f" {operator} ".join(_text(operand, binding + 1) for operand in operands), binding
+            precedence = _PRECEDENCE[operator]
+            return f" {operator} ".join(_text(operand, precedence + 1) for operand in operands), precedence
         case Not(operand=operand):
             return f"not {_text(operand, NOT)}", NOT
         case Comparison(left=left, operators=operators, rights=rights):
             steps = [f"{name} {_text(right, SUM)}" for name, right in zip(operators, rights, strict=True)]
             return " ".join([_text(left, SUM), *steps]), COMPARISON
         case Arithmetic(operator=operator, left=left, right=right):
-            binding = _BINDING[operator]
-            return f"{_text(left, binding)} {operator} {_text(right, binding + 1)}", binding
+            precedence = _PRECEDENCE[operator]
+            return f"{_text(left, precedence)} {operator} {_text(right, precedence + 1)}", precedence
         case Subscript(of=of, index=index):
             return f"{_text(of, ATOM)}[{_text(index, LAMBDA)}]", ATOM
         case Slice(of=of, start=start, stop=stop, step=step):
@@ -92,19 +92,19 @@ def _arguments(node: Call) -> Iterable[str]:
 
 
 class WordEntry(NamedTuple):
-    """What a word of the language takes and gives."""
+    """Signature and description of a word."""
 
     name: str
     group: str
     least_arguments: int
     most_arguments: int
-    arguments: tuple[str, ...]  # the kind of each
+    arguments: tuple[str, ...]  # parameter types
     result: str
     meaning: str
 
 
 def word_table() -> list[WordEntry]:
-    """Every word of the language, by group and name."""
+    """Every word of the language, sorted by group and name."""
     entries = [
         WordEntry(
             word.name,

@@ -1,4 +1,4 @@
-"""The names that generated source may use, and nothing else of Python."""
+"""The runtime library of generated code: the only names it can use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.programs.box_functions import FallbackError
 
 
 def _bits(mask: int) -> list[int]:
-    """The positions of the ones of a mask, ascending."""
+    """The positions of the set bits of a mask, ascending."""
     positions: list[int] = []
     while mask:
         low = mask & -mask
@@ -22,35 +22,36 @@ def _bits(mask: int) -> list[int]:
 
 
 def _only(mask: int) -> int:
-    """The position of the only one of a mask."""
+    """The position of the only set bit of a mask. Raises FallbackError unless there is exactly one."""
     if mask == 0 or mask & (mask - 1):
         raise FallbackError
     return mask.bit_length() - 1
 
 
-def _only_meets(masks: tuple[int, ...], tests: tuple[int, ...]) -> bool:
-    """Whether the test holds for the only item of the masks, one mask and one test a box."""
+def _only_in(masks: tuple[int, ...], tests: tuple[int, ...]) -> bool:
+    """Whether the only item selected by the masks (one per box) is also in the test masks. Raises FallbackError unless
+    exactly one item is selected."""
     if sum([mask.bit_count() for mask in masks]) != 1:
         raise FallbackError
     return any(mask & test for mask, test in zip(masks, tests, strict=True))
 
 
-def _united(rows: Mapping[int, int], mask: int) -> int:
-    united = 0
+def _union(rows: Mapping[int, int], mask: int) -> int:
+    union = 0
     for position in _bits(mask):
-        united |= rows[position]
-    return united
+        union |= rows[position]
+    return union
 
 
 def _occurring(mask: int, *by_value: int) -> int:
-    """Which values occur: bit v is set when the mask meets the v-th of the masks by value."""
-    return sum([1 << value for value, having in enumerate(by_value) if mask & having])
+    """Bitmask of the values that occur: bit v is set when `mask` intersects the v-th mask of `by_value`."""
+    return sum([1 << value for value, with_value in enumerate(by_value) if mask & with_value])
 
 
-def _mask_of(numbers: list[int]) -> int:
+def _mask_of(positions: list[int]) -> int:
     mask = 0
-    for number in numbers:
-        mask |= 1 << number
+    for position in positions:
+        mask |= 1 << position
     return mask
 
 
@@ -58,11 +59,11 @@ NAMES: dict[str, Any] = {
     "__builtins__": {"len": len, "sum": sum, "set": set, "bool": bool},
     "bits": _bits,
     "only": _only,
-    "united": _united,
-    "only_meets": _only_meets,
-    "choices": itertools.combinations,
-    "ways": math.comb,
-    "none": frozenset[Any](),
+    "union": _union,
+    "only_in": _only_in,
+    "choose": itertools.combinations,
+    "comb": math.comb,
+    "empty": frozenset[Any](),
     "occurring": _occurring,
     "mask_of": _mask_of,
     "check_size": box_functions.check_size,

@@ -1,8 +1,8 @@
-"""Program text to a checked tree: an allow-list over the Python syntax tree (SPEC section 8).
+"""Parses program text to a syntax tree, by an allow-list over Python's syntax tree (SPEC section 8).
 
-A text passes two gates. Its characters and tokens are screened first, so that Python's parser never meets
-anything but names, numbers, brackets and the operators of the language, in bounded amounts. Then every
-node of the tree must be of an allowed form. What is refused raises ProgramError with position and reason.
+First a lexer checks all characters and tokens, so that Python's parser only sees a bounded number of names, integers,
+brackets and operators of the language. Then every node of Python's tree must be of an allowed type. Anything else
+raises ProgramError with position and reason.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS, Word
 
 MAX_LENGTH = 5_000  # characters; the longest official program has 816
-MAX_BRACKETS = 60  # nested brackets
-MAX_DEPTH = 60  # nested expressions; the deepest official program has 18
+MAX_BRACKETS = 60  # nesting depth of brackets
+MAX_DEPTH = 60  # nesting depth of expressions; the deepest official program has 18
 MAX_INT = 1_000_000
 
 SCENE_NAMES = ("all_boxes", "all_items")
@@ -70,7 +70,7 @@ assert _functions
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number, a truth, or a member of Color, Shape, Size or Side."""
+    """An int, a bool, or a member of Color, Shape, Size or Side."""
 
     value: object
 
@@ -98,7 +98,7 @@ class Lambda:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A word's arguments, one a parameter of it; None where the default is meant."""
+    """A call of a word, with one argument per parameter; None stands for the default."""
 
     word: Word
     arguments: tuple[Node | None, ...]
@@ -106,7 +106,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """`of.name`, or `of.name()` where `called`."""
+    """`of.name`, or `of.name()` if `called`."""
 
     of: Node
     name: str
@@ -115,7 +115,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Logic:
-    """Python's `and` / `or`, which stop at the first operand that decides."""
+    """Python's short-circuiting `and` / `or`."""
 
     operator: str
     operands: tuple[Node, ...]
@@ -128,7 +128,7 @@ class Not:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A chain: left, then an operator before each of `rights`."""
+    """A comparison chain: `left`, then each operator followed by the corresponding element of `rights`."""
 
     left: Node
     operators: tuple[str, ...]
@@ -158,7 +158,7 @@ class Slice:
 
 @dataclass(frozen=True, slots=True)
 class Display:
-    """A list or a set written out."""
+    """A list or set display: `[a, b]` or `{a, b}`."""
 
     kind: type[list[object]] | type[set[object]]
     elements: tuple[Node, ...]
@@ -183,11 +183,8 @@ Node = (
 
 
 def parse(source: str) -> Node:
-    """The checked tree of a program.
-
-    Raises ProgramError for every text that is not a program, whatever it holds.
-    """
-    text = _screened(source)
+    """The syntax tree of a program. Raises ProgramError for any text that is not a valid program."""
+    text = _checked_text(source)
     shift = len(source) - len(source.lstrip(" \t"))
     try:
         tree = ast.parse(text, mode="eval")
@@ -199,7 +196,7 @@ def parse(source: str) -> Node:
 
 
 def children(node: Node) -> Iterator[Node]:
-    """The nodes directly below a node."""
+    """The direct children of a node."""
     match node:
         case Lambda(body=body):
             yield body
@@ -230,12 +227,12 @@ def children(node: Node) -> Iterator[Node]:
 
 
 def own_size(node: Node) -> int:
-    """The number of nodes of an expression, without those in lambdas, which may be evaluated more than once."""
+    """The number of nodes of an expression, excluding lambda bodies, whose evaluation is charged per call."""
     return 1 + sum(own_size(child) for child in children(node) if not isinstance(node, Lambda))
 
 
-def _screened(source: str) -> str:
-    """The text without surrounding blanks, once every token of it is known to be harmless."""
+def _checked_text(source: str) -> str:
+    """The text without surrounding blanks, after checking every token."""
     if len(source) > MAX_LENGTH:
         raise ProgramError(source, 0, "", f"a program has at most {MAX_LENGTH} characters, not {len(source)}")
     if not source.strip(" \t"):
@@ -248,9 +245,9 @@ def _screened(source: str) -> str:
             _refuse_character(source, at)
         text = token[0]
         if token.lastgroup == "name":
-            _screen_name(source, at, text)
+            _check_name(source, at, text)
         elif token.lastgroup == "int":
-            _screen_int(source, at, text)
+            _check_int(source, at, text)
         elif text in "([{":
             open_brackets.append((text, at))
             if len(open_brackets) > MAX_BRACKETS:
@@ -264,20 +261,20 @@ def _screened(source: str) -> str:
     return source.strip(" \t")
 
 
-def _screen_name(source: str, at: int, name: str) -> None:
+def _check_name(source: str, at: int, name: str) -> None:
     if name.startswith("_") or name.endswith("__"):
         raise ProgramError(source, at, name, "names that start with an underscore are not part of the language")
     if keyword.iskeyword(name) and name not in _KEYWORDS:
         raise ProgramError(source, at, name, f"{name!r} is not part of the language")
 
 
-def _screen_int(source: str, at: int, digits: str) -> None:
+def _check_int(source: str, at: int, digits: str) -> None:
     if source[at + len(digits) : at + len(digits) + 1].isalpha():
         raise ProgramError(source, at, digits, "a number must be followed by a blank, a bracket or an operator")
     if source[at + len(digits) : at + len(digits) + 1] == "." or source[max(0, at - 1) : at] == ".":
-        raise ProgramError(source, at, digits, "numbers are whole numbers")
+        raise ProgramError(source, at, digits, "only integers are allowed")
     if len(digits) > 1 and digits[0] == "0":
-        raise ProgramError(source, at, digits, "a number does not start with 0")
+        raise ProgramError(source, at, digits, "a number cannot start with 0")
     if len(digits) > len(str(MAX_INT)) or int(digits) > MAX_INT:
         raise ProgramError(source, at, digits, f"numbers are at most {MAX_INT}")
 
@@ -304,11 +301,11 @@ class _Checker:
         self.shift = shift
 
     def refuse(self, node: ast.expr | ast.keyword | ast.arg, reason: str) -> NoReturn:
-        start, end = node.col_offset, node.end_col_offset or node.col_offset  # bytes, but all is ASCII
+        start, end = node.col_offset, node.end_col_offset or node.col_offset  # byte offsets, but the text is ASCII
         raise ProgramError(self.source, self.shift + start, self.text[start:end], reason)
 
     def checked(self, node: ast.expr, variables: frozenset[str], depth: int) -> Node:
-        """The node in our terms; `variables` are the parameters of the lambdas around it."""
+        """Converts a node of Python's tree; `variables` are the parameters of the enclosing lambdas."""
         if depth > MAX_DEPTH:
             self.refuse(node, f"expressions are nested more than {MAX_DEPTH} deep")
 
@@ -341,7 +338,7 @@ class _Checker:
                 start, stop, stride = (part and inner(part) for part in (lower, upper, step))
                 return Slice(inner(of), start, stop, stride)
             case ast.Subscript(value=of, slice=ast.Tuple()):
-                self.refuse(node, "one index at a time")
+                self.refuse(node, "only one index is allowed")
             case ast.Subscript(value=of, slice=index):
                 return Subscript(inner(of), inner(index))
             case ast.List(elts=elements):
@@ -373,10 +370,10 @@ class _Checker:
         given = node.args
         others = (given.posonlyargs, given.kwonlyargs, given.defaults, given.kw_defaults)
         if len(given.args) != 1 or any(others) or given.vararg or given.kwarg:
-            self.refuse(node, "a lambda takes exactly one parameter, without a default: lambda x: ...")
+            self.refuse(node, "a lambda must have exactly one parameter, without a default: lambda x: ...")
         parameter = given.args[0]
         if parameter.arg in WORDS or parameter.arg in SCENE_NAMES or parameter.arg in ENUMS:
-            self.refuse(parameter, f"{parameter.arg} is a word of the language; call the parameter something else")
+            self.refuse(parameter, f"{parameter.arg} is a word of the language; rename the parameter")
         return Lambda(parameter.arg, self.checked(node.body, variables | {parameter.arg}, depth + 1))
 
     def _call(self, node: ast.Call, variables: frozenset[str], depth: int) -> Node:
@@ -406,7 +403,7 @@ class _Checker:
 
     def _method_call(self, node: ast.Call, method: ast.Attribute, variables: frozenset[str], depth: int) -> Node:
         if method.attr in ATTRIBUTES:
-            self.refuse(node, f".{method.attr} is not a function; write it without ()")
+            self.refuse(node, f".{method.attr} is not a method; write it without ()")
         member = self._member(method, variables, depth)
         if not isinstance(member, Member):
             self.refuse(node, "this value is not a function")

@@ -1,4 +1,4 @@
-"""How a program comes to its value in a scene: the values of its parts, and what satisfies its conditions."""
+"""Traces an evaluation on a scene: the value of each subexpression, and which elements satisfy each condition."""
 
 from __future__ import annotations
 
@@ -24,58 +24,63 @@ from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.scene import BOX_SIDE, Scene
 
 BOX_TITLES = ("left", "middle", "right")
-SIZE_NAMES = {"BIG": "large"}  # by the name in programs, where it is another than elsewhere
+SIZE_NAMES = {"BIG": "large"}  # sizes whose name in programs differs from the rest of the package
 
 
-ItemIndex = tuple[int, int]  # box, and position among the box's items
+ItemIndex = tuple[int, int]  # box index, index in the box
 
 
 class TraceEntry(NamedTuple):
-    """A part of a program, and its value in words."""
+    """A subexpression and its value as text."""
 
-    depth: int  # parts within which it lies
+    depth: int  # nesting depth
     source: str
     value: str
-    items: tuple[ItemIndex, ...] = ()  # those that the value is or holds, in scene order
+    items: tuple[ItemIndex, ...] = ()  # the items that the value is or contains, in scene order
 
 
 def trace(source: str, scene: Scene) -> list[TraceEntry]:
-    """The parts of a program that have a value of their own, the whole first, and, under each call that takes a
-    condition, which of the elements satisfy it. Raises ProgramError for what is no program."""
-    return list(_parts(parse(source), scene, 0))
+    """The closed subexpressions of a program in pre-order; under each call that takes a condition, an entry says which
+    elements satisfy it. Raises ProgramError for an invalid program."""
+    return list(_entries(parse(source), scene, 0))
 
 
-def _parts(node: Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
-    if isinstance(node, Constant | SceneName | WordName | Lambda) or _free(node):
+def _entries(node: Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
+    if isinstance(node, Constant | SceneName | WordName | Lambda) or _has_free_variables(node):
         return
     yield TraceEntry(depth, source_of(node), *_value(node, scene))
     if isinstance(node, Call):
         yield from _conditions(node, scene, depth + 1)
     for child in children(node):
-        yield from _parts(child, scene, depth + 1)
+        yield from _entries(child, scene, depth + 1)
 
 
 def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
-    """For each condition among the arguments, the elements of the first argument that satisfy it."""
+    """An entry per lambda argument: the elements of the first argument that satisfy it."""
     elements, *others = call.arguments
     for other in others:
-        if elements is not None and isinstance(other, Lambda) and not _free(other) and not _free(elements):
-            yield TraceEntry(depth, source_of(other), *_satisfying(elements, other, scene))
+        if (
+            elements is not None
+            and isinstance(other, Lambda)
+            and not _has_free_variables(other)
+            and not _has_free_variables(elements)
+        ):
+            yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, scene))
 
 
-def _satisfying(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
+def _satisfied_by(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
     run = Evaluation(scene)
     try:
         collection = build_closure(elements)(run, {})
         body = build_closure(condition.body)
         held = [element for element in collection if _holds(body(run, {condition.parameter: element}))]
-        return f"satisfied by {_told(held) if held else 'none'} of {len(collection)}", _places(held)
+        return f"satisfied by {_value_text(held) if held else 'none'} of {len(collection)}", _item_indices(held)
     except (ProgramRuntimeError, TypeError) as fault:
         return f"no value: {fault}", ()
 
 
 def _holds(value: Any) -> bool:
-    """As `filter_obj` takes it: lambdas may return collections."""
+    """Truthiness as in `filter_obj`: lambdas may return collections."""
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
@@ -84,35 +89,34 @@ def _value(node: Node, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
         value = build_closure(node)(Evaluation(scene), {})
     except ProgramRuntimeError as fault:
         return f"no value: {fault}", ()
-    return _told(value), _places(value)
+    return _value_text(value), _item_indices(value)
 
 
-def _places(value: Any) -> tuple[ItemIndex, ...]:
-    """The places of the items that a value is or holds, at any level."""
+def _item_indices(value: Any) -> tuple[ItemIndex, ...]:
+    """The indices of the items that a value is or contains, at any level."""
     match value:
         case ItemView():
             return ((value.box.index, value.index),)
         case list() | tuple() | set() | frozenset() | BoxView():
-            parts = map(_places, cast("Iterable[Any]", value))
+            parts = map(_item_indices, cast("Iterable[Any]", value))
             return tuple(sorted({place for part in parts for place in part}))
         case _:
             return ()
 
 
-def _free(node: Node, bound: frozenset[str] = frozenset()) -> bool:
-    """Whether a node has a variable that no lambda within it binds."""
+def _has_free_variables(node: Node, bound: frozenset[str] = frozenset()) -> bool:
+    """Whether a node has free variables."""
     if isinstance(node, Variable):
         return node.name not in bound
     if isinstance(node, Lambda):
-        return _free(node.body, bound | {node.parameter})
-    return any(_free(child, bound) for child in children(node))
+        return _has_free_variables(node.body, bound | {node.parameter})
+    return any(_has_free_variables(child, bound) for child in children(node))
 
 
-def _told(value: Any) -> str:
-    """A value in words."""
+def _value_text(value: Any) -> str:
     match value:
         case ItemView():
-            return _item(value)
+            return _item_text(value)
         case BoxView():
             return f"the {BOX_TITLES[value.index]} box"
         case Enum():
@@ -124,14 +128,14 @@ def _told(value: Any) -> str:
 
 
 def _listed(values: Iterable[Any]) -> str:
-    """Elements in scene order where they are items."""
+    """The elements as text, items in scene order."""
     elements = list(values)
     if elements and all(isinstance(element, ItemView) for element in elements):
         elements.sort(key=lambda item: (item.box.index, item.index))
-    return f"[{', '.join(map(_told, elements))}]"
+    return f"[{', '.join(map(_value_text, elements))}]"
 
 
-def _item(item: ItemView) -> str:
+def _item_text(item: ItemView) -> str:
     size = SIZE_NAMES.get(item.size.name, item.size.name.lower())
     words = f"{size} {item.color.name} {item.shape.name}".lower()
     return f"{words} at ({item.left}, {BOX_SIDE - item.top}) in the {BOX_TITLES[item.box.index]} box"

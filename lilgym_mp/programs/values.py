@@ -1,8 +1,7 @@
-"""A scene as programs see it: items with edges, boxes, and the values Color, Shape, Size and Side.
+"""The object types of the program language: items, boxes, scenes, and the enums Color, Shape, Size and Side.
 
-Coordinates: left = x, right = x + side, and heights are measured upwards from the bottom of the box,
-top = 100 - y, bottom = 100 - (y + side), so that what is above has larger numbers (SPEC section 8).
-Items and boxes are compared by identity: two equal items of a scene are two objects.
+Coordinates: left = x, right = x + side. Heights are measured upwards from the bottom of the box: top = 100 - y,
+bottom = 100 - (y + side) (SPEC section 8). Items and boxes are compared by identity.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from lilgym_mp.scene import Size as SceneSize
 
 
 class Color(Enum):
-    """Plain, not an IntEnum: in a program no colour equals a shape or a number."""
+    """Not an IntEnum: no colour may equal a shape or a number."""
 
     YELLOW = Colour.YELLOW.value
     BLACK = Colour.BLACK.value
@@ -48,7 +47,7 @@ _COLORS, _SHAPES, _SIZES = tuple(Color), tuple(Shape), tuple(Size)
 
 
 class ItemView:
-    """An item at its place in a scene: `index` is its position in its box."""
+    """An item of a scene; `index` is its index in its box."""
 
     __slots__ = ("bottom", "box", "color", "index", "left", "right", "shape", "size", "top")
 
@@ -67,7 +66,7 @@ class ItemView:
 
 
 class BoxView:
-    """A box of a scene: a list of its items wherever one is wanted. `index` counts boxes from the left."""
+    """A box of a scene, usable as the list of its items. `index` counts boxes from the left."""
 
     __slots__ = ("_members", "content", "index", "scene")
 
@@ -102,7 +101,7 @@ class BoxView:
 
 
 class SceneView:
-    """The three boxes of a scene, left to right. Every view of a scene has objects of its own."""
+    """The three boxes of a scene, left to right. Objects of different views are never equal."""
 
     __slots__ = ("boxes",)
 

@@ -132,7 +132,7 @@ def test_goals__are_those_of_each_operation(appearance: str, source: str) -> Non
 @pytest.mark.parametrize(
     ("source", "start", "truth"),
     [
-        ("is_black(unique(filter_obj(all_boxes, lambda b: count(b) == 1)[0]))", MIXED, True),  # no fast form
+        ("is_black(unique(filter_obj(all_boxes, lambda b: count(b) == 1)[0]))", MIXED, True),  # no generated code
         ("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))", MIXED, False),  # no value: two in a box
         ("exist(filter_obj(all_boxes, lambda b: count(b) == 1 and is_black(unique(b))))", MIXED, True),
         ("exist(filter_obj(all_items, lambda x: exist(get_touching(x))))", MIXED, False),  # no instructions
@@ -152,7 +152,7 @@ def test_goals__count_scenes_without_a_value_as_the_program_does() -> None:
     assert sum(program.errors.values()) == 1
 
 
-def test_goals__of_boxes_beyond_the_fast_form_are_the_programs() -> None:
+def test_goals__of_boxes_too_large_for_generated_code_are_the_programs() -> None:
     small = [circle(11 * column, 11 * row, SMALL, B) for row in range(4) for column in range(7)]
     assert len(small) > MAX_BOX_ITEMS
     tasks = [Task("own", "It is so.", f"count(all_items) == {n}", True, scene(small)) for n in (len(small), 1)]

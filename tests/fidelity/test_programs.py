@@ -39,7 +39,7 @@ def test_program_truths__equal_the_recorded_ones(recorded_truths: dict[str, Any]
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_program_truths__reference_form_equals_the_recorded_ones(
+def test_program_truths__reference_evaluator_matches_the_recordings(
     recorded_truths: dict[str, Any], appearance: str
 ) -> None:
     recorded = recorded_truths[appearance]
@@ -77,7 +77,7 @@ def test_official_programs__both_forms_agree_on_mixed_scenes(official_data: Path
             assert outcome(program.evaluate, scene) == outcome(program.evaluate_reference, scene), source
 
 
-def test_official_programs__nearly_all_have_a_fast_form(official_data: Path) -> None:
+def test_official_programs__nearly_all_have_generated_code(official_data: Path) -> None:
     sources = {
         record["lf"]
         for path in official_data.glob("*_*_*.json")

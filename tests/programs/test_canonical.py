@@ -1,4 +1,4 @@
-"""Canonical programs, printing, and prefix tokens: the same truth in another form."""
+"""Canonical form, unparsing and prefix tokens preserve programs' truth values."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def scenes(appearance: str) -> list[Scene]:
 
 
 def value(source: str, scene: Scene) -> bool | None:
-    """The program's truth; None where it raises an error."""
+    """The program's truth value, None if it raises an error."""
     try:
         return compile_program(source).evaluate(scene)
     except ProgramRuntimeError:
@@ -38,7 +38,7 @@ def value(source: str, scene: Scene) -> bool | None:
 
 
 def check(corpus: str) -> int:
-    """Checks every third training program of the corpus; gives how many there were."""
+    """Checks every third training program of the corpus; returns their number."""
     count = 0
     for appearance in ("tower", "scatter"):
         probes = scenes(appearance)
@@ -60,12 +60,12 @@ def check(corpus: str) -> int:
     return count
 
 
-def test_builtin__canonical_programs_are_equal_in_truth_and_have_tokens():
+def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
     assert check("builtin") > 500
 
 
 @pytest.mark.usefixtures("official_data")
-def test_official__canonical_programs_are_equal_in_truth_and_have_tokens():
+def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens():
     assert check("lilgym") > 600
 
 
@@ -108,19 +108,19 @@ def test_official__canonical_programs_are_equal_in_truth_and_have_tokens():
         ("equal_int(count(all_items), 2)", "count(all_items) == 2"),
     ],
 )
-def test_canonical__says_the_same_in_one_way(source: str, expected: str):
+def test_canonical_form__is_unique_for_equivalent_programs(source: str, expected: str):
     assert canonical(source) == expected
     assert canonical(expected) == expected
 
 
-def test_canonical__words_of_logic_stay_where_skipping_an_operand_would_hide_an_error():
+def test_canonical_form__keeps_strict_logic_where_short_circuiting_would_hide_an_error():
     source = "OR(True, is_blue(unique(all_items)))"
     assert value(source, Scene.empty()) is None
     assert canonical(source).startswith("OR(")
     assert value(canonical(source), Scene.empty()) is None
 
 
-def test_canonical__a_lambda_inside_another_gets_a_variable_of_its_own():
+def test_canonical_form__nested_lambdas_get_distinct_variables():
     source = "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x.all_items_in_box(), lambda x: is_blue(x)))))"
     assert canonical(source) == "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x, lambda y: is_blue(y)))))"
 
@@ -136,7 +136,7 @@ def test_canonical__a_lambda_inside_another_gets_a_variable_of_its_own():
         "is_touching_corner(all_items[0], side=Side.LEFT)",
     ],
 )
-def test_printing__reads_back_as_the_same_tree(source: str):
+def test_source_of__parses_back_to_the_same_tree(source: str):
     assert parse(source_of(parse(source))) == parse(source)
 
 
@@ -148,33 +148,33 @@ def test_word_table__has_every_word_with_its_arguments():
     assert entry.result == "bool"
 
 
-def test_tokens__end_by_their_arities():
+def test_prefix_tokens__are_delimited_by_arity():
     tokens = prefix_tokens(canonical_form(parse("exist(filter_obj(all_items, lambda x: is_blue(x)))")))
     assert tokens == ["exist(1)", "filter_obj(2)", "all_items", "lambda", "is_blue(1)", "v0"]
     assert [token_arities()[token] for token in tokens] == [1, 2, 0, 1, 1, 0]
 
 
 @pytest.mark.parametrize(
-    ("tokens", "said"),
+    ("tokens", "reason"),
     [
         ([], "end before"),
         (["exist(1)"], "end before"),
         (["all_items", "all_items"], "1 tokens follow"),
         (["nothing"], "unknown token 'nothing'"),
-        (["is_blue(1)", "v0"], "inside 0 functions"),
+        (["is_blue(1)", "v0"], "inside only 0 lambdas"),
     ],
 )
-def test_tokens__that_are_no_program_are_refused(tokens: list[str], said: str):
-    with pytest.raises(PrefixError, match=said):
+def test_tree_from_tokens__rejects_invalid_sequences(tokens: list[str], reason: str):
+    with pytest.raises(PrefixError, match=reason):
         tree_from_tokens(tokens)
 
 
-def test_tokens__forms_without_tokens_are_refused():
+def test_prefix_tokens__reject_constructs_without_tokens():
     with pytest.raises(PrefixError, match="Slice has no tokens"):
         prefix_tokens(parse("exist(all_items[1:])"))
     with pytest.raises(PrefixError, match="#21"):
         prefix_tokens(parse("count(all_items) == 21"))
 
 
-def test_canonical__a_filter_by_what_is_no_colour_is_left_as_it_is():
+def test_canonical_form__keeps_an_ill_typed_filter():
     assert canonical("exist(filter_color(all_items, Side.LEFT))") == "exist(filter_color(all_items, Side.LEFT))"

@@ -1,4 +1,4 @@
-"""Programs as objects: truth, errors, memory, limits."""
+"""Program objects: truth values, errors, memoisation, limits."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
 
 def scene_of(count: int) -> Scene:
-    """A scene with that many items in its first box."""
+    """A scene with `count` items in its first box."""
     return Scene.of([Item(i % 80, i // 80, Shape(i % 3), Colour(i % 3), Size(i % 3)) for i in range(count)], [], [])
 
 
-def test_program__a_failing_program_is_false_and_counted_once_a_scene() -> None:
+def test_program__errors_count_as_false_once_per_scene() -> None:
     program = Program("is_top(unique(all_items))")
     empty, two = Scene.empty(), scene_of(2)
     assert [program(empty), program(empty), program(two), program(scene_of(1))] == [False, False, False, True]
@@ -25,7 +25,7 @@ def test_program__a_failing_program_is_false_and_counted_once_a_scene() -> None:
         program.evaluate(empty)
 
 
-def test_program__truth_is_kept_in_the_scene() -> None:
+def test_program__memoises_its_truth_in_the_scene() -> None:
     program, scene = Program("exist(all_items)"), scene_of(1)
     assert program(scene) is True
     (key,) = [key for key in scene.memo if "truth" in str(key)]
@@ -34,18 +34,18 @@ def test_program__truth_is_kept_in_the_scene() -> None:
     assert program(Scene(scene.boxes)) is True
 
 
-def test_program__travels_by_its_source() -> None:
+def test_program__is_pickled_by_its_source() -> None:
     program = compile_program("count(all_items) == 1")
     copy = pickle.loads(pickle.dumps(program))
     assert copy.source == program.source
     assert copy(scene_of(1)) is True
 
 
-def test_compile_program__same_source_same_object() -> None:
+def test_compile_program__caches_by_source() -> None:
     assert compile_program("exist(all_items)") is compile_program("exist(all_items)")
 
 
-def test_program__an_equal_box_twice_holds_different_items() -> None:
+def test_program__equal_boxes_hold_distinct_items() -> None:
     box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
     scene = Scene((box, box, box))
     for source in ("count(all_items) == 3", "count(set(all_items)) == 3", "all_boxes[0] != all_boxes[1]"):
@@ -53,7 +53,7 @@ def test_program__an_equal_box_twice_holds_different_items() -> None:
 
 
 @pytest.mark.parametrize("count", [23, 24, 25, 64, 65, 130])
-def test_program__boxes_of_any_number_of_items(count: int) -> None:
+def test_program__boxes_may_hold_any_number_of_items(count: int) -> None:
     scene = scene_of(count)
     program = compile_program(f"count(filter_obj(all_items, lambda x: is_yellow(x) or NOT(is_yellow(x)))) == {count}")
     assert program(scene) is True
@@ -72,13 +72,13 @@ def test_program__boxes_of_any_number_of_items(count: int) -> None:
         "is_top(a) and is_top(d) and False))))",
     ],
 )
-def test_program__too_much_work_is_a_runtime_error(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program__exceeding_a_limit_is_a_runtime_error(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 2_000_000)
     with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
         compile_program(source).evaluate(scene_of(60))
 
 
-def test_program__that_might_need_too_many_steps_has_no_fast_form() -> None:
+def test_program__that_could_exceed_the_step_limit_has_no_generated_code() -> None:
     program = compile_program(
         "count(filter_obj(all_items, lambda a: exist(filter_obj(all_items, lambda b: exist(filter_obj(all_items, "
         "lambda c: a.color == b.color and b.color == c.color and get_above(c) == get_above(a) and False)))))) == 0"

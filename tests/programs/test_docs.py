@@ -1,4 +1,4 @@
-"""docs/programs.md says what the code does."""
+"""docs/programs.md matches the code."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_program_docs__are_up_to_date(generator: ModuleType) -> None:
     assert written == generator.document(), "run scripts/generate_program_docs.py"
 
 
-def test_program_docs__tell_every_word(generator: ModuleType) -> None:
+def test_program_docs__list_every_word(generator: ModuleType) -> None:
     page = generator.document()
     assert all(f"`{word.signature}`" in page for word in WORDS.values())
 

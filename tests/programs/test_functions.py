@@ -1,4 +1,4 @@
-"""What the words mean, where recordings do not tell: each test is a small scene and its truth."""
+"""Semantics of the words not covered by recordings: each test is a small scene and a truth value."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def circle(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item
 
 
 def tower(*colours: Colour) -> list[Item]:
-    """Blocks from below."""
+    """Blocks from bottom to top."""
     return [square(40, 80 - 21 * level, colour) for level, colour in enumerate(colours)]
 
 
 def holds(source: str, *boxes: list[Item]) -> bool:
-    """The truth in a scene of these boxes, the same by both forms."""
+    """The truth value in a scene of these boxes, checked to be the same by both evaluators."""
     scene = Scene.of(*boxes, *([] for _ in range(3 - len(boxes))))
     program = compile_program(source)
     truth = program.evaluate(scene)
@@ -38,7 +38,7 @@ def holds(source: str, *boxes: list[Item]) -> bool:
 
 
 def fails(source: str, *boxes: list[Item]) -> str:
-    """The message of the failure in a scene of these boxes."""
+    """The error message in a scene of these boxes."""
     scene = Scene.of(*boxes, *([] for _ in range(3 - len(boxes))))
     with pytest.raises(ProgramRuntimeError) as fault:
         compile_program(source).evaluate(scene)
@@ -67,24 +67,24 @@ def test_len__counts_repetitions() -> None:
     assert holds("len(all_items + all_items) == 6", THREE)
 
 
-def test_unique__is_an_error_for_none_and_for_two() -> None:
+def test_unique__fails_for_zero_or_two_elements() -> None:
     assert "not 0" in fails("is_blue(unique(all_items))")
     assert "not 2" in fails("is_blue(unique(all_boxes[0]))", [square(0, 0), square(50, 0)])
     assert holds("is_blue(unique(all_items))", [square(0, 0, B)])
 
 
-def test_union_all__unites_all_and_is_empty_for_none() -> None:
+def test_union_all__of_no_sets_is_empty() -> None:
     assert holds("equal_set(union_all(all_boxes), all_items)", THREE, [square(0, 0)])
     assert holds("count(union_all([])) == 0")
 
 
-def test_intersect_all__keeps_what_is_in_all_and_is_empty_for_none() -> None:
+def test_intersect_all__of_no_sets_is_empty() -> None:
     halves = "[filter_obj(all_items, is_circle), filter_obj(all_items, is_small)]"
     assert holds(f"count(intersect_all({halves})) == 1 and is_blue(unique(intersect_all({halves})))", THREE)
     assert holds("count(intersect_all([])) == 0")
 
 
-def test_select__gives_all_lists_of_that_size() -> None:
+def test_select__returns_all_sublists_of_that_size() -> None:
     assert holds("count(select(2, all_items)) == 3 and All(select(2, all_items), lambda c: len(c) == 2)", THREE)
     assert holds("select(1, all_items)[0] == [all_items[0]] and count(select(4, all_items)) == 0", THREE)
 
@@ -93,7 +93,7 @@ def test_combinations__are_in_order() -> None:
     assert holds("combinations(all_items, 2)[2][1] == all_items[2] and count(combinations(all_items, 2)) == 3", THREE)
 
 
-def test_filter_obj__keeps_what_is_true_or_not_empty() -> None:
+def test_filter_obj__keeps_elements_with_a_truthy_result() -> None:
     source = "count(filter_obj(all_boxes, lambda b: filter_color(b, Color.YELLOW))) == 1"
     assert holds(source, THREE, [square(0, 0, B)])
 
@@ -105,7 +105,7 @@ def test_filter_obj__of_a_set_is_in_scene_order() -> None:
 # Item tests
 
 
-def test_is_top_and_is_bottom__ties_are_all_true() -> None:
+def test_is_top_and_is_bottom__hold_for_all_tied_items() -> None:
     level = [square(0, 30), square(40, 30), circle(70, 60, Y, Size.SMALL)]
     assert holds("count(filter_obj(all_items, is_top)) == 2 and count(filter_obj(all_items, is_bottom)) == 1", level)
     low = [circle(0, 60), square(70, 60, B, Size.SMALL), circle(40, 30)]
@@ -124,7 +124,7 @@ def test_is_second_and_is_third__only_in_a_tower() -> None:
     assert not holds("exist(filter_obj(all_items, lambda x: is_second(x) or is_third(x)))", aside)
 
 
-def test_is_tower__needs_squares_with_one_right_edge() -> None:
+def test_is_tower__needs_squares_with_equal_right_edges() -> None:
     source = "all_boxes[0].is_tower()"
     assert holds(source, tower(Y))
     assert not holds(source, [])
@@ -133,7 +133,7 @@ def test_is_tower__needs_squares_with_one_right_edge() -> None:
     assert holds(source, [square(40, 80), square(50, 70, Y, Size.SMALL)])
 
 
-def test_is_tower_uncalled__is_true_or_not_empty() -> None:
+def test_is_tower_uncalled__is_truthy() -> None:
     assert holds("exist(filter_obj(all_boxes, lambda b: b.is_tower))")
     assert "bool" in fails("all_boxes[0].is_tower")
 
@@ -144,7 +144,7 @@ def test_is_tower_uncalled__is_true_or_not_empty() -> None:
 @pytest.mark.parametrize(
     ("word", "margin"), [("is_touching_wall", 0), ("is_closely_touching_wall", 4), ("is_close_to_wall", 8)]
 )
-def test_walls__reach_exactly_the_margin(word: str, margin: int) -> None:
+def test_walls__margin_is_inclusive(word: str, margin: int) -> None:
     for inside, side in (
         (circle(margin, 40), "LEFT"),
         (circle(80 - margin, 40), "RIGHT"),
@@ -166,13 +166,13 @@ def test_walls__hold_for_items_slightly_outside() -> None:
 @pytest.mark.parametrize(
     ("word", "margin"), [("is_touching_corner", 0), ("is_closely_touching_corner", 4), ("is_close_to_corner", 8)]
 )
-def test_corners__are_exactly_two_walls(word: str, margin: int) -> None:
+def test_corners__need_exactly_two_walls(word: str, margin: int) -> None:
     assert holds(f"{word}(all_items[0]) and {word}(all_items[0], Side.LEFT)", [circle(margin, margin)])
     assert not holds(f"{word}(all_items[0], Side.RIGHT)", [circle(margin, margin)])
     assert not holds(f"{word}(all_items[0])", [circle(margin, margin + 1)])
 
 
-def test_corners__three_walls_are_no_corner() -> None:
+def test_corners__three_walls_are_not_a_corner() -> None:
     # No item is as long as a box, so only a made-up one can touch three walls.
     two, three = (
         SimpleNamespace(top=100, bottom=50, left=0, right=50),
@@ -214,33 +214,33 @@ def test_get_closely_touching__at_four_pixels_but_not_at_five() -> None:
     assert not holds(source, [square(0, 0), square(25, 0)])
 
 
-def test_is_closely_touching__one_of_four_edges_whatever_the_box() -> None:
+def test_is_closely_touching__compares_opposite_edges_across_boxes() -> None:
     source = "is_closely_touching(all_items[0], all_items[1])"
     assert holds(source, [square(0, 0)], [square(24, 70)])
     assert not holds(source, [square(0, 0)], [square(25, 70)])
     assert not holds(source, [square(0, 0)], [square(0, 0)])
 
 
-def test_get_above__needs_touching_in_a_tower_only() -> None:
+def test_get_above__requires_touching_in_towers_only() -> None:
     assert holds("count(get_above(all_items[0])) == 1", tower(Y, K, B))
     assert holds("count(get_box_all_above(all_items[0])) == 2", tower(Y, K, B))
     assert holds("count(get_above(all_items[0])) == 2", [*tower(Y, K, B), circle(0, 90, Y, Size.SMALL)])
     assert holds("count(get_below(all_items[2])) == 1 and count(get_box_all_below(all_items[2])) == 2", tower(Y, K, B))
 
 
-def test_get_above__a_bottom_level_with_the_top_is_above() -> None:
+def test_get_above__includes_items_whose_bottom_equals_the_top() -> None:
     assert holds("exist(get_above(all_items[0]))", [circle(0, 50), circle(60, 30)])
     assert not holds("exist(get_above(all_items[0]))", [circle(0, 50), circle(60, 31)])
 
 
-def test_related_words__take_collections_and_give_the_union() -> None:
+def test_related_words__return_the_union_over_a_collection() -> None:
     assert holds(
         "equal_set(get_above(all_items), all_items[1:]) and get_above(all_items) == set(all_items[1:])", tower(Y, K, B)
     )
     assert holds("count(get_above(filter_color(all_items, Color.BLUE))) == 0", tower(Y, K, B))
 
 
-def test_get_img_all_above_and_below__look_at_every_box() -> None:
+def test_get_img_all_above_and_below__search_all_boxes() -> None:
     assert holds("count(get_img_all_above(all_items[0])) == 1", [circle(0, 50)], [circle(0, 30), circle(0, 31)])
     assert holds("count(get_img_all_below(all_items[0])) == 1", [circle(0, 30)], [circle(0, 50), circle(0, 49)])
 
@@ -256,13 +256,13 @@ def test_box_and_image_neighbours__with_and_without_the_item() -> None:
 # Attributes
 
 
-def test_query__one_value_an_item_in_scene_order() -> None:
+def test_query__one_value_per_item_in_scene_order() -> None:
     assert holds("query_color(all_items) == [Color.YELLOW, Color.BLACK, Color.BLUE]", THREE)
     assert holds("query_shape(set(all_items)) == [Shape.SQUARE, Shape.CIRCLE, Shape.CIRCLE]", THREE)
     assert holds("query_size(all_items[2]) == [Size.SMALL]", THREE)
 
 
-def test_get_set_words__give_sets() -> None:
+def test_get_set_words__return_sets() -> None:
     assert holds("get_set_sizes(all_items) == {Size.SMALL, Size.MEDIUM}", THREE)
     assert holds("get_set_shapes(all_items) == {Shape.SQUARE, Shape.CIRCLE}", THREE)
     assert holds("get_set_colors(all_items) == {Color.YELLOW, Color.BLACK, Color.BLUE}", THREE)
@@ -275,7 +275,7 @@ def test_all_same__exactly_one_value() -> None:
     assert holds("all_same_attribute(all_items[1:], query_shape)", THREE)
 
 
-def test_attributes_of_different_kinds__are_never_equal() -> None:
+def test_values_of_different_attributes__are_never_equal() -> None:
     scene = [Item(0, 0, Shape(0), Colour(0), Size(0))]
     assert not holds("all_items[0].color == all_items[0].shape or all_items[0].size == 0", scene)
     assert not holds("contained(get_set_colors(all_items), get_set_shapes(all_items))", scene)
@@ -284,28 +284,28 @@ def test_attributes_of_different_kinds__are_never_equal() -> None:
 # Comparison and logic
 
 
-def test_comparison_words__want_numbers() -> None:
+def test_comparison_words__require_ints() -> None:
     assert "a must be an int, not a list of 0" in fails("ge(all_items, 1)")
     assert "b must be an int, not bool True" in fails("equal_int(1, True)")
     assert holds("le(1, 1) and ge(1, 1) and lt(1, 2) and gt(2, 1) and equal_int(2, 2)")
     assert not holds("lt(1, 1) or gt(1, 1) or equal_int(1, 2)")
 
 
-def test_equal__a_lone_value_equals_the_list_of_it() -> None:
+def test_equal__a_value_equals_the_list_holding_only_it() -> None:
     assert holds("equal(Color.BLUE, [Color.BLUE]) and equal([Color.BLUE, Color.BLUE], Color.BLUE)")
     assert not holds("equal([Color.BLUE, Color.BLUE], [Color.BLUE]) or equal(Color.BLUE, [])")
     assert holds("equal({Color.BLUE, Color.BLACK}, [Color.BLACK, Color.BLUE])")
     assert holds("equal(all_boxes[0], all_items)", THREE)
 
 
-def test_equal_attribute__wants_values_of_that_attribute() -> None:
+def test_equal_attribute__requires_values_of_that_attribute() -> None:
     assert holds("equal_color(query_color(all_items[0]), Color.YELLOW)", THREE)
     assert "a must be a Color or collection of Colors" in fails("equal_color(Shape.CIRCLE, Color.BLUE)")
     assert "b must be a Shape or collection of Shapes" in fails("equal_shape(Shape.CIRCLE, [1])")
     assert "Size" in fails("equal_size(1, Size.BIG)")
 
 
-def test_logic_words__want_bools_and_evaluate_everything() -> None:
+def test_logic_words__require_bools_and_evaluate_all_arguments() -> None:
     assert "a must be a bool, not int 1" in fails("AND(1, True)")
     assert "b must be a bool, not a list of 0" in fails("OR(True, all_items)")
     assert "a must be a bool" in fails("NOT(count(all_items))")
@@ -314,7 +314,7 @@ def test_logic_words__want_bools_and_evaluate_everything() -> None:
     assert not holds("False and is_blue(unique(all_items))")
 
 
-def test_all_and_any__want_true_itself() -> None:
+def test_all_and_any__require_true_not_truthy() -> None:
     assert not holds("All(all_items, lambda x: 1) or Any(all_items, lambda x: all_items)", THREE)
     assert holds("All(all_items, lambda x: True) and Any(all_items, is_black)", THREE)
     assert not holds("All(all_items, lambda x: True) or Any(all_items, lambda x: True)")
@@ -352,5 +352,5 @@ def test_operators__fail_on_other_types() -> None:
     assert "a program must return a bool" in fails("count(all_items)")
 
 
-def test_in__goes_over_a_box() -> None:
+def test_in__searches_a_box() -> None:
     assert holds("all_items[0] in all_boxes[0] and all_items[0] not in all_boxes[1]", THREE)

@@ -1,4 +1,4 @@
-"""No program works without bound: the attacks of checks/program_language.py, within what docs/programs.md promises."""
+"""Programs stay within the bounds on time and memory in docs/programs.md: the attacks of checks/program_language.py."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.programs.reference import build_closure, evaluate_with_steps
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
-FEW_STEPS = 500_000  # for the tests to be short
+FEW_STEPS = 500_000  # keeps the tests short
 BLUE = Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)
 
 
@@ -28,7 +28,7 @@ def test_attacks__end_in_time_and_in_little_memory(name: str, monkeypatch: pytes
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["loops of displays"])
-def test_attacks__end_within_what_is_promised_at_the_full_limit(name: str) -> None:
+def test_attacks__at_the_full_limit_end_within_the_documented_bounds(name: str) -> None:
     told = limited(attacked, ATTACKS[name])
     assert isinstance(told, dict), told
     assert told["seconds"] < 30
@@ -36,7 +36,7 @@ def test_attacks__end_within_what_is_promised_at_the_full_limit(name: str) -> No
     assert f"more than {costs.STEP_LIMIT} steps" in told["outcome"]
 
 
-def test_attacks__of_a_crowded_scene_end_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attacks__on_a_crowded_scene_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
     for name in ("loops", "loops of relations", "sorting pairs", "many sets held"):
         told = limited(attacked, ATTACKS[name], 10_000, seconds=30)
@@ -44,21 +44,21 @@ def test_attacks__of_a_crowded_scene_end_too(monkeypatch: pytest.MonkeyPatch) ->
         assert told["seconds"] < 5
 
 
-def test_random_programs__have_values_or_clear_failures_alike_in_both_forms() -> None:
+def test_random_programs__generated_code_agrees_with_the_reference_evaluator() -> None:
     found = fuzz(400, seed=3)
     assert found["refused"] > 50
     assert found["values"] > 200
-    assert found["programs with a fast form"] > 40
+    assert found["programs with generated code"] > 40
 
 
 def steps_allowed(source: str) -> int | None:
-    """The bound on the reference form's steps with which a program got its fast form."""
-    work = code_generation._Work()
+    """The code generator's upper bound on the reference evaluator's steps; None for an unsupported program."""
+    context = code_generation._Context()
     try:
-        code_generation._Generator(work, kernel=False).code(parse(source), {})
+        code_generation._Generator(context, kernel=False).lower(parse(source), {})
     except code_generation.Unsupported:
         return None
-    return costs.STEP_LIMIT - work.steps_left
+    return costs.STEP_LIMIT - context.steps_left
 
 
 USUAL = (
@@ -74,14 +74,14 @@ USUAL = (
 
 
 @pytest.mark.parametrize("source", USUAL)
-def test_fast_form__reckons_with_as_many_steps_as_the_reference_form_takes(source: str) -> None:
+def test_code_generation__step_bound_is_an_upper_bound(source: str) -> None:
     allowed = steps_allowed(source)
     if allowed is None:
-        pytest.skip("has no fast form")
+        pytest.skip("unsupported by code generation")
     assert evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1] <= allowed
 
 
-def test_fast_form__reckons_with_enough_steps_for_random_programs() -> None:
+def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> None:
     writer = Writer(random.Random(11))
     compared = 0
     for _ in range(800):
@@ -97,17 +97,17 @@ def test_fast_form__reckons_with_enough_steps_for_random_programs() -> None:
     assert compared > 50
 
 
-def test_fast_form__is_not_written_at_length_to_be_thrown_away() -> None:
+def test_code_generation__gives_up_early_on_exploding_text() -> None:
     source = "exist(all_items)"
     for _ in range(14):
         source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
-    work = code_generation._Work()
+    context = code_generation._Context()
     with pytest.raises(code_generation.Unsupported, match="too long"):
-        code_generation._Generator(work, kernel=False).code(parse(source), {})
-    assert work.text_left > -code_generation.MAX_TEXT * 10
+        code_generation._Generator(context, kernel=False).lower(parse(source), {})
+    assert context.text_left > -code_generation.MAX_TEXT * 10
 
 
-def test_collections__may_be_nested_and_functions_call_each_other_a_bounded_number_of_times() -> None:
+def test_nesting_of_collections_and_calls__is_limited() -> None:
     source = "equal(v25, v25)"
     for level in range(25, 0, -1):
         source = f"All([[v{level - 1}]], lambda v{level}: {source})"
@@ -127,13 +127,15 @@ def test_collections__may_be_nested_and_functions_call_each_other_a_bounded_numb
         ("len(all_boxes[1]) == 0", True, False),
     ],
 )
-def test_a_box__is_as_true_as_the_list_of_its_items(source: str, *, on_nothing: bool, on_one_item: bool) -> None:
+def test_a_box__has_the_truthiness_of_the_list_of_its_items(
+    source: str, *, on_nothing: bool, on_one_item: bool
+) -> None:
     program = Program(source)
     for scene, truth in ((Scene.empty(), on_nothing), (Scene((Box(), Box((BLUE,)), Box())), on_one_item)):
         assert (program.evaluate(scene), program.evaluate_reference(scene)) == (truth, truth)
 
 
-def test_a_box__has_positions_as_the_list_of_its_items() -> None:
+def test_a_box__is_indexed_like_the_list_of_its_items() -> None:
     scene = Scene((Box(), Box((BLUE, BLUE._replace(x=50))), Box()))
     for source in (
         "is_blue(all_boxes[1][0])",
@@ -146,7 +148,7 @@ def test_a_box__has_positions_as_the_list_of_its_items() -> None:
     assert "out of range" in str(outcome(Program("is_blue(all_boxes[0][0])").evaluate, scene))
 
 
-def test_sets_of_functions__have_one_order() -> None:
+def test_sets_of_functions__are_iterated_in_a_fixed_order() -> None:
     words = "{is_top, is_blue, is_square, is_circle, is_small}"
     for source in (
         f"filter_obj({words}, lambda f: True)[0] == is_blue",
@@ -158,7 +160,7 @@ def test_sets_of_functions__have_one_order() -> None:
         assert values == {True}, source
 
 
-def test_methods__are_values_but_no_functions() -> None:
+def test_methods__are_values_but_not_functions() -> None:
     scene = Scene((Box((BLUE,)), Box(), Box()))
     assert Program("exist(filter_obj(all_boxes, lambda b: b.is_tower))").evaluate(scene) is True
     assert Program("exist({all_boxes[0].is_tower, all_boxes[1].is_tower})").evaluate(scene) is True

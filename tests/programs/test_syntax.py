@@ -1,4 +1,4 @@
-"""What a program text may hold, and how refusals read."""
+"""Which program texts are accepted, and the errors for rejected ones."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ REFUSED = {
     "+1": "only operators",
     "2 // 1": "only operators",
     "1 | 2": "only operators",
-    "1.5": "whole numbers",
+    "1.5": "only integers",
     "1e3": "must be followed by",
     "0x10": "must be followed by",
-    "007": "does not start with 0",
+    "007": "cannot start with 0",
     "1000001": "at most 1000000",
     "9" * 4_999: "at most 1000000",
     "(1, 2)": "tuples",
@@ -130,7 +130,7 @@ def test_accepted_sources__compile(source: str) -> None:
     assert compile_program(source).source == source
 
 
-def test_program_error__tells_line_column_piece() -> None:
+def test_program_error__has_line_column_and_piece() -> None:
     with pytest.raises(ProgramError) as fault:
         compile_program("  exist(filter_obj(all_items, is_yelow))")
     assert fault.value.position == Position(1, 31)
@@ -138,7 +138,7 @@ def test_program_error__tells_line_column_piece() -> None:
     assert "line 1, column 31 at 'is_yelow'" in str(fault.value)
 
 
-def test_program_error__explains_with_a_caret_under_the_piece() -> None:
+def test_program_error__explain_puts_carets_under_the_piece() -> None:
     with pytest.raises(ProgramError) as fault:
         compile_program("count(all_itms) == 1")
     _, line, caret, where = fault.value.explain().split("\n")
@@ -146,7 +146,7 @@ def test_program_error__explains_with_a_caret_under_the_piece() -> None:
     assert where == "line 1, column 7"
 
 
-def test_program_error__explains_long_and_odd_sources_in_one_short_line() -> None:
+def test_program_error__explain_clips_long_sources_and_escapes_control_characters() -> None:
     for source in ("x" * 1_000_000, "count(" + "é\0\udc80" * 1_000, "1\n" * 1_000, "True" + " or True" * 500 + " or x"):
         with pytest.raises(ProgramError) as fault:
             compile_program(source)
@@ -162,15 +162,15 @@ def test_program_error__survives_pickling() -> None:
     assert (copy.position, copy.reason, str(copy)) == (fault.value.position, fault.value.reason, str(fault.value))
 
 
-def test_compile_program__refuses_what_is_no_text() -> None:
+def test_compile_program__rejects_sources_that_are_not_text() -> None:
     with pytest.raises(TypeError, match="not bytes"):
         compile_program(b"True")  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="the source of a program is a str, not list"):
+    with pytest.raises(TypeError, match="the source of a program must be a str, not list"):
         compile_program([])  # type: ignore[arg-type]
 
 
 def refusal(text: str) -> ProgramError | None:
-    """The error for a text, None for a program; any other exception is a failure."""
+    """The ProgramError of a text, or None for a valid program; other exceptions propagate."""
     try:
         compile_program(text)
     except ProgramError as fault:
@@ -194,7 +194,7 @@ def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces: list[str
 
 
 @given(st.text(alphabet="()[]{}=<>!+%,:. \t0123456789abcxyz", max_size=40))
-def test_what_compiles__is_a_python_expression(text: str) -> None:
+def test_every_program__is_a_python_expression(text: str) -> None:
     if refusal(text) is None:
         ast.parse(text.strip(), mode="eval")
 
@@ -208,7 +208,7 @@ def test_limits__leave_room_for_long_and_deep_programs() -> None:
     assert len("True" + " and True" * 500) < MAX_LENGTH
 
 
-def test_every_word__has_a_meaning_and_is_callable_in_a_program() -> None:
+def test_every_word__has_a_description_and_can_be_called() -> None:
     assert len([word for word in WORDS.values() if word.group != "built-ins"]) == 73
     for word in WORDS.values():
         assert word.meaning, word.name

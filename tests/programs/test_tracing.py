@@ -1,4 +1,4 @@
-"""How a program's value comes about, told part by part."""
+"""Traces of program evaluation."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ def values(source: str) -> dict[str, str]:
     return {part.source: part.value for part in trace(source, SHOWN)}
 
 
-def test_trace__begins_with_the_whole_and_its_truth():
+def test_trace__starts_with_the_whole_program():
     source = "exist(filter_obj(all_items, lambda x: is_black(x)))"
     depth, part, value, _ = trace(source, SHOWN)[0]
     assert (depth, part, value) == (0, source, str(compile_program(source)(SHOWN)))
 
 
-def test_trace__tells_which_items_satisfy_a_condition():
+def test_trace__lists_items_that_satisfy_a_condition():
     told = values("exist(filter_obj(all_items, lambda x: is_black(x)))")
     assert told["lambda x: is_black(x)"] == "satisfied by [small black circle at (0, 0) in the left box] of 3"
 
 
-def test_trace__tells_which_boxes_satisfy_a_condition_that_has_conditions():
+def test_trace__lists_boxes_that_satisfy_a_nested_condition():
     source = "count(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x))))) == 2"
     told = values(source)
     assert told[source] == "True"
@@ -37,18 +37,18 @@ def test_trace__tells_which_boxes_satisfy_a_condition_that_has_conditions():
     )
 
 
-def test_trace__a_part_without_a_value_says_why():
+def test_trace__shows_the_error_of_a_part_without_a_value():
     told = values("is_blue(unique(filter_obj(all_items, is_yellow)))")
     assert all(value.startswith("no value: ") for part, value in told.items() if "unique" in part)
     assert told["filter_obj(all_items, is_yellow)"] == "[]"
 
 
-def test_trace__of_what_is_no_program_is_refused():
+def test_trace__rejects_invalid_programs():
     with pytest.raises(ProgramError):
         trace("exists(all_items)", SHOWN)
 
 
-def test_trace__says_where_the_items_of_a_value_are():
+def test_trace__has_the_indices_of_items_in_values():
     places = {part.source: part.items for part in trace("exist(filter_obj(all_items, lambda x: is_blue(x)))", SHOWN)}
     assert places["filter_obj(all_items, lambda x: is_blue(x))"] == ((0, 1), (2, 0))
     assert places["lambda x: is_blue(x)"] == ((0, 1), (2, 0))

@@ -26,7 +26,7 @@ UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
 KEPT_CANDIDATES = 12
 PROBE_SCENES = 160  # on which candidates that agree are taken to mean the same
-LEAST_BADLY_TYPED = 0.1  # of the beam's probability, that a program without a fast form must have: it is slow to try
+LEAST_BADLY_TYPED = 0.1  # of the beam's probability, that a program without generated code must have: it is slow to try
 KEPT_STATEMENTS = 4096  # whose candidates are remembered
 
 

@@ -1,4 +1,4 @@
-"""The fast form gives the reference form's value or its error, on random programs and scenes."""
+"""Generated code has the reference evaluator's value or error on random programs and scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RELATIONS = [word.name for word in WORDS.values() if word.group == "related item
 
 
 class Grammar:
-    """Random typed programs; variables are the parameters around, by type."""
+    """Random well-typed programs; `items` and `boxes` are the variables in scope, by type."""
 
     def __init__(self, chance: random.Random) -> None:
         self.chance = chance
@@ -159,14 +159,14 @@ def random_scene(chance: random.Random) -> Scene:
 
 
 def outcome(evaluate: object, scene: Scene) -> object:
-    """The value, or the message of the failure."""
+    """The value or the error message."""
     try:
         return evaluate(scene)  # type: ignore[operator]
     except ProgramRuntimeError as fault:
         return str(fault)
 
 
-def assert_forms_agree(program: Program, scene: Scene) -> None:
+def assert_agreement(program: Program, scene: Scene) -> None:
     fresh = Scene.of(*(box.items for box in scene.boxes))
     assert outcome(program.evaluate, fresh) == outcome(program.evaluate_reference, scene), program.source
     assert outcome(program.evaluate, fresh) == outcome(program.evaluate_reference, scene), f"again: {program.source}"
@@ -174,17 +174,17 @@ def assert_forms_agree(program: Program, scene: Scene) -> None:
 
 @settings(max_examples=300)
 @given(st.integers(0, 2**40), st.integers(1, 4))
-def test_random_programs__both_forms_agree(seed: int, depth: int) -> None:
+def test_random_programs__generated_code_agrees_with_the_reference(seed: int, depth: int) -> None:
     chance = random.Random(seed)
     source = Grammar(chance).truth(depth, (), ())
     if len(source) > 3_000:
         return
     program = compile_program(source)
     for _ in range(4):
-        assert_forms_agree(program, random_scene(chance))
+        assert_agreement(program, random_scene(chance))
 
 
-def test_random_programs__most_have_a_fast_form_and_values() -> None:
+def test_random_programs__many_have_generated_code_and_values() -> None:
     chance = random.Random(7)
     programs = [compile_program(Grammar(chance).truth(3, (), ())) for _ in range(200)]
     scene = random_scene(chance)
@@ -192,7 +192,7 @@ def test_random_programs__most_have_a_fast_form_and_values() -> None:
     assert sum(isinstance(outcome(program.evaluate, scene), bool) for program in programs) > 80
 
 
-COVERED = (
+SUPPORTED = (
     "exist(filter_obj(all_items, lambda x: AND(is_blue(x), NOT(is_touching_wall(x, Side.TOP)))))",
     "count(filter_obj(all_boxes, lambda b: b.is_tower() and count(b) >= 2)) == 1",
     "exist(filter_obj(all_items, lambda x: exist(get_below(x)) and is_black(unique(get_below(x)))))",
@@ -206,15 +206,15 @@ COVERED = (
 )
 
 
-@pytest.mark.parametrize("source", COVERED)
-def test_usual_constructs__have_a_fast_form_that_agrees(source: str) -> None:
+@pytest.mark.parametrize("source", SUPPORTED)
+def test_common_constructs__have_generated_code_that_agrees(source: str) -> None:
     program, chance = compile_program(source), random.Random(source)
     assert program.has_generated_code
     for _ in range(40):
-        assert_forms_agree(program, random_scene(chance))
+        assert_agreement(program, random_scene(chance))
 
 
-def test_fast_form__follows_a_changed_box() -> None:
+def test_generated_code__follows_a_changed_box() -> None:
     program = compile_program("count(filter_obj(all_boxes, lambda b: exist(filter_color(b, Color.BLUE)))) == 1")
     scene = Scene.empty()
     blue = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
@@ -225,7 +225,7 @@ def test_fast_form__follows_a_changed_box() -> None:
     assert truths == [True, False, False]
 
 
-def test_fast_form__shares_what_it_knows_of_a_box_between_programs_without_mixing_them_up() -> None:
+def test_generated_code__box_memo_is_shared_between_programs_without_collisions() -> None:
     box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL), Item(50, 50, Shape.CIRCLE, Colour.BLACK, Size.LARGE)))
     scene = Scene((box, Box(), box))
     bodies = ("is_blue(x)", "is_black(x)", "NOT(is_blue(x))", "is_blue(x) and is_square(x)", "is_yellow(x)")
