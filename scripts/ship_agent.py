@@ -1,4 +1,4 @@
-"""Puts a trained agent among those that come with the package, in half precision: ship_agent.py RUN NAME"""
+"""Adds a trained agent to the package data, in half precision: ship_agent.py RUN NAME"""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def main() -> None:
     args = parser.parse_args()
     description, tensors = load_model(agent_file(args.run))
     if description.recipe.get("corpus", description.details.get("corpus")) != "builtin":
-        raise SystemExit(f"{args.run} was not trained on the builtin corpus alone: it must not be shipped")
+        raise SystemExit(f"{args.run} was not trained on the builtin corpus alone, so it must not be shipped")
     path = DATA / f"agent-{args.name}.safetensors"
     save_model(path, description, {name: tensor.half() for name, tensor in tensors.items()})
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
