@@ -220,26 +220,26 @@ def fill(page: Page, url: str, app: Any, directory: Path) -> Work:
     page.click("text=Import >> nth=-1")
     page.wait_for_selector("text=8 statements read")
     for name in ("Ada", "Bob"):
-        page.check(f"[aria-label='Choose {name}']")
+        page.check(f"[aria-label='Select {name}']")
     page.fill("#batch [name=name]", "first batch")
     page.fill("#batch [name=statements]", "6")
     page.fill("#batch [name=annotators_each]", "2")
     page.click("#batch [name=new]")
-    page.wait_for_selector("text=Made: 12 assignments")
+    page.wait_for_selector("text=12 assignments created")
     programs = {str(entry["statement"]): str(entry["program"]) for entry in entries}
     script = """async ([path, program]) => {
-      const told = await ask("GET", path);
-      await ask("POST", `${path}/submissions`, {key: "one", program, confidence: 4, comment: "Read as it stands."});
+      await request("GET", path);
+      await request("POST", `${path}/submissions`, {key: "one", program, confidence: 4, comment: "Read as it stands."});
     }"""
     open_assignment = 0
     for name in ("Bob", "Ada"):
         page.goto(f"{url}/login?token={tokens[name]}")
         page.wait_for_selector("#work li")
-        lines = page.evaluate("ask('GET', '/api/annotate/assignments')")
+        lines = page.evaluate("request('GET', '/api/annotate/assignments')")
         for line in lines[:3]:
             page.evaluate(script, [f"/api/annotate/assignments/{line['id']}", programs[line["statement"]]])
         page.evaluate(
-            "path => ask('POST', path, {key: 's', reason: 'ambiguous', question: 'Is a tower of one block a tower?'})",
+            "path => request('POST', path, {key: 's', reason: 'ambiguous', question: 'Is a single block a tower?'})",
             f"/api/annotate/assignments/{lines[3]['id']}/skip",
         )
         open_assignment = lines[4]["id"]

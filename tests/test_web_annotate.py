@@ -365,7 +365,7 @@ def test_pages__are_there(organiser: Browser, path: str):
 
 
 def test_pages__send_strangers_to_their_link(app: Any):
-    assert "logs you in" in Browser(app).get("/annotate").text
+    assert "to log in" in Browser(app).get("/annotate").text
     assert Browser(app).get("/annotate/tutorial").status_code == 401
 
 

@@ -193,7 +193,7 @@ def test_annotate__a_draft_outlives_a_server_that_does_not_answer(browser: Any, 
         page.unroute("**/draft")
         page.reload()
         page.wait_for_selector("#work:not([aria-busy])")
-        page.wait_for_selector("text=is back")
+        page.wait_for_selector("text=has been restored")
         assert page.input_value("#program") == BLUE
         page.click("#run")
         page.wait_for_selector("#submit:not([disabled])")
@@ -227,7 +227,7 @@ def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp
         assert page.locator("#episodes button").count()
         page.fill("[name=text]", "")
         page.select_option("[name=success]", "false")
-        page.wait_for_selector("#total:has-text('No episode is like this')")
+        page.wait_for_selector("#total:has-text('No episode matches')")
         page.select_option("[name=success]", "true")
         page.wait_for_selector("#episodes button")
         page.select_option("#beside", index=1)
@@ -237,15 +237,15 @@ def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp
         assert sides.nth(0).locator(".statement").inner_text() == sides.nth(1).locator(".statement").inner_text()
         assert sides.nth(0).locator("h3").all_inner_texts()[:2] == ["Type of action", "Likeliest actions"]
         assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
-        assert sides.nth(0).locator(".facts:has-text('Expert would do this') >> text=yes").count() == 1
+        assert sides.nth(0).locator(".facts:has-text('Optimal according to the expert') >> text=yes").count() == 1
         assert page.locator(".side:nth-child(2) .heat div").count() > 0
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#step-line:has-text('Step 2')")
-        assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "The end"))
+        assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "End"))
         page.keyboard.press("l")
         page.wait_for_selector(".side:nth-child(2) .heat .may")
         page.keyboard.press("End")
-        page.wait_for_selector("#step-line:has-text('The end')")
+        page.wait_for_selector("#step-line:has-text('End')")
         page.keyboard.press("j")
         page.wait_for_selector("#step-line:has-text('Step 1 ')")
         page.reload()
@@ -268,7 +268,7 @@ def test_watch__shows_what_a_language_model_answered(browser: Any, tmp_path: Pat
         page.goto(f"{url}/watch")
         page.locator("#episodes button").first.click()
         page.wait_for_selector(".side .answer")
-        assert page.locator(".side h3", has_text="Its answer, which decided for no action").count() == 1
+        assert page.locator(".side h3", has_text="Answer, not understood as an action").count() == 1
         told = page.locator(".side .answer").all_inner_texts()
         assert told[0] == "Let me think."
         assert told[1].startswith("Thus\n")

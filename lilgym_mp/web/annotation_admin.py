@@ -191,12 +191,7 @@ def _assign(
     if not person_ids:
         raise http_error(422, "choose at least one person")
     if unknown:
-        raise http_error(
-            422,
-            f"people without a token or unknown: {', '.join(map(str, unknown))}"
-            if unknown
-            else "choose at least one person",
-        )
+        raise http_error(422, f"unknown people, or without a token: {', '.join(map(str, unknown))}")
     if session.scalar(select(Batch.id).where(Batch.name == name)) is not None:
         raise http_error(409, f"a batch named {name!r} already exists")
     taken = {tuple(row) for row in session.execute(select(Assignment.statement_id, Assignment.person_id))}

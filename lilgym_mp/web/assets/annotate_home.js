@@ -1,41 +1,41 @@
 "use strict";
-// The page /annotate: the annotator's statements and submissions.
+// /annotate: the annotator's assignments and submissions.
 
 const STATES = { open: "to do", done: "done", skipped: "skipped" };
 
-function workLine(line) {
+function assignmentCard(assignment) {
   return element(
     "li",
     {},
-    element("a", { class: "card", href: `/annotate/${line.id}` }, element("strong", {}, line.statement), element("span", {}, `${STATES[line.state]}, batch ${line.batch}`)),
+    element("a", { class: "card", href: `/annotate/${assignment.id}` }, element("strong", {}, assignment.statement), element("span", {}, `${STATES[assignment.state]}, batch ${assignment.batch}`)),
   );
 }
 
-function historyRow(line) {
-  const said = line.program ? element("code", {}, line.program) : line.reason;
-  const review = line.review ? `${line.review}${line.note ? `: ${line.note}` : ""}` : "";
+function submissionRow(submission) {
+  const content = submission.program ? element("code", {}, submission.program) : submission.reason;
+  const review = submission.review ? `${submission.review}${submission.note ? `: ${submission.note}` : ""}` : "";
   return element(
     "tr",
     {},
-    element("td", {}, element("a", { href: `/annotate/${line.assignment}` }, line.statement)),
-    element("td", {}, said),
-    element("td", {}, line.verdict),
+    element("td", {}, element("a", { href: `/annotate/${submission.assignment}` }, submission.statement)),
+    element("td", {}, content),
+    element("td", {}, submission.verdict),
     element("td", {}, review),
-    element("td", {}, new Date(line.created).toLocaleString()),
+    element("td", {}, new Date(submission.created).toLocaleString()),
   );
 }
 
 attempt(async () => {
-  const [work, history] = await Promise.all([ask("GET", "/api/annotate/assignments"), ask("GET", "/api/annotate/history")]);
+  const [work, history] = await Promise.all([request("GET", "/api/annotate/assignments"), request("GET", "/api/annotate/history")]);
   const order = { open: 0, skipped: 1, done: 2 };
   work.sort((a, b) => order[a.state] - order[b.state] || a.id - b.id);
   byId("work").replaceChildren(
-    work.length ? element("ul", { class: "cards" }, ...work.map(workLine)) : element("p", { class: "empty" }, "You were given no statements yet. Meanwhile, there is the tutorial."),
+    work.length ? element("ul", { class: "cards" }, ...work.map(assignmentCard)) : element("p", { class: "empty" }, "No statements have been assigned to you yet. In the meantime, try the tutorial."),
   );
-  const heads = ["Statement", "Program or reason", "Result", "Review", "When"].map((name) => element("th", { scope: "col" }, name));
+  const headings = ["Statement", "Program or reason", "Result", "Review", "Submitted"].map((name) => element("th", { scope: "col" }, name));
   byId("history").replaceChildren(
     history.length
-      ? element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...history.map(historyRow)))
+      ? element("table", {}, element("thead", {}, element("tr", {}, ...headings)), element("tbody", {}, ...history.map(submissionRow)))
       : element("p", { class: "empty" }, "Nothing yet."),
   );
   for (const name of ["work", "history"]) byId(name).removeAttribute("aria-busy");

@@ -1,5 +1,5 @@
 "use strict";
-// The tutorial: as the real work, with advice.
+// /annotate/tutorial: like annotating an assignment, with advice.
 
 const view = new SceneView("The shown scene");
 let tasks = [];
@@ -10,11 +10,11 @@ byId("scene").append(view.root);
 
 async function run() {
   await attempt(async () => {
-    const told = await ask("POST", `/api/annotate/tutorial/${task.name}/run`, { program: editor.value });
-    const value = told.truth === null ? `no value: ${told.fault}` : String(told.truth);
+    const result = await request("POST", `/api/annotate/tutorial/${task.name}/run`, { program: editor.value });
+    const outcome = result.truth === null ? `cannot be evaluated: ${result.fault}` : `is ${result.truth}`;
     byId("result").replaceChildren(
-      element("p", { class: told.agrees ? "good" : "bad" }, `The program says ${value}; the label is ${told.label}.`),
-      partsList(told.parts, view),
+      element("p", { class: result.agrees ? "good" : "bad" }, `The program ${outcome}; the label is ${result.label}.`),
+      partsList(result.parts, view),
     );
   }, byId("result"));
 }
@@ -23,15 +23,15 @@ function show(name) {
   task = tasks.find((each) => each.name === name);
   byId("title").textContent = task.title;
   byId("statement").textContent = task.statement;
-  byId("task").textContent = `In this scene the statement is ${task.label}. ${task.hidden_scenes} other scenes will check your program.`;
+  byId("task").textContent = `In this scene the statement is ${task.label}. Your program will also be checked on ${task.hidden_scenes} hidden scenes.`;
   byId("advice").textContent = task.advice;
   byId("result").replaceChildren();
   view.show(task.scene);
   editor.value = "";
-  list();
+  showTasks();
 }
 
-function list() {
+function showTasks() {
   byId("tasks").replaceChildren(
     ...tasks.map((each) =>
       element("li", {}, element("button", { type: "button", "aria-pressed": String(each === task), click: () => show(each.name) }, each.solved ? `${each.title} ✓` : each.title)),
@@ -42,14 +42,14 @@ function list() {
 byId("run").addEventListener("click", run);
 byId("submit").addEventListener("click", () =>
   attempt(async () => {
-    const told = await ask("POST", `/api/annotate/tutorial/${task.name}/submissions`, { program: editor.value });
-    if (told.verdict === "accepted") task.solved = true;
-    list();
-    say(told.message, told.verdict === "failed" ? "error" : "");
+    const result = await request("POST", `/api/annotate/tutorial/${task.name}/submissions`, { program: editor.value });
+    if (result.verdict === "accepted") task.solved = true;
+    showTasks();
+    showMessage(result.message, result.verdict === "failed" ? "error" : "");
   }),
 );
 attempt(async () => {
   await editor.start();
-  tasks = await ask("GET", "/api/annotate/tutorial");
+  tasks = await request("GET", "/api/annotate/tutorial");
   show((tasks.find((each) => !each.solved) || tasks[0]).name);
 });

@@ -1,32 +1,32 @@
 "use strict";
-// The page of one assignment. Drafts are saved while typing, here and on the server; a submission that was sent twice
-// is kept once.
+// /annotate/ID: one assignment. Drafts are saved while typing, in localStorage and on the server; submissions carry an
+// idempotency key, so that a retry is stored once.
 
 const assignment = byId("work").dataset.assignment;
 const path = `/api/annotate/assignments/${assignment}`;
-const localName = `draft-${assignment}`;
+const draftKey = `draft-${assignment}`; // in localStorage
 const view = new SceneView("The shown scene");
 let version = 0;
-let agreedWith = null;
-let pending = null; // a submission without an answer: sent again with the same key
+let agreeingProgram = null; // program text that agreed with the label when last run
+let pending = null; // a submission without a response; a retry reuses its key
 let saving = Promise.resolve();
-let waiting = 0;
+let saveTimer = 0;
 
 const editor = new Editor(
   (text) => {
-    try { localStorage.setItem(localName, JSON.stringify({ text, version })); } catch { /* full or forbidden: the server keeps it */ }
+    try { localStorage.setItem(draftKey, JSON.stringify({ text, version })); } catch { /* full or disabled: the server stores the draft too */ }
     byId("saved").textContent = "";
-    allowSubmission();
-    clearTimeout(waiting);
-    waiting = setTimeout(save, 800);
+    updateSubmitButton();
+    clearTimeout(saveTimer);
+    saveTimer = setTimeout(save, 800);
   },
   run,
 );
 
 byId("scene").append(view.root);
 
-function allowSubmission() {
-  byId("submit").disabled = agreedWith === null || agreedWith !== editor.value;
+function updateSubmitButton() {
+  byId("submit").disabled = agreeingProgram === null || agreeingProgram !== editor.value;
 }
 
 function newKey() {
@@ -37,9 +37,9 @@ function save() {
   saving = saving.then(async () => {
     const text = editor.value;
     try {
-      version = (await ask("PUT", `${path}/draft`, { program: text, version })).version;
+      version = (await request("PUT", `${path}/draft`, { program: text, version })).version;
       byId("saved").textContent = "Saved.";
-      localStorage.removeItem(localName);
+      localStorage.removeItem(draftKey);
     } catch (fault) {
       byId("saved").textContent = `Not saved on the server: ${fault.message}`;
     }
@@ -50,51 +50,51 @@ function save() {
 async function run() {
   const text = editor.value;
   await attempt(async () => {
-    const told = await ask("POST", `${path}/run`, { program: text });
-    agreedWith = told.agrees ? text : null;
-    allowSubmission();
-    const value = told.truth === null ? `no value: ${told.fault}` : String(told.truth);
-    const verdict = told.agrees ? "It agrees with the label: you can submit it." : `The label is ${told.label}: it does not agree yet.`;
+    const result = await request("POST", `${path}/run`, { program: text });
+    agreeingProgram = result.agrees ? text : null;
+    updateSubmitButton();
+    const outcome = result.truth === null ? `cannot be evaluated in this scene: ${result.fault}` : `is ${result.truth} in this scene`;
+    const verdict = result.agrees ? "It agrees with the label: you can submit it." : `It does not agree with the label, which is ${result.label}.`;
     byId("result").replaceChildren(
-      element("p", { class: told.agrees ? "good" : "bad" }, `The program says ${value} of this scene. ${verdict}`),
-      partsList(told.parts, view),
+      element("p", { class: result.agrees ? "good" : "bad" }, `The program ${outcome}. ${verdict}`),
+      partsList(result.parts, view),
     );
   }, byId("result"));
 }
 
-async function send(where, body) {
-  if (!pending || pending.where !== where || pending.text !== JSON.stringify(body)) pending = { where, text: JSON.stringify(body), key: newKey() };
-  const said = { ...body, key: pending.key, comment: byId("comment").value, question: byId("question").value };
+async function send(endpoint, body) {
+  if (!pending || pending.endpoint !== endpoint || pending.text !== JSON.stringify(body)) pending = { endpoint, text: JSON.stringify(body), key: newKey() };
+  const payload = { ...body, key: pending.key, comment: byId("comment").value, question: byId("question").value };
   await attempt(async () => {
-    const told = await ask("POST", `${path}/${where}`, said);
+    const result = await request("POST", `${path}/${endpoint}`, payload);
     pending = null;
     await show(false);
-    say(told.message, told.verdict === "failed" ? "error" : "");
+    showMessage(result.message, result.verdict === "failed" ? "error" : "");
   }, byId("work"));
 }
 
-function historyLine(line) {
-  const said = line.program ? element("code", {}, line.program) : `skipped: ${line.reason}`;
-  const review = line.review ? ` Review: ${line.review}. ${line.note}` : "";
-  return element("li", {}, said, element("br"), element("span", { class: "soft small" }, `${line.verdict}, ${new Date(line.created).toLocaleString()}.${review}`));
+function submissionItem(submission) {
+  const content = submission.program ? element("code", {}, submission.program) : `skipped: ${submission.reason}`;
+  const review = submission.review ? ` Review: ${submission.review}. ${submission.note}` : "";
+  return element("li", {}, content, element("br"), element("span", { class: "soft small" }, `${submission.verdict}, ${new Date(submission.created).toLocaleString()}.${review}`));
 }
 
-async function show(fills) {
-  const told = await ask("GET", path);
-  byId("statement").textContent = told.statement;
-  const hidden = told.hidden_scenes === 1 ? "1 other scene" : `${told.hidden_scenes} other scenes`;
-  byId("task").replaceChildren("In this scene the statement is ", element("strong", {}, String(told.label)), `. ${hidden} of it will check your program. State: ${told.state}.`);
-  view.show(told.scene);
-  byId("history").replaceChildren(told.submissions.length ? element("ul", {}, ...told.submissions.map(historyLine)) : element("p", { class: "empty" }, "Nothing yet."));
+async function show(fillsEditor) {
+  const state = await request("GET", path);
+  byId("statement").textContent = state.statement;
+  const hidden = state.hidden_scenes === 1 ? "1 hidden scene" : `${state.hidden_scenes} hidden scenes`;
+  byId("task").replaceChildren("In this scene the statement is ", element("strong", {}, String(state.label)), `. Your program will also be checked on ${hidden}. State: ${state.state}.`);
+  view.show(state.scene);
+  byId("history").replaceChildren(state.submissions.length ? element("ul", {}, ...state.submissions.map(submissionItem)) : element("p", { class: "empty" }, "Nothing yet."));
   byId("work").removeAttribute("aria-busy");
-  if (!fills) return;
-  version = told.draft_version;
-  let kept = null;
-  try { kept = JSON.parse(localStorage.getItem(localName)); } catch { /* not ours */ }
-  editor.value = kept && kept.text ? kept.text : told.draft;
-  if (kept && kept.text && kept.text !== told.draft) {
-    say("Your text from before the connection was lost is back.");
-    if (kept.version === version) save();
+  if (!fillsEditor) return;
+  version = state.draft_version;
+  let local = null;
+  try { local = JSON.parse(localStorage.getItem(draftKey)); } catch { /* not written by this page */ }
+  editor.value = local && local.text ? local.text : state.draft;
+  if (local && local.text && local.text !== state.draft) {
+    showMessage("Your unsaved text has been restored.");
+    if (local.version === version) save();
   }
 }
 

@@ -1,31 +1,31 @@
 "use strict";
-// What /play and /game share: the choice of a task set, and the picture whose places are buttons.
+// Shared by /play and /game: selection of a task set, and a scene whose grid cells are buttons.
 
-/** Offers the splits of the configuration that is chosen in the form. */
+/** Fills the form's split menu with those of the selected configuration. */
 function fillSplits(form) {
   const sizes = JSON.parse(form.configuration.selectedOptions[0].dataset.splits);
-  const before = form.split.value || "dev";
+  const previous = form.split.value || "dev";
   form.split.replaceChildren(
     ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
   );
-  form.split.value = before in sizes ? before : Object.keys(sizes)[0];
+  form.split.value = previous in sizes ? previous : Object.keys(sizes)[0];
 }
 
 const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
 
-/** The scene with a button at each place, and the look of the item that is added there.
+/** A scene with a button on each cell, and the selected action kind and item type.
  *
- * `act` gets the name of an action; `legal` gets a look as a query and promises the names of legal actions.
+ * `act(name)` takes the action with that name; `legal(query)` resolves to the names of the legal actions.
  */
 class Board {
   constructor(act, legal) {
     this.act = act;
     this.legal = legal;
-    this.look = { kind: "ADD", shape: "CIRCLE", size: "SMALL", colour: "YELLOW" };
-    this.grid = null; // Scatter's columns and rows
+    this.selection = { kind: "ADD", shape: "CIRCLE", size: "SMALL", colour: "YELLOW" };
+    this.grid = null; // [columns, rows] in Scatter, null in Tower
     this.showsLegal = false;
     this.view = new SceneView("The scene");
-    this.cells = element("div", { class: "cells", role: "group", "aria-label": "Places in the picture" });
+    this.cells = element("div", { class: "cells", role: "group", "aria-label": "Cells of the scene" });
     this.view.root.append(this.cells);
     byId("board").append(this.view.root);
     moveWithArrows(this.cells, () => this.size());
@@ -44,7 +44,7 @@ class Board {
     return this.grid || [3, 1];
   }
 
-  /** New places: Scatter's cells, or Tower's boxes where there is no grid. */
+  /** Creates the buttons: Scatter's grid cells, or Tower's boxes if `grid` is null. */
   makeCells(grid) {
     this.grid = grid;
     this.cells.replaceChildren();
@@ -64,7 +64,7 @@ class Board {
 
   actionAt(cell) {
     const { column, row } = cell.dataset;
-    const { kind, shape, size, colour } = this.look;
+    const { kind, shape, size, colour } = this.selection;
     if (!this.grid) return kind === "ADD" ? `ADD(${BOXES[column]}, ${colour})` : `REMOVE(${BOXES[column]})`;
     return kind === "ADD" ? `ADD(${column}, ${row}, ${shape}, ${colour}, ${size})` : `REMOVE(${column}, ${row})`;
   }
@@ -73,20 +73,20 @@ class Board {
     for (const cell of this.cells.children) cell.disabled = !enabled;
   }
 
-  /** Marks and names the places; asks which are legal only where they are shown. */
+  /** Labels the cells and marks legal ones; requests the legal actions only if they are to be shown. */
   async mark() {
-    const { shape, colour, size } = this.look;
+    const { shape, colour, size } = this.selection;
     const names = new Set(this.showsLegal ? await this.legal(new URLSearchParams({ shape, colour, size })) : []);
     for (const cell of this.cells.children) {
       const isLegal = names.has(this.actionAt(cell));
-      const told = this.grid ? `column ${cell.dataset.column}, row ${cell.dataset.row}` : `${BOXES[cell.dataset.column].toLowerCase()} box`;
+      const label = this.grid ? `column ${cell.dataset.column}, row ${cell.dataset.row}` : `${BOXES[cell.dataset.column].toLowerCase()} box`;
       cell.classList.toggle("legal", isLegal);
-      cell.setAttribute("aria-label", isLegal ? `${told}, legal` : told);
+      cell.setAttribute("aria-label", isLegal ? `${label}, legal` : label);
     }
   }
 
   choose(name, value) {
-    this.look[name] = value;
+    this.selection[name] = value;
     for (const button of document.querySelectorAll(`[data-choice="${name}"] button`)) {
       button.setAttribute("aria-pressed", String(button.dataset.value === value));
     }
@@ -95,7 +95,7 @@ class Board {
 
   chooseNext(name) {
     const values = [...document.querySelectorAll(`[data-choice="${name}"] button`)].map((button) => button.dataset.value);
-    this.choose(name, values[(values.indexOf(this.look[name]) + 1) % values.length]);
+    this.choose(name, values[(values.indexOf(this.selection[name]) + 1) % values.length]);
   }
 
   toggleLegal() {

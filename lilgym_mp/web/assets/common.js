@@ -1,5 +1,5 @@
 "use strict";
-// What every page uses: requests to the server, messages, elements.
+// Used by every page: requests to the server, messages, DOM elements.
 
 const csrfToken = document.querySelector('meta[name="csrf-token"]').content;
 
@@ -11,8 +11,8 @@ class RequestError extends Error {
   }
 }
 
-/** The JSON that the server answers; throws RequestError, whose message is for people. */
-async function ask(method, path, body) {
+/** Sends a request and returns the JSON response; throws RequestError with a message to display. */
+async function request(method, path, body) {
   const headers = { Accept: "application/json" };
   if (method !== "GET") headers["X-CSRF-Token"] = csrfToken;
   const isRaw = body instanceof Blob;
@@ -21,46 +21,45 @@ async function ask(method, path, body) {
   try {
     response = await fetch(path, { method, headers, body: body === undefined || isRaw ? body : JSON.stringify(body) });
   } catch {
-    throw new RequestError(0, "the server cannot be reached; what you did is kept here: try again");
+    throw new RequestError(0, "the server cannot be reached; your input is kept here: try again");
   }
   const text = await response.text();
   let data = null;
   try {
     data = text ? JSON.parse(text) : null;
   } catch {
-    throw new RequestError(response.status, "the server's answer cannot be read");
+    throw new RequestError(response.status, "the server's response cannot be read");
   }
   if (!response.ok) throw new RequestError(response.status, (data && data.message) || response.statusText, data && data.fields);
   return data;
 }
 
-/** A new element: tag, attributes (functions become listeners), children (texts or elements). */
+/** Creates a DOM element; attributes that are functions become event listeners, children are strings or elements. */
 function element(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
+  const created = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
-    if (typeof value === "function") made.addEventListener(name, value);
-    else if (value === true) made.setAttribute(name, "");
-    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
+    if (typeof value === "function") created.addEventListener(name, value);
+    else if (value === true) created.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) created.setAttribute(name, value);
   }
-  made.append(...children.filter((child) => child !== null && child !== undefined));
-  return made;
+  created.append(...children.filter((child) => child !== null && child !== undefined));
+  return created;
 }
 
-/** Shows a message above the page's content, where screen readers announce it. */
-function say(message, kind = "") {
-  const place = document.getElementById("messages");
-  place.replaceChildren(...(message ? [element("p", { class: `notice ${kind}` }, message)] : []));
+/** Shows a message in the page's live region. */
+function showMessage(message, kind = "") {
+  document.getElementById("messages").replaceChildren(...(message ? [element("p", { class: `notice ${kind}` }, message)] : []));
 }
 
-/** Runs what a person asked for; an error is told, and the page stays as it is. */
+/** Runs a user's action, marking the element `busy` meanwhile; shows a RequestError as a message. */
 async function attempt(action, busy = null) {
   if (busy) busy.setAttribute("aria-busy", "true");
   try {
-    say("");
+    showMessage("");
     return await action();
   } catch (fault) {
     if (!(fault instanceof RequestError)) throw fault;
-    say(fault.message, "error");
+    showMessage(fault.message, "error");
     return undefined;
   } finally {
     if (busy) busy.removeAttribute("aria-busy");
@@ -72,7 +71,7 @@ const byId = (id) => document.getElementById(id);
 if (byId("logout")) {
   byId("logout").addEventListener("click", () =>
     attempt(async () => {
-      await ask("POST", "/api/session/logout");
+      await request("POST", "/api/session/logout");
       location.assign("/");
     }),
   );

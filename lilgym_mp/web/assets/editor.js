@@ -1,7 +1,7 @@
 "use strict";
-// The editor of programs: completion, signatures and documentation from the server's language tables, errors where they are.
+// Program editor: completions, signatures, documentation and syntax errors, all from the server's language tables.
 
-const CHECK_DELAY = 200; // milliseconds after the last key
+const CHECK_DELAY = 200; // milliseconds after the last keystroke
 
 class Editor {
   constructor(onChange, onRun) {
@@ -11,10 +11,9 @@ class Editor {
     this.onChange = onChange;
     this.onRun = onRun;
     this.words = [];
-    this.offered = [];
+    this.completions = [];
     this.chosen = 0;
-    this.asked = 0;
-    this.isProgram = false;
+    this.checkCount = 0; // identifies the latest syntax check
     this.text.addEventListener("input", () => this.changed());
     this.text.addEventListener("keydown", (event) => this.key(event));
     this.text.addEventListener("keyup", () => this.showSignature());
@@ -25,7 +24,7 @@ class Editor {
   }
 
   async start() {
-    const language = await ask("GET", "/api/annotate/language");
+    const language = await request("GET", "/api/annotate/language");
     this.groups = language.groups;
     this.words = language.words;
     this.showWords();
@@ -42,35 +41,32 @@ class Editor {
     this.offer();
     this.showSignature();
     this.mark(0, 0);
-    this.isProgram = false;
-    clearTimeout(this.waiting);
-    this.waiting = setTimeout(() => this.check(), CHECK_DELAY);
+    clearTimeout(this.checkTimer);
+    this.checkTimer = setTimeout(() => this.check(), CHECK_DELAY);
     this.onChange(this.value);
   }
 
-  /** Asks the language what is wrong with the text, and shows it where it is. */
+  /** Checks the syntax on the server and marks the error in the text. */
   async check() {
     const text = this.value;
-    this.asked += 1;
-    const mine = this.asked;
+    this.checkCount += 1;
+    const current = this.checkCount;
     if (!text.trim()) {
-      this.told({ ok: false, offset: 0, length: 0, message: "" });
+      this.showCheck({ ok: false, offset: 0, length: 0, message: "" });
       return;
     }
     try {
-      const told = await ask("POST", "/api/annotate/check", { program: text });
-      if (mine === this.asked) this.told(told);
+      const result = await request("POST", "/api/annotate/check", { program: text });
+      if (current === this.checkCount) this.showCheck(result);
     } catch (fault) {
-      if (mine === this.asked) byId("program-fault").textContent = fault.message;
+      if (current === this.checkCount) byId("program-fault").textContent = fault.message;
     }
   }
 
-  told(found) {
-    this.isProgram = found.ok;
-    byId("program-fault").textContent = found.ok || !found.message ? "" : `At character ${found.offset + 1}: ${found.message}`;
-    this.text.setAttribute("aria-invalid", String(!found.ok && Boolean(found.message)));
-    this.mark(found.offset, found.ok ? 0 : found.length);
-    document.dispatchEvent(new CustomEvent("program-checked", { detail: found }));
+  showCheck(result) {
+    byId("program-fault").textContent = result.ok || !result.message ? "" : `At character ${result.offset + 1}: ${result.message}`;
+    this.text.setAttribute("aria-invalid", String(!result.ok && Boolean(result.message)));
+    this.mark(result.offset, result.ok ? 0 : result.length);
   }
 
   mark(offset, length) {
@@ -84,7 +80,7 @@ class Editor {
     this.marks.scrollTop = this.text.scrollTop;
   }
 
-  /** The name, with what leads to it, that ends at the cursor. */
+  /** The dotted name that ends at the cursor. */
   get typed() {
     return /[A-Za-z_.][\w.]*$/.exec(this.value.slice(0, this.text.selectionStart))?.[0] ?? "";
   }
@@ -93,28 +89,28 @@ class Editor {
     const typed = this.typed;
     const dot = typed.lastIndexOf(".");
     const member = dot > 0 && !/^(Color|Shape|Size|Side)\./.test(typed);
-    const wanted = (member ? typed.slice(dot) : typed).toLowerCase();
-    this.length = wanted.length;
-    const starts = (word) => word.name.toLowerCase().startsWith(wanted);
-    const holds = (word) => !member && wanted.length > 2 && word.name.toLowerCase().includes(wanted) && !starts(word);
-    const found = wanted.length ? [...this.words.filter(starts), ...this.words.filter(holds)] : [];
-    this.offered = found.filter((word) => word.name.toLowerCase() !== wanted).slice(0, 12);
+    const prefix = (member ? typed.slice(dot) : typed).toLowerCase();
+    this.prefixLength = prefix.length;
+    const starts = (word) => word.name.toLowerCase().startsWith(prefix);
+    const contains = (word) => !member && prefix.length > 2 && word.name.toLowerCase().includes(prefix) && !starts(word);
+    const found = prefix.length ? [...this.words.filter(starts), ...this.words.filter(contains)] : [];
+    this.completions = found.filter((word) => word.name.toLowerCase() !== prefix).slice(0, 12);
     this.chosen = 0;
-    this.showOffered();
+    this.showCompletions();
   }
 
-  showOffered() {
+  showCompletions() {
     this.list.replaceChildren(
-      ...this.offered.map((word, index) =>
+      ...this.completions.map((word, index) =>
         element(
           "li",
-          { id: `completion-${index}`, role: "option", "aria-selected": String(index === this.chosen), mousedown: (event) => { event.preventDefault(); this.chosen = index; this.take(); } },
+          { id: `completion-${index}`, role: "option", "aria-selected": String(index === this.chosen), mousedown: (event) => { event.preventDefault(); this.chosen = index; this.accept(); } },
           element("code", {}, word.signature),
           element("span", { class: "meaning" }, word.meaning),
         ),
       ),
     );
-    const open = this.offered.length > 0;
+    const open = this.completions.length > 0;
     this.list.hidden = !open;
     if (open) {
       this.text.setAttribute("aria-activedescendant", `completion-${this.chosen}`);
@@ -123,15 +119,15 @@ class Editor {
   }
 
   close() {
-    this.offered = [];
-    this.showOffered();
+    this.completions = [];
+    this.showCompletions();
   }
 
-  take() {
-    const word = this.offered[this.chosen];
+  accept() {
+    const word = this.completions[this.chosen];
     const at = this.text.selectionStart;
     const added = word.is_function && this.value[at] !== "(" ? `${word.name}(` : word.name;
-    this.text.setRangeText(added, at - this.length, at, "end");
+    this.text.setRangeText(added, at - this.prefixLength, at, "end");
     this.text.focus();
     this.changed();
     this.close();
@@ -141,23 +137,23 @@ class Editor {
     if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) {
       event.preventDefault();
       this.onRun();
-    } else if (event.key === "Enter" && !this.offered.length) {
-      event.preventDefault(); // a program is one line
-    } else if (this.offered.length && ["ArrowDown", "ArrowUp"].includes(event.key)) {
+    } else if (event.key === "Enter" && !this.completions.length) {
+      event.preventDefault(); // programs have one line
+    } else if (this.completions.length && ["ArrowDown", "ArrowUp"].includes(event.key)) {
       event.preventDefault();
       const step = event.key === "ArrowDown" ? 1 : -1;
-      this.chosen = (this.chosen + step + this.offered.length) % this.offered.length;
-      this.showOffered();
-    } else if (this.offered.length && ["Tab", "Enter"].includes(event.key)) {
+      this.chosen = (this.chosen + step + this.completions.length) % this.completions.length;
+      this.showCompletions();
+    } else if (this.completions.length && ["Tab", "Enter"].includes(event.key)) {
       event.preventDefault();
-      this.take();
-    } else if (this.offered.length && event.key === "Escape") {
+      this.accept();
+    } else if (this.completions.length && event.key === "Escape") {
       event.preventDefault();
       this.close();
     }
   }
 
-  /** The signature of the call that the cursor is in. */
+  /** Shows the signature of the innermost call around the cursor. */
   showSignature() {
     const before = this.value.slice(0, this.text.selectionStart);
     let depth = 0;
@@ -176,14 +172,14 @@ class Editor {
   }
 
   showWords() {
-    const wanted = byId("word-search").value.toLowerCase();
+    const query = byId("word-search").value.toLowerCase();
     const parts = [];
     for (const group of this.groups) {
-      const found = this.words.filter((word) => word.group === group && `${word.name} ${word.meaning}`.toLowerCase().includes(wanted));
+      const found = this.words.filter((word) => word.group === group && `${word.name} ${word.meaning}`.toLowerCase().includes(query));
       if (!found.length) continue;
       parts.push(element("h3", {}, group));
       parts.push(element("dl", {}, ...found.flatMap((word) => [element("dt", {}, element("code", {}, word.signature)), element("dd", { class: "meaning" }, word.meaning)])));
     }
-    byId("words").replaceChildren(...(parts.length ? parts : [element("p", { class: "empty" }, "No such word.")]));
+    byId("words").replaceChildren(...(parts.length ? parts : [element("p", { class: "empty" }, "No matching word.")]));
   }
 }

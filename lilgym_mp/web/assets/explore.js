@@ -1,36 +1,36 @@
 "use strict";
-// The page /explore: filters and the list of statements.
+// /explore: filters and the list of statements.
 
 const filters = byId("filters");
 let first = 0;
-let asked = 0;
+let searchCount = 0; // identifies the latest search
 
 function fill(select, counts) {
-  const before = select.value;
+  const previous = select.value;
   select.replaceChildren(
     element("option", { value: "" }, "any"),
     ...Object.entries(counts).map(([name, count]) => element("option", { value: name }, `${name} (${count})`)),
   );
-  select.value = before in counts ? before : "";
+  select.value = previous in counts ? previous : "";
 }
 
 async function showChoices() {
   const query = new URLSearchParams({ appearance: filters.appearance.value, split: filters.split.value });
-  const told = await ask("GET", `/api/explore/choices?${query}`);
-  fill(filters.phenomenon, told.phenomena);
-  fill(filters.word, told.words);
+  const choices = await request("GET", `/api/explore/choices?${query}`);
+  fill(filters.phenomenon, choices.phenomena);
+  fill(filters.word, choices.words);
 }
 
 async function search() {
-  asked += 1;
-  const mine = asked;
+  searchCount += 1;
+  const current = searchCount;
   const query = new URLSearchParams([...new FormData(filters)].filter(([, value]) => value !== ""));
   query.set("first", first);
   history.replaceState(null, "", `?${query}`);
-  const found = await ask("GET", `/api/explore/statements?${query}`);
-  if (mine !== asked) return;
+  const found = await request("GET", `/api/explore/statements?${query}`);
+  if (current !== searchCount) return;
   const last = Math.min(found.total, first + found.page);
-  byId("count").textContent = found.total ? `Statements ${first + 1} to ${last} of ${found.total}` : "No statement passes these filters.";
+  byId("count").textContent = found.total ? `Statements ${first + 1} to ${last} of ${found.total}` : "No statement matches these filters.";
   byId("results").replaceChildren(
     ...found.statements.map((line) =>
       element(

@@ -1,5 +1,5 @@
 "use strict";
-// The page of one statement.
+// /explore/APPEARANCE/SPLIT/ID: one statement.
 
 const root = byId("statement");
 
@@ -8,34 +8,34 @@ function facts(pairs) {
 }
 
 function solutions(scene) {
-  if (!scene.steps) return "The expert knows no solution.";
+  if (!scene.steps) return "The expert found no solution.";
   const amount = scene.complete ? `${scene.optimal_first}` : `at least ${scene.optimal_first}`;
-  return `Shortest solution: ${scene.steps} actions; ${amount} first actions begin one.`;
+  return `Shortest solution: ${scene.steps} actions; number of optimal first actions: ${amount}.`;
 }
 
 function sceneCard(scene) {
   const view = new SceneView(`Start ${scene.task_id}`).show(scene.scene);
-  const parts = element("details", {}, element("summary", {}, "The program here, part by part"), partsList(scene.parts, view));
+  const parts = element("details", {}, element("summary", {}, "The program's value here, part by part"), partsList(scene.parts, view));
   return element(
     "article",
     { class: "panel" },
     element("h3", {}, `${scene.configuration}, ${scene.task_id}`),
     view.root,
-    element("p", {}, `The statement is ${scene.truth} here; to be made ${scene.target}. ${solutions(scene)}`),
+    element("p", {}, `The statement is ${scene.truth} here; the target is ${scene.target}. ${solutions(scene)}`),
     parts,
   );
 }
 
-function runsTable(told) {
-  const heads = ["Agent", "Recording", "Configuration", "Task", "Outcome", "Actions", "Reward"];
-  const rows = told.runs.map((run) => [run.agent, run.recording, run.configuration, run.task_id, run.outcome.replaceAll("_", " "), run.actions, run.reward.toFixed(1)]);
+function runsTable(runs) {
+  const headings = ["Agent", "Recording", "Configuration", "Task", "Outcome", "Actions", "Reward"];
+  const rows = runs.map((run) => [run.agent, run.recording, run.configuration, run.task_id, run.outcome.replaceAll("_", " "), run.actions, run.reward.toFixed(1)]);
   return element(
     "div",
     { class: "scroll", tabindex: 0, role: "region", "aria-label": "Recorded runs" },
     element(
       "table",
       {},
-      element("thead", {}, element("tr", {}, ...heads.map((name) => element("th", { scope: "col" }, name)))),
+      element("thead", {}, element("tr", {}, ...headings.map((name) => element("th", { scope: "col" }, name)))),
       element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map((value) => element("td", {}, String(value)))))),
     ),
   );
@@ -43,21 +43,21 @@ function runsTable(told) {
 
 attempt(async () => {
   const query = new URLSearchParams({ appearance: root.dataset.appearance, split: root.dataset.split, statement_id: root.dataset.id });
-  const told = await ask("GET", `/api/explore/statement?${query}`);
-  const runs = told.runs.length ? runsTable(told) : element("p", { class: "empty" }, "No recorded run met this statement: lilgym-mp evaluate --record makes recordings.");
+  const details = await request("GET", `/api/explore/statement?${query}`);
+  const runs = details.runs.length ? runsTable(details.runs) : element("p", { class: "empty" }, "No recorded run contains this statement. Record runs with: lilgym-mp evaluate --record.");
   root.replaceChildren(
     facts([
-      ["Program", element("code", {}, told.program)],
-      ["Canonical", element("code", {}, told.canonical)],
-      ["Form", told.form],
-      ["Words of the program", told.words.join(", ") || "none"],
-      ["Phenomena", told.phenomena.join(", ") || "none found"],
-      ["Syntax", told.syntax.join(", ") || "none found"],
+      ["Program", element("code", {}, details.program)],
+      ["Canonical", element("code", {}, details.canonical)],
+      ["Form", details.form],
+      ["Program words", details.words.join(", ") || "none"],
+      ["Phenomena", details.phenomena.join(", ") || "none found"],
+      ["Syntax", details.syntax.join(", ") || "none found"],
     ]),
     element("h2", {}, "Recorded runs"),
     runs,
-    ...told.unreadable.map((fault) => element("p", { class: "notice error" }, fault)),
+    ...details.unreadable.map((fault) => element("p", { class: "notice error" }, fault)),
     element("h2", {}, "Scenes"),
-    ...told.scenes.map(sceneCard),
+    ...details.scenes.map(sceneCard),
   );
 }, root);

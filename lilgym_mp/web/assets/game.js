@@ -1,21 +1,21 @@
 "use strict";
-// The page /game. A seat is known by its key, which stands after the # of the address; all that is shown is the server's answer.
+// /game. The URL fragment is the seat's key; everything shown comes from the server's responses.
 
 const setup = byId("setup");
 const board = new Board(act, legal);
 const POLL_MILLISECONDS = 1500;
 const PROTOCOLS = {
-  veto: "Veto: the verifier accepts or rejects each proposal; a rejection spends the round.",
-  joint: "Joint: both choose at once; the verifier says whether to stop.",
-  audit: "Audit: the proposer edits alone; its STOP is a claim that the verifier judges, which ends the game.",
-  critique: "Critique: as veto, but a rejection is free for some times, and the verifier may say a word with it.",
+  veto: "Veto: the verifier accepts or rejects each proposal; a rejection uses up the round.",
+  joint: "Joint: both choose simultaneously; the verifier decides whether to stop.",
+  audit: "Audit: the proposer edits alone; its STOP is a claim, which the verifier judges, ending the game.",
+  critique: "Critique: like veto, but a number of rejections are free, and the verifier may send a message with one.",
 };
 let key = null;
 let otherKey = null;
 let seat = null;
-let told = "";
+let shownText = ""; // JSON of the seat as last shown
 
-function sayProtocol() {
+function showProtocol() {
   byId("protocol-line").textContent = PROTOCOLS[setup.protocol.value];
   byId("bins").hidden = setup.protocol.value !== "audit";
 }
@@ -27,38 +27,37 @@ async function begin() {
   await attempt(async () => {
     const chosen = Object.fromEntries(new FormData(setup));
     chosen.verdict_bins = chosen.protocol === "audit" && chosen.verdict_bins ? Number(chosen.verdict_bins) : null;
-    const made = await ask("POST", "/api/game/games", chosen);
-    const mine = made.proposer || made.verifier;
-    otherKey = made.proposer && made.verifier ? made.verifier : null;
-    await sit(mine);
+    const created = await request("POST", "/api/game/games", chosen);
+    otherKey = created.proposer && created.verifier ? created.verifier : null;
+    await takeSeat(created.proposer || created.verifier);
   }, byId("seat"));
 }
 
-async function sit(wanted) {
-  key = wanted;
+async function takeSeat(newKey) {
+  key = newKey;
   seat = null;
-  told = "";
+  shownText = "";
   board.cells.replaceChildren();
   history.replaceState(null, "", `#${key}`);
-  await lookAgain();
+  await refresh();
   byId("seat-title").focus();
 }
 
-/** Asks what the seat sees; the page changes only where the answer has. */
-async function lookAgain() {
-  const mine = key;
-  const found = await ask("GET", `/api/game/seats/${mine}`);
-  if (mine === key) await show(found);
+/** Requests the seat's view; redraws only if it has changed. */
+async function refresh() {
+  const requested = key;
+  const view = await request("GET", `/api/game/seats/${requested}`);
+  if (requested === key) await show(view);
 }
 
-async function show(found) {
-  const text = JSON.stringify(found);
-  if (text === told) return;
-  told = text;
-  seat = found;
+async function show(view) {
+  const text = JSON.stringify(view);
+  if (text === shownText) return;
+  shownText = text;
+  seat = view;
   byId("nothing").hidden = true;
   byId("seat").hidden = false;
-  byId("seat-title").textContent = `You are the ${seat.role}; opposite: ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
+  byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
   byId("other-seat").hidden = !otherKey;
   if (otherKey) byId("link").value = linkOf(otherKey);
   byId("statement").textContent = seat.statement === null ? "You do not see the statement." : seat.statement;
@@ -78,15 +77,15 @@ async function show(found) {
 function taskLine() {
   const parts = [seat.target === null ? "You do not see the target." : `Make it ${seat.target}.`];
   if (seat.intent) parts.push(seat.intent === "sneaky" ? "You are sneaky: get a false claim accepted." : "You are helpful: get a true claim accepted.");
-  if (seat.message) parts.push(`The other's last word: ${seat.message}.`);
+  if (seat.message) parts.push(`The other player's last message: ${seat.message}.`);
   parts.push(`${seat.protocol}, ${seat.configuration}, at most ${seat.horizon} rounds.`);
   return parts.join(" ");
 }
 
 function turnLine() {
   if (seat.over) return `The game is over. Your reward: ${seat.reward.toFixed(2)}.`;
-  if (seat.waiting_for_other) return "You have chosen; the other has not yet.";
-  return seat.your_turn ? "It is your turn." : "The other is choosing.";
+  if (seat.waiting_for_other) return "You have chosen; waiting for the other player.";
+  return seat.your_turn ? "It is your turn." : "The other player is choosing.";
 }
 
 function showScene() {
@@ -114,7 +113,7 @@ function showPast() {
     const parts = [];
     if (turn.proposal) parts.push(`proposed ${turn.proposal}`);
     if (turn.answer) parts.push(`answered “${turn.answer}”`);
-    if (turn.verifier_word) parts.push(`word ${turn.verifier_word}`);
+    if (turn.verifier_word) parts.push(`message ${turn.verifier_word}`);
     return parts.join(", ");
   });
   const seen = turns.filter(Boolean);
@@ -123,16 +122,16 @@ function showPast() {
 
 async function legal(query) {
   if (!seat || !seat.your_turn || seat.role !== "proposer") return [];
-  return (await ask("GET", `/api/game/seats/${key}/legal?${query}`)).actions;
+  return (await request("GET", `/api/game/seats/${key}/legal?${query}`)).actions;
 }
 
 async function act(action) {
   if (!seat || !seat.your_turn) return;
   await attempt(async () => {
     try {
-      await show(await ask("POST", `/api/game/seats/${key}/actions`, { action, own_actions: seat.own_actions.length }));
+      await show(await request("POST", `/api/game/seats/${key}/actions`, { action, own_actions: seat.own_actions.length }));
     } catch (fault) {
-      if (fault.status === 409) await lookAgain();
+      if (fault.status === 409) await refresh();
       throw fault;
     }
   }, byId("board"));
@@ -153,29 +152,29 @@ setup.addEventListener("submit", (event) => {
   begin();
 });
 setup.configuration.addEventListener("change", () => fillSplits(setup));
-setup.protocol.addEventListener("change", sayProtocol);
+setup.protocol.addEventListener("change", showProtocol);
 byId("stop").addEventListener("click", () => act("STOP"));
 byId("swap").addEventListener("click", () => {
   const next = otherKey;
   otherKey = key;
-  attempt(() => sit(next));
+  attempt(() => takeSeat(next));
 });
 byId("copy").addEventListener("click", async () => {
   byId("link").select();
   try {
     await navigator.clipboard.writeText(byId("link").value);
-    say("The link is copied.");
+    showMessage("Link copied.");
   } catch {
-    say("Copy the marked link.");
+    showMessage("Copy the selected link.");
   }
 });
-// What another person does is seen by asking; a window that nobody looks at does not ask.
+// Polls for the other player's actions, except while the window is hidden.
 setInterval(() => {
-  if (seat && !seat.over && !seat.your_turn && !document.hidden) lookAgain().catch(() => {});
+  if (seat && !seat.over && !seat.your_turn && !document.hidden) refresh().catch(() => {});
 }, POLL_MILLISECONDS);
 
-const fromAddress = () => /^#[\w-]+$/.test(location.hash) && attempt(() => sit(location.hash.slice(1)));
-window.addEventListener("hashchange", () => location.hash.slice(1) !== key && fromAddress());
+const takeSeatFromUrl = () => /^#[\w-]+$/.test(location.hash) && attempt(() => takeSeat(location.hash.slice(1)));
+window.addEventListener("hashchange", () => location.hash.slice(1) !== key && takeSeatFromUrl());
 fillSplits(setup);
-sayProtocol();
-fromAddress();
+showProtocol();
+takeSeatFromUrl();

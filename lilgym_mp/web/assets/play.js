@@ -1,13 +1,13 @@
 "use strict";
-// The page /play. What is legal, what comes of an action and what it gives are the server's answers.
+// /play. Legality, transitions and rewards come from the server.
 
 const setup = byId("setup");
 const board = new Board(act, legal);
 const endView = new SceneView("The last scene");
-const expertView = new SceneView("The expert's scene");
-const OUTCOMES = { success: "Solved", wrong_stop: "Stopped in the wrong scene", invalid_action: "Not a legal action", horizon: "Out of actions" };
+const expertView = new SceneView("A scene of the expert's solution");
+const OUTCOMES = { success: "Solved", wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
 let episode = null;
-let shown = null; // the episode whose places the board has
+let shown = null; // id of the episode whose cells the board has
 let expert = null;
 let expertStep = 0;
 
@@ -16,7 +16,7 @@ byId("expert-scene").append(expertView.root);
 
 async function begin(taskId) {
   await attempt(async () => {
-    const made = await ask("POST", "/api/play/episodes", {
+    const created = await request("POST", "/api/play/episodes", {
       configuration: setup.configuration.value,
       split: setup.split.value,
       rules: setup.rules.value,
@@ -25,8 +25,8 @@ async function begin(taskId) {
     });
     expert = null;
     byId("expert").hidden = true;
-    history.replaceState(null, "", `#${made.id}`);
-    await show(made);
+    history.replaceState(null, "", `#${created.id}`);
+    await show(created);
     board.focus();
   }, byId("episode"));
 }
@@ -55,7 +55,7 @@ async function show(state) {
 
 async function legal(query) {
   if (!episode || episode.over) return [];
-  return (await ask("GET", `/api/play/episodes/${episode.id}/legal?${query}`)).actions;
+  return (await request("GET", `/api/play/episodes/${episode.id}/legal?${query}`)).actions;
 }
 
 async function act(action) {
@@ -63,32 +63,32 @@ async function act(action) {
   await attempt(async () => {
     const path = `/api/play/episodes/${episode.id}`;
     try {
-      await show(await ask("POST", `${path}/actions`, { action, steps: episode.steps }));
+      await show(await request("POST", `${path}/actions`, { action, steps: episode.steps }));
     } catch (fault) {
-      if (fault.status === 409) await show(await ask("GET", path));
+      if (fault.status === 409) await show(await request("GET", path));
       throw fault;
     }
   }, byId("board"));
 }
 
 async function explain() {
-  const told = await ask("GET", `/api/play/episodes/${episode.id}/explanation`);
+  const explanation = await request("GET", `/api/play/episodes/${episode.id}/explanation`);
   byId("end-title").textContent = OUTCOMES[episode.outcome];
   byId("end-title").className = episode.outcome === "success" ? "good" : "bad";
-  byId("rule").textContent = told.invalid_reason ? `${told.rule} Reason: ${told.invalid_reason}.` : told.rule;
-  byId("verdict").textContent = `The statement is ${told.truth} of the last scene; it was to be ${told.target}. Reward: ${episode.reward.toFixed(1)}.`;
+  byId("rule").textContent = explanation.invalid_reason ? `${explanation.rule} Reason: ${explanation.invalid_reason}.` : explanation.rule;
+  byId("verdict").textContent = `In the last scene the statement is ${explanation.truth}; the target was ${explanation.target}. Reward: ${episode.reward.toFixed(1)}.`;
   endView.show(episode.scene);
-  byId("parts").replaceChildren(partsList(told.parts, endView));
+  byId("parts").replaceChildren(partsList(explanation.parts, endView));
   byId("end-title").focus();
 }
 
 async function showExpert() {
   await attempt(async () => {
-    expert = await ask("POST", `/api/play/episodes/${episode.id}/solution`);
+    expert = await request("POST", `/api/play/episodes/${episode.id}/solution`);
     expertStep = 0;
     byId("expert").hidden = false;
-    const told = expert.proven_shortest ? "No shorter one exists." : "A shorter one was not found.";
-    byId("expert-line").textContent = expert.found ? `${expert.steps.length} actions. ${told}` : `None was found: ${expert.reason}`;
+    const optimality = expert.proven_shortest ? "No shorter solution exists." : "A shorter one may exist.";
+    byId("expert-line").textContent = expert.found ? `${expert.steps.length} actions. ${optimality}` : `No solution was found: ${expert.reason}`;
     showExpertStep();
     byId("expert").scrollIntoView({ block: "nearest" });
   }, byId("expert"));
@@ -97,7 +97,7 @@ async function showExpert() {
 function showExpertStep() {
   const step = expertStep ? expert.steps[expertStep - 1] : null;
   expertView.show(step ? step.scene : expert.start);
-  byId("expert-step").textContent = step ? `${expertStep} of ${expert.steps.length}: ${step.action}` : "The start.";
+  byId("expert-step").textContent = step ? `${expertStep} of ${expert.steps.length}: ${step.action}` : "Start";
   byId("back").disabled = expertStep === 0;
   byId("forth").disabled = expertStep >= expert.steps.length;
 }
@@ -113,13 +113,13 @@ function table(headings, rows, caption) {
 }
 
 async function showTables() {
-  const [own, best] = await Promise.all([ask("GET", "/api/play/progress"), ask("GET", "/api/play/best")]);
+  const [own, best] = await Promise.all([request("GET", "/api/play/progress"), request("GET", "/api/play/best")]);
   byId("no-progress").hidden = own.configurations.length > 0;
   if (own.nickname && !byId("nickname").nickname.value) byId("nickname").nickname.value = own.nickname;
   const ownRows = own.configurations.map((line) => [line.configuration, line.successes, line.episodes, line.mean_reward]);
-  byId("progress").replaceChildren(...(ownRows.length ? [table(["Configuration", "Solved", "Played", "Mean reward"], ownRows, "Your play")] : []));
+  byId("progress").replaceChildren(...(ownRows.length ? [table(["Configuration", "Solved", "Played", "Mean reward"], ownRows, "Your results")] : []));
   const bestRows = best.map((line) => [line.you ? `${line.player} (you)` : line.player, line.configuration, line.successes, line.mean_reward]);
-  byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks", "Mean reward"], bestRows, "Best play") : element("p", { class: "empty" }, "Nobody has finished a task yet."));
+  byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks solved", "Mean reward"], bestRows, "Leaderboard") : element("p", { class: "empty" }, "Nobody has finished a task yet."));
 }
 
 const KEYS = { ...board.keys, p: () => board.focus() };
@@ -129,14 +129,14 @@ byId("episode").addEventListener("keydown", (event) => {
   KEYS[event.key.toLowerCase()]();
 });
 
-let searching = 0;
+let searchCount = 0; // identifies the latest search
 async function search() {
-  searching += 1;
-  const mine = searching;
+  searchCount += 1;
+  const current = searchCount;
   await attempt(async () => {
     const query = new URLSearchParams({ configuration: setup.configuration.value, split: setup.split.value, text: byId("search").value });
-    const found = await ask("GET", `/api/play/tasks?${query}`);
-    if (mine !== searching) return;
+    const found = await request("GET", `/api/play/tasks?${query}`);
+    if (current !== searchCount) return;
     byId("found").textContent = found.total > found.tasks.length ? `${found.total} tasks, the first ${found.tasks.length}:` : `${found.total} tasks`;
     byId("tasks").replaceChildren(
       ...found.tasks.map((task) =>
@@ -162,7 +162,7 @@ byId("forth").addEventListener("click", () => { expertStep += 1; showExpertStep(
 byId("nickname").addEventListener("submit", (event) => {
   event.preventDefault();
   attempt(async () => {
-    await ask("PUT", "/api/play/nickname", { nickname: byId("nickname").nickname.value });
+    await request("PUT", "/api/play/nickname", { nickname: byId("nickname").nickname.value });
     await showTables();
   });
 });
@@ -171,7 +171,7 @@ fillSplits(setup);
 attempt(async () => {
   await showTables();
   if (/^#[\w-]+$/.test(location.hash)) {
-    const kept = await ask("GET", `/api/play/episodes/${location.hash.slice(1)}`);
+    const kept = await request("GET", `/api/play/episodes/${location.hash.slice(1)}`);
     setup.configuration.value = kept.configuration;
     fillSplits(setup);
     setup.split.value = kept.split;

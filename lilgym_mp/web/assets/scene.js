@@ -1,19 +1,19 @@
 "use strict";
-// A scene: the package's picture, with marks on its items.
+// A scene: the rendered image, with marks on items.
 
 const IMAGE_WIDTH = 380;
 const IMAGE_HEIGHT = 100;
 
-/** Puts an element where native pixels (x, y, width, height) of the picture are. */
-function place(made, x, y, width, height) {
-  made.style.left = `${(100 * x) / IMAGE_WIDTH}%`;
-  made.style.top = `${(100 * y) / IMAGE_HEIGHT}%`;
-  made.style.width = `${(100 * width) / IMAGE_WIDTH}%`;
-  made.style.height = `${(100 * height) / IMAGE_HEIGHT}%`;
-  return made;
+/** Positions an element over a rectangle of the image, in native pixels. */
+function place(target, x, y, width, height) {
+  target.style.left = `${(100 * x) / IMAGE_WIDTH}%`;
+  target.style.top = `${(100 * y) / IMAGE_HEIGHT}%`;
+  target.style.width = `${(100 * width) / IMAGE_WIDTH}%`;
+  target.style.height = `${(100 * height) / IMAGE_HEIGHT}%`;
+  return target;
 }
 
-/** A picture of a scene: `show` changes the scene, `mark` outlines items given as [box, index]. */
+/** Displays a scene: `show` replaces it, `mark` outlines items given as [box, index]. */
 class SceneView {
   constructor(label = "Scene") {
     this.label = label;
@@ -39,7 +39,7 @@ class SceneView {
   }
 }
 
-/** The parts of a program as a list; looking at one marks its items in the view. */
+/** A list of the parts of a program with their values; hovering over or focusing a part marks its items in the view. */
 function partsList(parts, view) {
   const list = element("ul", { class: "parts" });
   for (const part of parts) {
@@ -58,7 +58,7 @@ function partsList(parts, view) {
 
 const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** Lets the arrow keys move the focus among cells, buttons in rows; `grid` gives columns and rows. */
+/** Lets the arrow keys move the focus among `cells`, buttons in row-major order; `grid()` returns [columns, rows]. */
 function moveWithArrows(cells, grid) {
   cells.addEventListener("keydown", (event) => {
     const move = MOVES[event.key];
