@@ -1,4 +1,4 @@
-"""One episode step by step: the task, the expert's shortest solution, and a picture of every step.
+"""Plays one episode step by step: the task, the expert's shortest solution, and a picture of every step.
 
 Try: python examples/first_steps.py --seed 3 --output first_steps.png
 """
@@ -22,46 +22,46 @@ GAP = 16  # pixels around pictures
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="One episode step by step, with pictures.")
+    parser = argparse.ArgumentParser(description="Play one episode step by step, with pictures.")
     parser.add_argument("--id", default="lilgym_mp/ScatterFlipIt-v0")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=12, help="at most so many actions")
+    parser.add_argument("--steps", type=int, default=12, help="maximum number of actions")
     parser.add_argument("--output", type=Path, default=Path("first_steps.png"))
     args = parser.parse_args()
 
     env = gym.make(args.id)
-    bare: Any = env.unwrapped
+    unwrapped: Any = env.unwrapped
     observation, _ = env.reset(seed=args.seed)
     task = f"{observation['statement']}  Make it {bool(observation['target'])}."
     legal = lilgym_mp.action_masks(env)
-    print(f"lilgym_mp {lilgym_mp.__version__}: {legal.sum()} of {bare.action_space.n} actions are legal")
+    print(f"lilgym_mp {lilgym_mp.__version__}: {legal.sum()} of {unwrapped.action_space.n} actions are legal")
     print(task)
 
     expert = Expert(env)
-    moments = [("start", bare.scene)]
+    frames = [("start", unwrapped.scene)]
     for _ in range(args.steps):
         action = expert.act()
         _, reward, terminated, truncated, info = env.step(action)
-        name = describe(bare.dynamics.appearance.decode(action))
-        moments.append((f"{name}  {float(reward):+.1f}", bare.scene))
-        print(f"{name}  number {action}, reward {float(reward):+.1f}  {info.get('outcome', '')}".rstrip())
+        name = describe(unwrapped.dynamics.appearance.decode(action))
+        frames.append((f"{name}  {float(reward):+.1f}", unwrapped.scene))
+        print(f"{name}  action {action}, reward {float(reward):+.1f}  {info.get('outcome', '')}".rstrip())
         if terminated or truncated:
             break
-    sheet(task, moments).save(args.output)
+    sheet(task, frames).save(args.output)
     print(f"the pictures are in {args.output}")
 
 
-def sheet(title: str, moments: list[tuple[str, Scene]], columns: int = 2) -> Image.Image:
-    """The scenes row by row, each with its caption above, under a title."""
-    tiles = [(caption, Image.fromarray(smooth_picture(scene, 1))) for caption, scene in moments]
+def sheet(title: str, frames: list[tuple[str, Scene]], columns: int = 2) -> Image.Image:
+    """A grid of scenes, each with a caption above, under a title."""
+    tiles = [(caption, Image.fromarray(smooth_picture(scene, 1))) for caption, scene in frames]
     width, height = tiles[0][1].size
     rows = -(-len(tiles) // columns)
     tile_width, tile_height = width + GAP, height + LINE_PIXELS + GAP
     image = Image.new("RGB", (columns * tile_width + GAP, rows * tile_height + LINE_PIXELS + GAP), PAPER_RGB)
     pen, font = ImageDraw.Draw(image), caption_font()
     pen.text((GAP, GAP // 2), title, fill=INK_RGB, font=font)
-    for number, (caption, picture) in enumerate(tiles):
-        row, column = divmod(number, columns)
+    for index, (caption, picture) in enumerate(tiles):
+        row, column = divmod(index, columns)
         left, top = GAP + column * tile_width, GAP + LINE_PIXELS + row * tile_height
         pen.text((left, top), caption, fill=INK_RGB, font=font)
         image.paste(picture, (left, top + LINE_PIXELS))

@@ -1,8 +1,8 @@
-"""A language model acts on text: it reads what TextObservation tells and answers with the name or number of an action.
+"""Lets a language model play: it reads the text of TextObservation and answers with the name or index of an action.
 
-A reply that names no action is asked for again, `--retries` times, and then counts as the default action.
+If a reply names no action, the model is asked again, up to `--retries` times; then the default action is taken.
 Try: python examples/language_model_agent.py --episodes 1 --steps 12 --nonsense 0.3 --transcript
-To use a real model, let `answer` send the messages to it and return what it writes.
+To use a real model, change `answer` to send it the messages and return its reply.
 """
 
 from __future__ import annotations
@@ -16,49 +16,49 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import Reply
 
-NOT_UNDERSTOOD = "That names no action plainly. Write the name of one legal action on the last line."
+NOT_UNDERSTOOD = "That does not clearly name an action. Write the name of one legal action on the last line."
 
 Messages = list[dict[str, str]]  # oldest first, each {"role", "content"}
 
 
 class StubModel:
-    """Stands for a language model: names a random action that it was told is legal, or talks nonsense."""
+    """Stands in for a language model: names a random legal action, or talks nonsense."""
 
     def __init__(self, seed: int, nonsense: float = 0.0) -> None:
-        """`nonsense`: the share of replies that name no action."""
+        """`nonsense`: probability that a reply names no action."""
         self._generator = np.random.default_rng(seed)
         self._nonsense = nonsense
 
     def answer(self, messages: Messages) -> str:
-        """The model's reply to a conversation. Put a real model here."""
+        """The model's reply to a conversation; replace this to use a real model."""
         if self._generator.random() < self._nonsense:
             return "What a lovely picture this is going to be."
-        told = [message["content"] for message in messages if "Legal actions" in message["content"]]
-        listed = [line.split() for line in told[-1].splitlines() if line.startswith("  ")]
-        numbers = [words[0] for words in listed if words[0].isdigit()]
-        return f"I have no idea what a picture is, so I take action {self._generator.choice(numbers)}."
+        prompts = [message["content"] for message in messages if "Legal actions" in message["content"]]
+        listed = [line.split() for line in prompts[-1].splitlines() if line.startswith("  ")]
+        indices = [words[0] for words in listed if words[0].isdigit()]
+        return f"I have no idea what a picture is, so I take action {self._generator.choice(indices)}."
 
 
 class Conversation:
-    """What a model was told and said."""
+    """The messages between the environment and a model."""
 
-    def __init__(self, *, aloud: bool) -> None:
-        """`aloud`: print what is said."""
+    def __init__(self, *, verbose: bool) -> None:
+        """`verbose`: print the messages."""
         self.messages: Messages = []
         self.misunderstood = 0  # replies that named no action
-        self._aloud = aloud
+        self._verbose = verbose
 
     def say(self, role: str, content: str) -> None:
         self.messages.append({"role": role, "content": content})
         self.note(f"[{role}] {content}")
 
     def note(self, line: str) -> None:
-        """For the reader; the model is not told."""
-        if self._aloud:
+        """Prints a line that is not sent to the model."""
+        if self._verbose:
             print(line)
 
     def ask(self, model: StubModel, env: TextObservation, retries: int) -> int:
-        """The action of the model's reply, or the default one when no reply names any."""
+        """The action that the model names, or the default action if it names none."""
         reply = self._reply(model, env)
         for _ in range(retries):
             if reply.understood:
@@ -76,7 +76,7 @@ class Conversation:
 
 
 def play(env: TextObservation, model: StubModel, talk: Conversation, seed: int, steps: int, retries: int) -> str:
-    """One episode: what came of it."""
+    """Plays one episode and returns its outcome."""
     text, _ = env.reset(seed=seed)
     talk.say("system", env.instructions())
     for _ in range(steps):
@@ -90,22 +90,26 @@ def play(env: TextObservation, model: StubModel, talk: Conversation, seed: int, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="A language model plays through text.")
+    parser = argparse.ArgumentParser(description="Let a language model play through text.")
     parser.add_argument("--id", default="lilgym_mp/TowerFlipIt-v0")
     parser.add_argument("--split", default="dev")
     parser.add_argument("--episodes", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=12, help="at most so many actions an episode")
-    parser.add_argument("--retries", type=int, default=1, help="questions more when a reply names no action")
-    parser.add_argument("--default", default="STOP", help="the action of replies that name none")
-    parser.add_argument("--nonsense", type=float, default=0.0, help="share of the stub's replies that name no action")
-    parser.add_argument("--transcript", action="store_true", help="print all that is said")
+    parser.add_argument("--steps", type=int, default=12, help="maximum number of actions per episode")
+    parser.add_argument(
+        "--retries", type=int, default=1, help="how often to ask again after a reply that names no action"
+    )
+    parser.add_argument("--default", default="STOP", help="the action taken if no reply names one")
+    parser.add_argument(
+        "--nonsense", type=float, default=0.0, help="probability that a reply of the stub names no action"
+    )
+    parser.add_argument("--transcript", action="store_true", help="print all messages")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
     env = TextObservation(gym.make(args.id, split=args.split), default=args.default)
     model = StubModel(args.seed, args.nonsense)
     for episode in range(args.episodes):
-        talk = Conversation(aloud=args.transcript)
+        talk = Conversation(verbose=args.transcript)
         outcome = play(env, model, talk, args.seed + episode, args.steps, args.retries)
         print(f"episode {episode}: {outcome}, {talk.misunderstood} replies named no action")
     env.close()

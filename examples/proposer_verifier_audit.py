@@ -1,9 +1,9 @@
-"""Train a verifier against a proposer that is sneaky in half of the games, and draw the curve.
+"""Trains a verifier against a proposer that is sneaky in half of the games, and plots its learning curve.
 
-The proposer edits at random and then claims that the statement holds: truly when it is helpful, falsely when it is
-sneaky. The verifier, who is not told which, sees the scene's items and the statement and learns with MaskablePPO
-to tell true claims from false ones. Always accepting is complete and not sound at all; always rejecting
-is the reverse. Needs the extra `sb3`. Run: python examples/proposer_verifier_audit.py --steps 200000 --out results
+The proposer edits at random and then claims that the statement holds: truly if it is helpful, falsely if it is sneaky.
+The verifier does not know which. It sees the items and the statement and learns with MaskablePPO to tell true claims
+from false ones. Always accepting has completeness 1 and soundness 0; always rejecting the reverse.
+Needs the extra `sb3`. Run: python examples/proposer_verifier_audit.py --steps 200000 --out results
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ GAME = {
     "appearance": "tower",
     "start": "scratch",
     "protocol": "audit",
-    "rewards": "hidden",  # the proposer is helpful or sneaky, half the games each
+    "rewards": "hidden",  # the proposer is helpful or sneaky with equal probability
     "views": {"scene": "structured", "proposal": False},
 }
 PROPOSER = "by_intent"
-EMPTY = -1  # an item array's slot without an item
+EMPTY = -1  # marks an empty slot of the item array
 
 
 class SceneAndStatement(BaseFeaturesExtractor):
-    """The items' looks, slot by slot, modulated by what a recurrent network makes of the statement."""
+    """Colours of the items, slot by slot, modulated by a recurrent encoding of the statement."""
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128) -> None:
         super().__init__(observation_space, features_dim)
@@ -55,7 +55,7 @@ class SceneAndStatement(BaseFeaturesExtractor):
         assert isinstance(items, spaces.Box)
         assert isinstance(statement, spaces.Box)
         slots = items.shape[0] * items.shape[1]
-        self.look = nn.Embedding(4, 8)  # no item, or one of three colours
+        self.colours = nn.Embedding(4, 8)  # no item, or one of three colours
         self.words = nn.Embedding(int(statement.high.max()) + 1, 32, padding_idx=0)
         self.reader = nn.GRU(32, 64, batch_first=True)
         self.scene = nn.Linear(slots * 8, features_dim)
@@ -64,7 +64,7 @@ class SceneAndStatement(BaseFeaturesExtractor):
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         colours = observations["item_array"][..., 3].long() - EMPTY
-        scene = self.scene(self.look(colours).flatten(1))
+        scene = self.scene(self.colours(colours).flatten(1))
         states, _ = self.reader(self.words(observations["statement"].long()))
         lengths = (observations["statement"] > 0).sum(1).clamp(min=1) - 1
         read = states[torch.arange(len(states)), lengths]
@@ -92,10 +92,10 @@ def learner(envs: int, rollout: int, seed: int) -> MaskablePPO:
     )
 
 
-def judged(verifier: Partner, split: str, seed: int, most_tasks: int | None) -> Metrics:
-    """A verifier's measures over the tasks of a split, one game each."""
+def evaluate(verifier: Partner, split: str, seed: int, max_tasks: int | None) -> Metrics:
+    """The metrics of a verifier over the tasks of a split, one game each."""
     game = games(split)
-    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids[:most_tasks], seed=seed)
+    return measure(game, SCRIPTED[PROPOSER], verifier, tasks=game.tasks.ids[:max_tasks], seed=seed)
 
 
 def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
@@ -103,9 +103,9 @@ def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
 
 
 def curve(rows: list[dict[str, Any]]) -> str:
-    """The measures as an SVG picture: whole lines for the train split, dashed ones for dev."""
+    """The learning curve as SVG: solid lines for the train split, dashed lines for dev."""
     width, height, left, top = 640, 320, 60, 30
-    most = max(entry["steps"] for entry in rows) or 1
+    max_steps = max(entry["steps"] for entry in rows) or 1
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width + 2 * left}" height="{height + 90}"'
         ' font-family="sans-serif" font-size="14"><rect width="100%" height="100%" fill="white"/>'
@@ -114,36 +114,36 @@ def curve(rows: list[dict[str, Any]]) -> str:
         y = top + height * (1 - tenth / 10)
         lines.append(f'<line x1="{left}" x2="{left + width}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>')
         lines.append(f'<text x="{left - 10}" y="{y + 5:.0f}" text-anchor="end">{tenth / 10:.1f}</text>')
-    for number, (key, colour) in enumerate({"completeness": "#0f83ff", "soundness": "#c22"}.items()):
+    for index, (key, colour) in enumerate({"completeness": "#0f83ff", "soundness": "#c22"}.items()):
         for split, dashes in {"train": "none", "dev": "6 4"}.items():
-            places = (
-                f"{left + width * entry['steps'] / most:.1f},{top + height * (1 - (entry[key] or 0)):.1f}"
+            pairs = (
+                f"{left + width * entry['steps'] / max_steps:.1f},{top + height * (1 - (entry[key] or 0)):.1f}"
                 for entry in rows
                 if entry["split"] == split
             )
-            points = " ".join(places)
-            look = f'fill="none" stroke="{colour}" stroke-width="2" stroke-dasharray="{dashes}"'
-            lines.append(f'<polyline {look} points="{points}"/>')
-        lines.append(f'<text x="{left + 170 * number}" y="{height + 80}" fill="{colour}">{key}</text>')
-    lines.append(f'<text x="{left + width}" y="{height + 55}" text-anchor="end">{most:,} games judged</text>')
+            points = " ".join(pairs)
+            style = f'fill="none" stroke="{colour}" stroke-width="2" stroke-dasharray="{dashes}"'
+            lines.append(f'<polyline {style} points="{points}"/>')
+        lines.append(f'<text x="{left + 170 * index}" y="{height + 80}" fill="{colour}">{key}</text>')
+    lines.append(f'<text x="{left + width}" y="{height + 55}" text-anchor="end">{max_steps:,} training games</text>')
     lines.append(f'<text x="{left}" y="{height + 55}">0</text></svg>')
     return "\n".join(lines) + "\n"
 
 
-def trained(model: MaskablePPO, steps: int, every: int, seed: int, most_tasks: int | None) -> list[dict[str, Any]]:
-    """Trains for `steps`, measuring before, every `every` steps and at the end."""
+def train(model: MaskablePPO, steps: int, every: int, seed: int, max_tasks: int | None) -> list[dict[str, Any]]:
+    """Trains for `steps` steps and evaluates before, every `every` steps, and at the end."""
     rows: list[dict[str, Any]] = []
     while not rows or model.num_timesteps < steps:
         if rows:
             model.learn(min(every, steps - model.num_timesteps), reset_num_timesteps=False)
         for split in ("train", "dev"):
-            metrics = judged(FrozenPolicy(model, deterministic=True), split, seed, most_tasks)
+            metrics = evaluate(FrozenPolicy(model, deterministic=True), split, seed, max_tasks)
             rows.append(row(model.num_timesteps, split, metrics))
-            print(f"{model.num_timesteps:8} steps  {split:5}  {told(metrics)}", flush=True)
+            print(f"{model.num_timesteps:8} steps  {split:5}  {summary(metrics)}", flush=True)
     return rows
 
 
-def told(metrics: Metrics) -> str:
+def summary(metrics: Metrics) -> str:
     completeness, soundness = (
         "none" if rate is None else f"{rate:.3f}" for rate in (metrics.completeness, metrics.soundness)
     )
@@ -162,22 +162,22 @@ def save(model: MaskablePPO, rows: list[dict[str, Any]], out: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=200_000, help="verdicts to learn from; one a game")
-    parser.add_argument("--every", type=int, default=20_000, help="steps between measures")
+    parser.add_argument("--steps", type=int, default=200_000, help="number of verdicts to learn from, one per game")
+    parser.add_argument("--every", type=int, default=20_000, help="steps between evaluations")
     parser.add_argument("--envs", type=int, default=16)
     parser.add_argument("--rollout", type=int, default=2048, help="verdicts between updates")
-    parser.add_argument("--tasks", type=int, help="at most so many of each split when measuring; all by default")
+    parser.add_argument("--tasks", type=int, help="maximum number of tasks per split in evaluations (default: all)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="directory for curve.csv, curve.svg and verifier.zip")
-    given = parser.parse_args()
-    if given.out is not None:
-        given.out.mkdir(parents=True, exist_ok=True)
+    args = parser.parse_args()
+    if args.out is not None:
+        args.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    print(f"always accepting         dev    {told(judged(ALWAYS_ACCEPT, 'dev', given.seed, given.tasks))}")
-    model = learner(given.envs, given.rollout, given.seed)
-    rows = trained(model, given.steps, given.every, given.seed, given.tasks)
-    if given.out is not None:
-        save(model, rows, given.out)
+    print(f"always accepting         dev    {summary(evaluate(ALWAYS_ACCEPT, 'dev', args.seed, args.tasks))}")
+    model = learner(args.envs, args.rollout, args.seed)
+    rows = train(model, args.steps, args.every, args.seed, args.tasks)
+    if args.out is not None:
+        save(model, rows, args.out)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Both agents learn at once: one actor-critic each, over a batch of games.
+"""Trains both agents at once, one actor-critic each, over a batch of games.
 
-In "joint" the proposer edits while the verifier says when to stop, and both get the MDP's reward: the one must learn
-to make the statement true and the other to see when it is. Needs torch (extra `sb3`).
+Under the protocol "joint" the proposer edits while the verifier says when to stop, and both get the reward of the MDP:
+one must learn to make the statement true, the other to recognise when it is. Needs torch (extra `sb3`).
 Run: python examples/proposer_verifier_both_learn.py --steps 400000
 """
 
@@ -34,34 +34,34 @@ ILLEGAL = -1e8  # logit
 
 
 class Player(nn.Module):
-    """An agent's policy and value: the items' colours slot by slot, times a reading of the statement."""
+    """Policy and value network: colours of the items, slot by slot, gated by an encoding of the statement."""
 
     def __init__(self, words: int, slots: int, actions: int, width: int = 128) -> None:
         super().__init__()
-        self.look = nn.Embedding(4, 8)  # no item, or one of three colours
+        self.colours = nn.Embedding(4, 8)  # no item, or one of three colours
         self.words = nn.Embedding(words, 32, padding_idx=0)
         self.reader = nn.GRU(32, width, batch_first=True)
         self.scene = nn.Linear(slots * 8, width)
         self.body = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU())
         self.heads = nn.Linear(width, actions + 1)
 
-    def forward(self, seen: dict[str, Tensor]) -> tuple[Categorical, Tensor]:
+    def forward(self, observation: dict[str, Tensor]) -> tuple[Categorical, Tensor]:
         """The distribution over legal actions, and the value (B,)."""
-        scene = self.scene(self.look(seen["item_array"][..., 3].long() + 1).flatten(1))
-        states, _ = self.reader(self.words(seen["statement"]))
-        read = states[torch.arange(len(states)), (seen["statement"] > 0).sum(1).clamp(min=1) - 1]
+        scene = self.scene(self.colours(observation["item_array"][..., 3].long() + 1).flatten(1))
+        states, _ = self.reader(self.words(observation["statement"]))
+        read = states[torch.arange(len(states)), (observation["statement"] > 0).sum(1).clamp(min=1) - 1]
         out = self.heads(self.body(torch.cat([scene * read, read], 1)))
-        logits = out[:, :-1].masked_fill(seen["action_mask"] == 0, ILLEGAL)
+        logits = out[:, :-1].masked_fill(observation["action_mask"] == 0, ILLEGAL)
         return Categorical(logits=logits, validate_args=False), out[:, -1]
 
 
 class Turn(NamedTuple):
-    """One step of all games, for one agent."""
+    """One step of all N games, for one agent."""
 
-    seen: dict[str, Tensor]
+    observation: dict[str, Tensor]
     actions: Tensor  # (N,)
     rewards: Tensor  # (N,)
-    over: Tensor  # (N,) 1.0 where the game ended
+    over: Tensor  # (N,) 1.0 if the game ended
 
 
 def tensors(observation: dict[str, Any]) -> dict[str, Tensor]:
@@ -70,8 +70,8 @@ def tensors(observation: dict[str, Any]) -> dict[str, Tensor]:
 
 
 def loss(player: nn.Module, turns: list[Turn], last: dict[str, Tensor], entropy_weight: float) -> Tensor:
-    """Advantage actor-critic over (T, N) turns, with generalised advantages."""
-    outputs = [player(turn.seen) for turn in turns]
+    """The advantage actor-critic loss over (T, N) turns, with generalised advantage estimation."""
+    outputs = [player(turn.observation) for turn in turns]
     values = torch.stack([value for _, value in outputs])
     with torch.no_grad():
         following = torch.cat([values[1:], player(last)[1][None]])
@@ -99,7 +99,7 @@ def make_player(batch: BatchedGames, agent: str) -> Player:
 
 
 class Table:
-    """The games, both players with their optimisers, and the infos of the games that ended."""
+    """A batch of games, both players with their optimisers, and the infos of finished games."""
 
     def __init__(self, batch: BatchedGames, players: dict[str, nn.Module], seed: int) -> None:
         self.batch = batch
@@ -112,15 +112,15 @@ class Table:
     def play(self, steps: int) -> dict[str, list[Turn]]:
         turns: dict[str, list[Turn]] = {agent: [] for agent in AGENTS}
         for _ in range(steps):
-            seen = {agent: tensors(self.observations[agent]) for agent in AGENTS}
-            actions = {agent: self.players[agent](seen[agent])[0].sample() for agent in AGENTS}
+            observation = {agent: tensors(self.observations[agent]) for agent in AGENTS}
+            actions = {agent: self.players[agent](observation[agent])[0].sample() for agent in AGENTS}
             self.observations, rewards, terminated, truncated, infos = self.batch.step(
                 {agent: action.numpy() for agent, action in actions.items()}
             )
             over = torch.from_numpy((terminated | truncated).astype(np.float32))
             for agent in AGENTS:
                 earned = torch.from_numpy(rewards[agent]).float()
-                turns[agent].append(Turn(seen[agent], actions[agent], earned, over))
+                turns[agent].append(Turn(observation[agent], actions[agent], earned, over))
             self.ended.extend(info[AGENTS[0]] for info in infos.get("final_info", ()) if info is not None)
         return turns
 
@@ -134,23 +134,23 @@ class Table:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=400_000, help="rounds, over all games")
-    parser.add_argument("--games", type=int, default=64, help="games at a time")
+    parser.add_argument("--steps", type=int, default=400_000, help="total number of rounds over all games")
+    parser.add_argument("--games", type=int, default=64, help="number of parallel games")
     parser.add_argument("--rollout", type=int, default=16, help="rounds between updates")
     parser.add_argument("--reports", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    torch.manual_seed(given.seed)
-    batch = BatchedGames(given.games, **GAME)
-    table = Table(batch, {agent: make_player(batch, agent) for agent in AGENTS}, given.seed)
-    updates = max(1, given.steps // (given.games * given.rollout))
+    torch.manual_seed(args.seed)
+    batch = BatchedGames(args.games, **GAME)
+    table = Table(batch, {agent: make_player(batch, agent) for agent in AGENTS}, args.seed)
+    updates = max(1, args.steps // (args.games * args.rollout))
     for update in range(1, updates + 1):
-        table.learn(table.play(given.rollout), entropy_weight=0.02)
-        if update % max(1, updates // given.reports) == 0 or update == updates:
+        table.learn(table.play(args.rollout), entropy_weight=0.02)
+        if update % max(1, updates // args.reports) == 0 or update == updates:
             successes = [info["is_success"] for info in table.ended]
             share = float(np.mean(successes)) if successes else float("nan")
-            rounds = update * given.games * given.rollout
+            rounds = update * args.games * args.rollout
             print(f"{rounds:8} rounds  success {share:.3f} of {len(successes)} games", flush=True)
             table.ended.clear()
 

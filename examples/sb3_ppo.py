@@ -1,8 +1,8 @@
-"""Stable-Baselines3's PPO, or sb3-contrib's MaskablePPO, over SB3's own SubprocVecEnv and over this package's backends.
+"""Compares SB3's SubprocVecEnv with this package's backends, under SB3's PPO or sb3-contrib's MaskablePPO.
 
-All backends play the same episodes from the same seed, so they end with the same mean return; what differs is time.
-Plain PPO knows nothing of masks: an action that is invalid ends its episode with -1. "MultiInputPolicy" reads word
-numbers as mere numbers, which shows the plumbing; examples/train_masked_ppo.py has a network that reads.
+With the same seed all backends play the same episodes and end with the same mean return; only the time differs. Plain
+PPO does not use masks: an invalid action ends its episode with -1. "MultiInputPolicy" treats token ids as quantities
+and only shows the interface; examples/train_masked_ppo.py has a network that embeds them.
 Needs the extra `sb3`. Run: python examples/sb3_ppo.py --steps 20000 --masked
 """
 
@@ -22,23 +22,23 @@ except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
 
 
-def train(backend: str, given: argparse.Namespace) -> None:
-    """Trains over one backend and prints what became of it."""
-    envs = make_vec_env(given.id, given.envs, backend, seed=given.seed)
-    learner = MaskablePPO if given.masked else PPO
+def train(backend: str, args: argparse.Namespace) -> None:
+    """Trains with one backend and prints time and mean return."""
+    envs = make_vec_env(args.id, args.envs, backend, seed=args.seed)
+    learner = MaskablePPO if args.masked else PPO
     try:
         model = learner(
             "MultiInputPolicy",
             envs,
-            n_steps=given.rollout,
-            batch_size=min(256, given.envs * given.rollout),
+            n_steps=args.rollout,
+            batch_size=min(256, args.envs * args.rollout),
             n_epochs=4,
             ent_coef=0.02,
-            seed=given.seed,
+            seed=args.seed,
             device="cpu",
         )
         started = time.perf_counter()
-        model.learn(given.steps)
+        model.learn(args.steps)
         seconds = time.perf_counter() - started
     finally:
         envs.close()
@@ -54,16 +54,16 @@ def train(backend: str, given: argparse.Namespace) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--id", default="lilgym_mp/TowerScratch-v0")
-    parser.add_argument("--steps", type=int, default=20_000, help="for each backend")
+    parser.add_argument("--steps", type=int, default=20_000, help="steps per backend")
     parser.add_argument("--envs", type=int, default=8)
-    parser.add_argument("--rollout", type=int, default=64, help="steps of an environment between updates")
-    parser.add_argument("--masked", action="store_true", help="MaskablePPO in place of PPO")
+    parser.add_argument("--rollout", type=int, default=64, help="steps per environment between updates")
+    parser.add_argument("--masked", action="store_true", help="use MaskablePPO instead of PPO")
     parser.add_argument("--backends", nargs="+", choices=BACKENDS, default=list(BACKENDS))
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    for backend in given.backends:
-        train(backend, given)
+    for backend in args.backends:
+        train(backend, args)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Self-play: a sneaky and a helpful proposer, both learning, against a verifier that learns to tell their claims apart.
+"""Trains a sneaky and a helpful proposer together with a verifier that learns to tell their claims apart.
 
-In "audit" the proposer edits and then claims that the statement holds. Which of the two plays is drawn for each game
-and hidden from the verifier. The helpful one is paid when a true claim is accepted, the sneaky one when a false claim
-is, the verifier for right verdicts. A little of the MDP's own reward tells the proposers apart from the first
-game on, when the verifier still rejects nearly everything. Needs torch (extra `sb3`).
+Under the protocol "audit" the proposer edits and then claims that the statement holds. Each game draws one of the two
+proposers, unknown to the verifier. The helpful one is rewarded if a true claim is accepted, the sneaky one if a false
+claim is, the verifier for right verdicts. A small share of the MDP's reward gives the proposers a signal early on, when
+the verifier still rejects nearly everything. Needs torch (extra `sb3`).
 Run: python examples/self_play_sneaky_and_helpful.py --steps 600000
 """
 
@@ -29,22 +29,22 @@ GAME: dict[str, Any] = {
     "start": "scratch",
     "protocol": "audit",
     "rewards": {PROPOSER: {"hidden": 1.0, "mdp": 0.2}, VERIFIER: "correctness"},
-    "false_reject_cost": 8.0,  # true claims are rare at first: rejecting everything must not pay
+    "false_reject_cost": 8.0,  # true claims are rare at first, so rejecting everything must not pay
     "views": "structured",
     "reveal_truth": True,
 }
 
 
 class TwoProposers(nn.Module):
-    """A player for each intent."""
+    """One player per intent."""
 
     def __init__(self, helpful: Player, sneaky: Player) -> None:
         super().__init__()
         self.by_intent = nn.ModuleList([helpful, sneaky])
 
-    def forward(self, seen: dict[str, Tensor]) -> tuple[Categorical, Tensor]:
-        (helpful, helpful_value), (sneaky, sneaky_value) = (player(seen) for player in self.by_intent)
-        is_sneaky = seen["intent"] == Intent.SNEAKY
+    def forward(self, observation: dict[str, Tensor]) -> tuple[Categorical, Tensor]:
+        (helpful, helpful_value), (sneaky, sneaky_value) = (player(observation) for player in self.by_intent)
+        is_sneaky = observation["intent"] == Intent.SNEAKY
         logits = torch.where(is_sneaky[:, None], sneaky.logits, helpful.logits)
         return Categorical(logits=logits, validate_args=False), torch.where(is_sneaky, sneaky_value, helpful_value)
 
@@ -53,8 +53,8 @@ def share(flags: list[bool]) -> str:
     return f"{sum(flags) / len(flags):.3f}" if flags else "    -"
 
 
-def told(ended: list[dict[str, Any]]) -> str:
-    """How each side did: how often each proposer's games end in a true claim, and how claims were judged."""
+def summary(ended: list[dict[str, Any]]) -> str:
+    """Completeness and soundness of the verifier, and how often each proposer's claims are true."""
     judged = [
         (info["judgement"]["probability"] > 0.5, info["judgement"]["holds"]) for info in ended if "judgement" in info
     ]
@@ -70,22 +70,22 @@ INTENTS = [intent.name.lower() for intent in Intent]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=600_000, help="turns, over all games")
-    parser.add_argument("--games", type=int, default=64, help="games at a time")
+    parser.add_argument("--steps", type=int, default=600_000, help="total number of turns over all games")
+    parser.add_argument("--games", type=int, default=64, help="number of parallel games")
     parser.add_argument("--rollout", type=int, default=16, help="turns between updates")
     parser.add_argument("--reports", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    torch.manual_seed(given.seed)
-    batch = BatchedGames(given.games, **GAME)
+    torch.manual_seed(args.seed)
+    batch = BatchedGames(args.games, **GAME)
     proposers = TwoProposers(make_player(batch, PROPOSER), make_player(batch, PROPOSER))
-    table = Table(batch, {PROPOSER: proposers, VERIFIER: make_player(batch, VERIFIER)}, given.seed)
-    updates = max(1, given.steps // (given.games * given.rollout))
+    table = Table(batch, {PROPOSER: proposers, VERIFIER: make_player(batch, VERIFIER)}, args.seed)
+    updates = max(1, args.steps // (args.games * args.rollout))
     for update in range(1, updates + 1):
-        table.learn(table.play(given.rollout), entropy_weight=0.02)
-        if update % max(1, updates // given.reports) == 0 or update == updates:
-            print(f"{update * given.games * given.rollout:8} turns  {told(table.ended)}", flush=True)
+        table.learn(table.play(args.rollout), entropy_weight=0.02)
+        if update % max(1, updates // args.reports) == 0 or update == updates:
+            print(f"{update * args.games * args.rollout:8} turns  {summary(table.ended)}", flush=True)
             table.ended.clear()
 
 

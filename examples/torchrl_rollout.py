@@ -1,7 +1,7 @@
-"""PPO in TorchRL: a collector plays several environments, and the policy keeps to the mask of legal actions.
+"""Trains PPO with action masks in TorchRL, collecting from several environments.
 
-TorchRL takes neither texts nor masks from infos by itself: TokenizedStatement turns statements into word numbers, and
-an info reader lifts the mask of ActionMask into the tensordict, where the policy's distribution finds it.
+TorchRL accepts neither text nor masks in infos by default: TokenizedStatement turns statements into token ids, and an
+info reader copies the mask of ActionMask into the tensordict for the policy's distribution.
 Needs the extra `torchrl`. Run: python examples/torchrl_rollout.py --steps 20000
 """
 
@@ -42,7 +42,7 @@ MASK = "action_mask"
 
 
 def make_env(id: str) -> EnvBase:
-    """One environment: structured items, word numbers, the target and the mask, and each episode's return so far."""
+    """One environment with structured items, token ids, target and mask, and the return of the episode so far."""
     env = ActionMask(TokenizedStatement(StructuredObservation(gym.make(id))))
     wrapped = GymWrapper(env, categorical_action_encoding=True)
     legal = Binary(wrapped.action_spec.space.n, dtype=torch.int8)
@@ -51,7 +51,7 @@ def make_env(id: str) -> EnvBase:
 
 
 class Network(nn.Module):
-    """Items, times a reading of the statement, to `outputs` numbers; any number of leading batch axes."""
+    """Maps items and statement to `outputs` values; any number of leading batch axes."""
 
     def __init__(self, items: int, words: int, outputs: int, width: int) -> None:
         super().__init__()
@@ -62,16 +62,16 @@ class Network(nn.Module):
 
     def forward(self, items: Tensor, statement: Tensor, target: Tensor) -> Tensor:
         batch = statement.shape[:-1]
-        numbers = statement.reshape(-1, statement.shape[-1]).long()
-        states, _ = self.reader(self.words(numbers))
-        read = states[torch.arange(len(states)), (numbers > 0).sum(1).clamp(min=1) - 1]
-        scaled = items.reshape(len(numbers), -1) / 100
-        scene = self.scene(torch.cat([scaled, target.reshape(len(numbers), 1).float()], 1))
+        tokens = statement.reshape(-1, statement.shape[-1]).long()
+        states, _ = self.reader(self.words(tokens))
+        read = states[torch.arange(len(states)), (tokens > 0).sum(1).clamp(min=1) - 1]
+        scaled = items.reshape(len(tokens), -1) / 100
+        scene = self.scene(torch.cat([scaled, target.reshape(len(tokens), 1).float()], 1))
         return self.head(torch.cat([scene * read, read], 1)).view(*batch, -1)
 
 
 class LegalPolicy(nn.Module):
-    """Logits, and the mask as the distribution wants it."""
+    """Logits, and the mask as a bool tensor for the distribution."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -100,7 +100,7 @@ def actor_and_critic(env: EnvBase, width: int) -> tuple[ProbabilisticActor, Valu
 
 
 def update(loss: ClipPPOLoss, optimiser: torch.optim.Optimizer, batch: TensorDict, epochs: int, minibatch: int) -> None:
-    """PPO's epochs over one batch."""
+    """The PPO epochs over one batch."""
     for _ in range(epochs):
         for chosen in torch.randperm(len(batch)).split(minibatch):
             losses = loss(batch[chosen])
@@ -110,7 +110,7 @@ def update(loss: ClipPPOLoss, optimiser: torch.optim.Optimizer, batch: TensorDic
             optimiser.step()
 
 
-def told(steps: int, batch: TensorDict) -> str:
+def summary(steps: int, batch: TensorDict) -> str:
     ended = batch["next", "done"].squeeze(-1)
     legal = batch[MASK].gather(-1, batch["action"].unsqueeze(-1)).float().mean()
     mean = batch["next", "episode_reward"][ended].mean()
@@ -123,20 +123,20 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--envs", type=int, default=8)
     parser.add_argument("--batch", type=int, default=1024, help="steps between updates")
-    parser.add_argument("--width", type=int, default=128, help="of the networks")
+    parser.add_argument("--width", type=int, default=128, help="width of the networks")
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)
-    torch.manual_seed(given.seed)
+    torch.manual_seed(args.seed)
 
-    envs = SerialEnv(given.envs, partial(make_env, given.id))
-    envs.set_seed(given.seed)
-    actor, critic = actor_and_critic(make_env(given.id), given.width)
-    advantage = GAE(gamma=0.99, lmbda=0.95, value_network=critic, deactivate_vmap=True)  # vmap knows no GRU
+    envs = SerialEnv(args.envs, partial(make_env, args.id))
+    envs.set_seed(args.seed)
+    actor, critic = actor_and_critic(make_env(args.id), args.width)
+    advantage = GAE(gamma=0.99, lmbda=0.95, value_network=critic, deactivate_vmap=True)  # vmap does not support GRU
     loss = ClipPPOLoss(actor, critic, entropy_coeff=0.02, critic_coeff=0.5, normalize_advantage=True)
     optimiser = torch.optim.Adam(loss.parameters(), 1e-3)
     collector = Collector(
-        envs, actor, frames_per_batch=given.batch, total_frames=given.steps, auto_register_policy_transforms=False
+        envs, actor, frames_per_batch=args.batch, total_frames=args.steps, auto_register_policy_transforms=False
     )
     collected = 0
     try:
@@ -144,8 +144,8 @@ def main() -> None:
             with torch.no_grad():
                 advantage(batch)
             collected += batch.numel()
-            update(loss, optimiser, batch.reshape(-1), epochs=4, minibatch=min(256, given.batch))
-            print(told(collected, batch), flush=True)
+            update(loss, optimiser, batch.reshape(-1), epochs=4, minibatch=min(256, args.batch))
+            print(summary(collected, batch), flush=True)
     finally:
         collector.shutdown()
 

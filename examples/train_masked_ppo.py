@@ -1,6 +1,6 @@
-"""Train sb3-contrib's MaskablePPO on the environments by hand, and evaluate it beside random play.
+"""Trains sb3-contrib's MaskablePPO and compares it with random play.
 
-`lilgym-mp train ppo` has a loop of its own, without masks; this one is Stable-Baselines3's, to change at will.
+`lilgym-mp train ppo` has its own training loop, without masks; this example uses that of Stable-Baselines3.
 Needs the extra "sb3": pip install ".[sb3]". Try: python examples/train_masked_ppo.py --steps 100000
 """
 
@@ -42,7 +42,7 @@ def main() -> None:
         make_vec_env(
             settings.id,
             n_envs=args.envs,
-            wrap=partial(stop_forcing_v0, mode="mask"),  # PPO+SF of the paper; leave it out for plain PPO
+            wrap=partial(stop_forcing_v0, mode="mask"),  # the paper's PPO+SF; remove for plain PPO
             vocabulary=vocabulary,
             length=length,
             **settings.arguments("train"),
