@@ -20,7 +20,7 @@ import torch
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.comparison import training_statements
-from lilgym_mp.evaluation.report import aligned
+from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.calibration import Forecast, reliability
@@ -115,14 +115,14 @@ def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
             ]
             times = spread([mean(result.milliseconds for result in run) for run in runs]) if group == way else ""
             rows.append((group, *cells, times))
-    print(aligned(rows), end="\n\n")
+    print(markdown_table(rows), end="\n\n")
 
 
 def print_reliability(forecasts: Sequence[Forecast]) -> None:
     rows = [("mean stated", "came true", "tasks")]
     for found in reliability(forecasts):
         rows.append((f"{100 * found.stated:.0f} %", f"{100 * found.came_true:.0f} %", f"{found.forecasts}"))
-    print(aligned(rows))
+    print(markdown_table(rows))
 
 
 def draw_reliability(forecasts: Sequence[Forecast], path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.named_policies import built_in
+from lilgym_mp.evaluation.named_policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
 from tests.thin_corpus import write_thin_corpus
 from tests.web_app import Browser, server
@@ -27,7 +27,7 @@ def record(
     plan = EvaluationPlan(Settings(configuration, corpus=corpus), "dev", record_decisions=decisions)
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=configuration.startswith("Tower"))
-    return recorder.write(directory, play(built_in(name), plan, seen))
+    return recorder.write(directory, play(built_in_policy(name), plan, seen))
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +212,7 @@ def damaged(runs: Path, place: Path, how: str) -> None:
 
 @pytest.mark.parametrize(
     ("how", "said"),
-    [("text", "damaged"), ("cut", "cut short"), ("empty", "first line"), ("horizon", "horizon")],
+    [("text", "damaged"), ("cut", "truncated"), ("empty", "first line"), ("horizon", "horizon")],
 )
 def test_recording__a_damaged_file_is_told_and_the_rest_works(tmp_path: Path, runs: Path, how: str, said: str):
     place = tmp_path / "runs"

@@ -12,7 +12,7 @@ from typing import Any
 from lilgym_mp.benchmark.goals import goal_results
 from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Measurement
 from lilgym_mp.envs.workers import usable_cores
-from lilgym_mp.evaluation.report import aligned, software
+from lilgym_mp.evaluation.report import markdown_table, software
 
 FORMAT, VERSION = "lilgym_mp-benchmark", 1
 BEGIN, END = "<!-- written by lilgym-mp bench: begin -->", "<!-- written by lilgym-mp bench: end -->"
@@ -71,7 +71,7 @@ def _goal_rows(bench: Bench) -> str:
             (goal_result.goal, goal_result.value, goal_result.says) for goal_result in goal_results(bench)
         )
     ]
-    return aligned([("figure", "unit", "must", "aim", "measured", ""), *rows]) if rows else ""
+    return markdown_table([("figure", "unit", "must", "aim", "measured", ""), *rows]) if rows else ""
 
 
 def _rates_table(bench: Bench, measured: Sequence[Measurement]) -> str:
@@ -86,7 +86,7 @@ def _rates_table(bench: Bench, measured: Sequence[Measurement]) -> str:
         )
         for one in measured
     ]
-    return aligned([("steps per second", "envs", "median", "lowest", "highest", "of copying"), *rows])
+    return markdown_table([("steps per second", "envs", "median", "lowest", "highest", "of copying"), *rows])
 
 
 def _parts_table(measured: Sequence[Measurement]) -> str:
@@ -100,7 +100,7 @@ def _parts_table(measured: Sequence[Measurement]) -> str:
         )
         for one in measured
     ]
-    return aligned([("microseconds for one environment", "envs", "median", "lowest", "highest"), *rows])
+    return markdown_table([("microseconds for one environment", "envs", "median", "lowest", "highest"), *rows])
 
 
 def _figure(value: float) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, add_corpus
-from lilgym_mp.evaluation.files import writable_directory, write_json, write_text, write_whole
+from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json, write_text
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.terminal import Progress
 
@@ -111,12 +111,12 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
         _log(f"no chart: {missing}")
         chart = None
     if chart is not None:
-        write_whole(output / CHART, lambda path: save(chart, path, "png"))
+        write_atomically(output / CHART, lambda path: save(chart, path, "png"))
     if document is not None:
         write_text(document, _with_tables(document, text))
         if chart is not None:
             pictures = writable_directory(document.parent / PICTURES)
-            write_whole(pictures / CHART, lambda path: save(chart, path, "png"))
+            write_atomically(pictures / CHART, lambda path: save(chart, path, "png"))
     _log(f"results: {output}" + (f", {document}" if document else ""))
 
 

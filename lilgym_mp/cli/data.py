@@ -238,7 +238,7 @@ def _show(args: argparse.Namespace) -> int:
     from PIL import Image
 
     from lilgym_mp.cli.data_report import task_lines, task_text
-    from lilgym_mp.evaluation.files import write_whole
+    from lilgym_mp.evaluation.files import write_atomically
     from lilgym_mp.render.frames import frame
 
     tasks = _task_set_with(args)
@@ -247,7 +247,7 @@ def _show(args: argparse.Namespace) -> int:
     if args.image:
         try:
             picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
-            write_whole(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
+            write_atomically(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
         except OSError as error:
             raise _cannot_write(error) from None
         print(f"wrote {args.image}")

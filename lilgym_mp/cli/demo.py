@@ -19,7 +19,7 @@ from lilgym_mp.cli.options import RUNS, add_seed, check_at_least
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
@@ -178,7 +178,7 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
             torch.manual_seed(args.seed)
             fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rules, agent.description)
             trained.insert(0, NamedPolicy("untrained network", fresh.policy))
-    return [built_in("random-type"), built_in("random-legal"), *trained, built_in("expert")]
+    return [built_in_policy("random-type"), built_in_policy("random-legal"), *trained, built_in_policy("expert")]
 
 
 def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:

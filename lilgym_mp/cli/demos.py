@@ -22,7 +22,7 @@ from lilgym_mp.cli.options import (
 from lilgym_mp.cli.solve import add_solving, solve_split
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import fresh_file, write_whole
+from lilgym_mp.evaluation.files import fresh_file, write_atomically
 from lilgym_mp.extras import install
 from lilgym_mp.solver.action_sets import explore, pack_action_sets, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
@@ -113,7 +113,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _write_npz(path: Path, write: Callable[[Path], object]) -> None:
     try:
-        write_whole(path, write)
+        write_atomically(path, write)
     except OSError as error:
         raise CommandError(f"cannot write {path}: {error.strerror or error}") from None
     print(f"npz: {path}")

@@ -21,13 +21,13 @@ from lilgym_mp.cli.options import (
     given_environment,
 )
 from lilgym_mp.corpus import NoTasksError
-from lilgym_mp.evaluation.circumstances import Circumstances
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playing, training_statements
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
-from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN, NamedPolicy, built_in
+from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN_POLICIES, NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.terminal import Progress
@@ -56,7 +56,11 @@ def add_parser(subparsers: Any) -> None:
         help="run directories written by `lilgym-mp train`, or model files",
     )
     parser.add_argument(
-        "--policy", nargs="+", default=[], metavar="NAME", help=f"built-in policies: {', '.join(sorted(BUILT_IN))}"
+        "--policy",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help=f"built-in policies: {', '.join(sorted(BUILT_IN_POLICIES))}",
     )
     parser.add_argument(
         "--configuration",
@@ -114,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None:
         fresh_file(args.json, force=args.force)
     agents = [named for run in args.agents for named in agent_policies(run, args)]
-    policies = [built_in(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
+    policies = [built_in_policy(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
     named = [*agents, *policies]
     plans = [
         EvaluationPlan(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
@@ -122,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     _check_record(args, named, plans)
     results: list[Result] = []
-    with Progress(sum(plan.episodes * len(playing(named, plan)) for plan in plans), "episodes") as progress:
+    with Progress(sum(plan.episodes * len(playable(named, plan)) for plan in plans), "episodes") as progress:
         for plan in plans:
             seen = training_statements(plan.settings)
             played = play_all(named, plan, seen, lambda episode: progress.advance())
@@ -158,7 +162,7 @@ def _recorded(
     )
     for result in played:
         path = recorder.write(args.record, result)
-        Circumstances.now(args.argv).write(path)
+        RecordingMetadata.now(args.argv).write(path)
         print(f"episodes: {path}", flush=True)
         yield result
 

@@ -12,7 +12,7 @@ from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.options import flag_name
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
-from lilgym_mp.evaluation.named_policies import BUILT_IN
+from lilgym_mp.evaluation.named_policies import BUILT_IN_POLICIES
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
@@ -103,7 +103,7 @@ def read_plan(path: Path) -> list[PlannedRun]:
     if len({run.name for run in runs}) < len(runs):
         raise checker.error("learners", "two have the same name; names must be unique")
     if "policies" in data:
-        policies = checker.checked_list("policies", data["policies"], sorted(BUILT_IN), str)
+        policies = checker.checked_list("policies", data["policies"], sorted(BUILT_IN_POLICIES), str)
         command = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluation)
         runs.append(PlannedRun(POLICIES_RUN, (), tuple((*command, "--split", split) for split in common["splits"])))
     return runs

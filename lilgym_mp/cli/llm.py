@@ -17,8 +17,8 @@ from lilgym_mp.cli.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.terminal import Progress
 
@@ -122,7 +122,7 @@ def _record(player: Player, args: argparse.Namespace, episodes: list[Episode]) -
     from lilgym_mp.llm.recording import write_recording
 
     path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
-    Circumstances.now(args.argv).write(path)
+    RecordingMetadata.now(args.argv).write(path)
     print(f"episodes: {path}")
 
 

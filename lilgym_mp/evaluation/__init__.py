@@ -1,4 +1,4 @@
-"""Runs over every task of a split, what came of them, and how to show it. No torch here."""
+"""Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch."""
 
 from lilgym_mp.evaluation.metrics import Summary, summarise
 from lilgym_mp.evaluation.policies import Observations, Policy, random_legal, random_unmasked

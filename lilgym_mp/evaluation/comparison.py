@@ -1,4 +1,4 @@
-"""Several policies on the same tasks."""
+"""Evaluates several policies on the same tasks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from lilgym_mp.corpus import contexts, load_tasks
 from lilgym_mp.corpus.forms import statement_form
-from lilgym_mp.evaluation.metrics import Share, Summary, summarise
+from lilgym_mp.evaluation.metrics import SuccessCount, Summary, summarise
 from lilgym_mp.evaluation.named_policies import NamedPolicy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate
 from lilgym_mp.evaluation.settings import Settings
@@ -19,7 +19,7 @@ TRAINING_SPLIT = "train"
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """How every policy is evaluated in one configuration."""
+    """The tasks and settings with which all policies are evaluated in one configuration."""
 
     settings: Settings
     split: str
@@ -30,15 +30,15 @@ class EvaluationPlan:
 
     def __str__(self) -> str:
         settings = self.settings
-        visits = "each task once" if self.passes == 1 else f"each task {self.passes} times"
+        repeats = "each task once" if self.passes == 1 else f"each task {self.passes} times"
         return (
             f"{settings.configuration}, corpus {settings.corpus}, split {self.split}, rules {settings.rules}:"
-            f" {visits}, seed {self.seed}"
+            f" {repeats}, seed {self.seed}"
         )
 
     @property
     def episodes(self) -> int:
-        """How many each policy plays."""
+        """Number of episodes per policy."""
         return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
 
     def to_json(self) -> dict[str, Any]:
@@ -53,23 +53,23 @@ class EvaluationPlan:
 
 @dataclass(frozen=True)
 class Result:
-    """What one policy did under one plan."""
+    """Result of one policy under one plan."""
 
     named: NamedPolicy
     plan: EvaluationPlan
     summary: Summary
-    seen_forms: Share  # episodes whose statement has a form that training statements have
-    unseen_forms: Share
+    seen_forms: SuccessCount  # of episodes whose statement has the form of a training statement
+    unseen_forms: SuccessCount
     episodes: Sequence[Episode]
-    cpu_seconds: float  # of playing
-    mask: bool = False  # whether illegal actions were kept from it
+    cpu_seconds: float  # of the whole evaluation
+    mask: bool = False  # whether illegal actions were masked
 
     @property
     def name(self) -> str:
         return self.named.name
 
     def to_json(self) -> dict[str, Any]:
-        """The result as one row of a file; accuracies from 0 to 1, None of no episodes."""
+        """The result as one row of a file; accuracies from 0 to 1, None if there are no episodes."""
         summary, plan, settings = self.summary, self.plan, self.plan.settings
         return {
             "agent": self.name,
@@ -103,7 +103,7 @@ class Result:
             {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in episode._asdict().items()
-                if name != "decisions"  # these are for recordings
+                if name != "decisions"  # only in recordings
             }
             for episode in self.episodes
         ]
@@ -115,10 +115,10 @@ def play(
     training_statements: Collection[str],
     on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> Result:
-    """Every task of the plan, played by the policy.
+    """Evaluates a policy on all tasks of the plan.
 
-    `training_statements`: what counts as seen. `on_episode` hears of each episode as it ends.
-    Raises ValueError for a configuration that it does not play.
+    `training_statements`: statements that count as seen. `on_episode` is called with each episode as it ends.
+    Raises ValueError for a configuration that the policy cannot play.
     """
     policy = named.policy(plan.settings)
     began = time.process_time()
@@ -133,10 +133,10 @@ def play(
         on_episode=on_episode,
     )
     mask = getattr(policy, "needs_masks", True) if named.mask is None else named.mask
-    return result_of(named, plan, episodes, training_statements, cpu_seconds=time.process_time() - began, mask=mask)
+    return make_result(named, plan, episodes, training_statements, cpu_seconds=time.process_time() - began, mask=mask)
 
 
-def result_of(
+def make_result(
     named: NamedPolicy,
     plan: EvaluationPlan,
     episodes: Sequence[Episode],
@@ -145,15 +145,15 @@ def result_of(
     cpu_seconds: float,
     mask: bool,
 ) -> Result:
-    """The result that these episodes come to."""
+    """Summarises episodes into a result."""
     forms = set(map(statement_form, training_statements))
     seen_forms = [statement_form(episode.statement) in forms for episode in episodes]
     return Result(
         named,
         plan,
         summarise(episodes, training_statements),
-        Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
-        Share.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
+        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
+        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
         episodes,
         cpu_seconds,
         mask,
@@ -166,13 +166,13 @@ def play_all(
     training_statements: Collection[str],
     on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> Iterator[Result]:
-    """The result of each policy that plays the configuration; all draw from generators of the same seed."""
-    for named in playing(named_policies, plan):
+    """Evaluates each policy that can play the configuration; each starts with a generator of the same seed."""
+    for named in playable(named_policies, plan):
         yield play(named, plan, training_statements, on_episode)
 
 
-def playing(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:
-    """The policies that play the plan's configuration."""
+def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:
+    """The policies that can play the plan's configuration."""
     return [named for named in named_policies if plan.settings.configuration in named.configurations]
 
 
@@ -183,6 +183,6 @@ def training_statements(settings: Settings) -> set[str]:
 
 
 def task_counts(plan: EvaluationPlan) -> dict[str, Any]:
-    """The tasks of a trial: where they are from, start scenes and contexts."""
+    """Provenance of the plan's tasks, and the numbers of start scenes and contexts."""
     tasks = plan.settings.make(plan.split).tasks
     return {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)}

@@ -1,4 +1,4 @@
-"""What a policy went by in each step of an episode, in a form small enough to keep with the episodes.
+"""A policy's action probabilities, value and plan at each step, compact enough to be recorded with the episodes.
 
 docs/report.md describes every key.
 """
@@ -18,9 +18,9 @@ from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT
 
-LONGEST_ANSWER = 4_000  # characters kept of what an agent wrote
-LIKELIEST = 5  # actions kept of each step, and programs
-LEAST_PROBABILITY = 0.0005  # that a cell must have to be kept
+MAX_ANSWER_LENGTH = 4_000  # characters recorded of a text agent's answer
+MAX_LIKELIEST = 5  # actions and programs recorded per step
+MIN_PROBABILITY = 0.0005  # of a cell to be recorded
 DIGITS = 4
 
 Cells = Mapping[int, float]  # probability by cell
@@ -28,44 +28,44 @@ FloatArray = NDArray[np.floating[Any]]
 
 
 class PolicyOutput(NamedTuple):
-    """What a policy's latest call came to, for B states."""
+    """Outputs of a policy's latest call, for B states."""
 
-    probabilities: FloatArray  # (B, actions) of being chosen; a row with a single 1 where nothing is drawn
-    values: FloatArray | None = None  # (B,) return that a critic expects
-    success_probabilities: Sequence[float] | None = None  # (B,) of the plan that is followed, as its planner states it
-    programs: Sequence[Mapping[str, float]] | None = None  # B times: probability of each program that was planned for
+    probabilities: FloatArray  # (B, actions) of taking each action; one-hot if the policy is deterministic
+    values: FloatArray | None = None  # (B,) the critic's value estimates
+    success_probabilities: Sequence[float] | None = None  # (B,) of the current plan, as estimated by its planner
+    programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
 
 
 class AgentAnswer(NamedTuple):
-    """What an agent that reads and writes answered."""
+    """A text agent's answer."""
 
     text: str
-    understood: bool  # whether it decided for one action
+    understood: bool  # whether a valid action could be parsed from it
 
     @classmethod
-    def shortened(cls, text: str, *, understood: bool) -> Self:
-        """Without the middle of a text that is too long to keep."""
-        if len(text) > LONGEST_ANSWER:
-            text = f"{text[: LONGEST_ANSWER // 2]} [...] {text[-LONGEST_ANSWER // 2 :]}"
+    def truncated(cls, text: str, *, understood: bool) -> Self:
+        """With the middle of the text left out if it is longer than MAX_ANSWER_LENGTH."""
+        if len(text) > MAX_ANSWER_LENGTH:
+            text = f"{text[: MAX_ANSWER_LENGTH // 2]} [...] {text[-MAX_ANSWER_LENGTH // 2 :]}"
         return cls(text, understood)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What a policy went by in one step, before its action."""
+    """A policy's outputs at one step, before its action."""
 
     types: tuple[float, float, float]  # probabilities of STOP, ADD, REMOVE
-    add_cells: Cells  # probability of an ADD to each cell that has LEAST_PROBABILITY; cells as in `places`
+    add_cells: Cells  # probability of an ADD by cell, if at least MIN_PROBABILITY; indices as in `action_cells`
     remove_cells: Cells
-    likeliest: tuple[tuple[Action, float], ...]  # the most probable actions, the first first
-    legal: tuple[int, int, int]  # legal actions by type
-    legal_probability: float  # of all legal actions together
-    value: float | None = None  # return that the critic expects
-    success_probability: float | None = None  # of the plan, as its planner states it
-    programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the likeliest of those planned for
-    optimal: bool | None = None  # whether the action taken begins a shortest solution; None: not asked, or not known
-    steps_to_go: int | None = None  # actions of a shortest solution, STOP included; None as above
-    answers: tuple[AgentAnswer, ...] = ()  # of an agent that reads and writes, the one that was acted upon last
+    likeliest: tuple[tuple[Action, float], ...]  # the most probable actions, in descending order
+    legal: tuple[int, int, int]  # number of legal actions by type
+    legal_probability: float  # total probability of legal actions
+    value: float | None = None  # the critic's value estimate
+    success_probability: float | None = None  # of the plan, as estimated by its planner
+    programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the most probable of those planned for
+    optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
+    steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
+    answers: tuple[AgentAnswer, ...] = ()  # of a text agent; the action taken is from the last one
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
@@ -93,7 +93,7 @@ class Decision:
         return cls(**values)
 
     def judged(self, *, optimal: bool | None, steps_to_go: int | None) -> Self:
-        """With what the expert says."""
+        """A copy with the expert's judgement."""
         return replace(self, optimal=optimal, steps_to_go=steps_to_go)
 
 
@@ -103,21 +103,21 @@ def _probability(name: str, value: Any) -> float:
     return float(value)
 
 
-class Places(NamedTuple):
-    """Where an appearance's actions act."""
+class ActionCells(NamedTuple):
+    """Type and cell of each action of an appearance."""
 
     types: Int64Array  # (actions,) ActionType
-    cells: Int64Array  # (actions,) 0 for STOP
-    count: int  # cells
+    cells: Int64Array  # (actions,) index, 0 for STOP
+    count: int  # number of cells
 
 
 @lru_cache(maxsize=4)
-def places(appearance: Appearance) -> Places:
-    """The cells of Tower are its boxes; Scatter's are numbered column by column: column x rows + row."""
+def action_cells(appearance: Appearance) -> ActionCells:
+    """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
     actions = [appearance.decode(index) for index in range(appearance.action_count)]
     grid: tuple[int, int] = getattr(appearance, "grid", (BOX_COUNT, 1))
     types = np.array([_type(action) for action in actions], np.int64)
-    return Places(types, np.array([_cell(action, grid[1]) for action in actions], np.int64), grid[0] * grid[1])
+    return ActionCells(types, np.array([_cell(action, grid[1]) for action in actions], np.int64), grid[0] * grid[1])
 
 
 def _type(action: Action) -> ActionType:
@@ -137,9 +137,9 @@ def _cell(action: Action, rows: int) -> int:
 
 
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:
-    """What is kept of B states; `legal` (B, actions) are the exact masks, whether the policy saw them or not.
+    """The decisions in B states; `legal`: (B, actions) exact masks, even if the policy did not see them.
 
-    Raises ValueError when the policy's output does not fit them.
+    Raises ValueError if the shapes differ.
     """
     if output.probabilities.shape != legal.shape:
         raise ValueError(f"the policy gave probabilities {output.probabilities.shape}, not {legal.shape}")
@@ -148,19 +148,20 @@ def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) ->
 
 def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appearance) -> Decision:
     probabilities = np.asarray(output.probabilities[row], np.float64)
-    kinds, cells, count = places(appearance)
-    types = _sums(kinds, probabilities, len(ActionType))
+    action_types, cells, count = action_cells(appearance)
+    types = _sums(action_types, probabilities, len(ActionType))
     adds, removes = (
-        _sums(cells, np.where(kinds == kind, probabilities, 0.0), count) for kind in (ActionType.ADD, ActionType.REMOVE)
+        _sums(cells, np.where(action_types == action_type, probabilities, 0.0), count)
+        for action_type in (ActionType.ADD, ActionType.REMOVE)
     )
     programs = {} if output.programs is None else output.programs[row]
-    best = sorted(programs, key=lambda program: (-programs[program], program))[:LIKELIEST]
+    best = sorted(programs, key=lambda program: (-programs[program], program))[:MAX_LIKELIEST]
     return Decision(
         types=(_rounded(float(types[0])), _rounded(float(types[1])), _rounded(float(types[2]))),
         add_cells=_kept(adds),
         remove_cells=_kept(removes),
         likeliest=_likeliest(probabilities, appearance),
-        legal=tuple(np.bincount(kinds[legal], minlength=len(ActionType)).tolist()),
+        legal=tuple(np.bincount(action_types[legal], minlength=len(ActionType)).tolist()),
         legal_probability=_rounded(float(probabilities[legal].sum())),
         value=None if output.values is None else round(float(output.values[row]), DIGITS),
         success_probability=_rounded(output.success_probabilities[row]) if output.success_probabilities else None,
@@ -169,29 +170,29 @@ def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appe
 
 
 def _sums(groups: Int64Array, probabilities: Float64Array, count: int) -> Float64Array:
-    """(count,) of each group."""
+    """(count,) total probability of each group."""
     return np.bincount(groups, probabilities, count).astype(np.float64, copy=False)
 
 
 def _likeliest(probabilities: Float64Array, appearance: Appearance) -> tuple[tuple[Action, float], ...]:
-    """Those that have any probability; of equals the first."""
-    order = np.argsort(-probabilities, kind="stable")[:LIKELIEST]
+    """The MAX_LIKELIEST most probable actions, without those of probability 0; ties in order of index."""
+    order = np.argsort(-probabilities, kind="stable")[:MAX_LIKELIEST]
     chosen = [index for index in order.tolist() if probabilities[index] > 0]
     return tuple((appearance.decode(index), _rounded(float(probabilities[index]))) for index in chosen)
 
 
 def _kept(cells: Float64Array) -> dict[int, float]:
-    kept = np.flatnonzero(cells >= LEAST_PROBABILITY)
+    kept = np.flatnonzero(cells >= MIN_PROBABILITY)
     return dict(zip(kept.tolist(), cells[kept].clip(0, 1).round(DIGITS).tolist(), strict=True))
 
 
 def _rounded(probability: float) -> float:
-    """Within 0 .. 1, whatever float32 made of it."""
+    """Rounded and clipped to 0 .. 1, which float32 sums may exceed."""
     return round(min(max(probability, 0.0), 1.0), DIGITS)
 
 
-def certain(chosen: Int64Array, action_count: int) -> FloatArray:
-    """(B, actions) of a policy that draws nothing: 1 for the B actions that it chose."""
+def one_hot(chosen: Int64Array, action_count: int) -> FloatArray:
+    """(B, actions) probabilities of a deterministic policy that chose these B actions."""
     probabilities = np.zeros((len(chosen), action_count))
     probabilities[np.arange(len(chosen)), chosen] = 1
     return probabilities

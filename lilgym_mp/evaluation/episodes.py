@@ -1,4 +1,4 @@
-"""Episodes as a file that analyses read without the agent: gzipped JSON lines, a header and then a line an episode.
+"""File format of recorded episodes: gzipped JSON lines, with a header and then one line per episode.
 
 docs/report.md describes every key. Equal evaluations give equal bytes.
 """
@@ -17,34 +17,34 @@ from lilgym_mp.actions import Action, ActionError, describe, named
 from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.files import write_whole
-from lilgym_mp.evaluation.metrics import ENDS
+from lilgym_mp.evaluation.files import write_atomically
+from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene, SceneError
 
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2
-READABLE = (1, VERSION)  # 1 has no decisions
+READABLE = (1, VERSION)  # version 1 has no decisions
 SUFFIX = ".episodes.jsonl.gz"
 GREEDY, SAMPLED = "greedy", "sampled"
-LONGEST_LINE = 1 << 20  # characters
+MAX_LINE_LENGTH = 1 << 20  # characters
 
 
 class EpisodesError(ValueError):
-    """A file that does not hold recorded episodes, or not whole ones."""
+    """A file does not contain recorded episodes, or is damaged."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a file's episodes have in common."""
+    """The metadata common to all episodes of a file."""
 
     package: str  # version of lilgym_mp that wrote the file
     settings: Settings
     split: str
-    agent: str  # in tables; runs of one learner that differ by their seed alone share it
+    agent: str  # name in tables; the same for runs that differ only in their seed
     supervision: str
     actions: str  # GREEDY or SAMPLED
-    mask: bool  # whether illegal actions were kept from the agent
+    mask: bool  # whether illegal actions were masked
     stop_forcing: bool
     seed: int  # of the evaluation
     training_seed: int | None
@@ -52,24 +52,24 @@ class Header:
     episodes: int
     start_scenes: int
     contexts: int
-    corpus: str  # as the corpus calls itself
-    tasks_sha256: str  # of the file that the tasks come from
-    expert: bool  # whether the expert's numbers of actions are in the episodes
-    run: str | None = None  # where the agent came from
+    corpus: str  # the corpus's own name
+    tasks_sha256: str  # of the task file
+    expert: bool  # whether the episodes contain the lengths of the expert's solutions
+    run: str | None = None  # the agent's run directory
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    training: Mapping[str, float] = field(default_factory=dict[str, float])  # what training took: steps, cpu_minutes
+    training: Mapping[str, float] = field(default_factory=dict[str, float])  # cost of training: steps, cpu_minutes
 
     def to_json(self) -> dict[str, Any]:
         return {"format": FORMAT, "version": VERSION, **asdict(self), "settings": self.settings.to_json()}
 
     @classmethod
     def from_json(cls, data: Any) -> Self:
-        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
-        found = values.pop("format"), values.pop("version")
-        if found[0] != FORMAT or found[1] not in READABLE:
+        file_format, version = values.pop("format"), values.pop("version")
+        if file_format != FORMAT or version not in READABLE:
             versions = " or ".join(map(str, READABLE))
-            raise ValueError(f"format {found[0]!r}, version {found[1]!r}; must be {FORMAT!r}, version {versions}")
+            raise ValueError(f"format {file_format!r}, version {version!r}; must be {FORMAT!r}, version {versions}")
         values["settings"] = Settings.from_json(values["settings"])
         header = cls(**values)
         for name in ("seed", "passes", "episodes", "start_scenes", "contexts"):
@@ -80,25 +80,25 @@ class Header:
 
 @dataclass(frozen=True)
 class RecordedEpisode:
-    """One visit to one start scene."""
+    """One episode, with facts about its task."""
 
     task: str
     statement: str
     program: str
     target: bool
-    statement_seen: bool  # word for word among the training tasks
-    form_seen: bool  # with its colours, shapes, sizes and numbers blanked
-    phenomena: tuple[str, ...]  # by the rules of `corpus.phenomena`
-    tags: tuple[str, ...]  # what the corpus tells of the task
+    statement_seen: bool  # whether it occurs verbatim in the training tasks
+    form_seen: bool  # the same, ignoring colours, shapes, sizes and numbers
+    phenomena: tuple[str, ...]  # by the rules of `analysis.phenomena`
+    tags: tuple[str, ...]  # of the task in the corpus
     outcome: str
     invalid_reason: str | None
     actions: tuple[Action, ...]
-    rewards: tuple[float, ...]  # one an action
+    rewards: tuple[float, ...]  # one per action
     start: Scene
-    optimal_actions: int | None = None  # the expert's from the start, STOP included
-    actions_left: int | None = None  # the expert's from where a wrong STOP was said, STOP included
-    stop_probabilities: tuple[float, ...] | None = None  # the agent's before each action
-    decisions: tuple[Decision, ...] | None = None  # what the agent went by before each action; None: not recorded
+    optimal_actions: int | None = None  # length of the expert's solution from the start, including STOP
+    actions_left: int | None = None  # the same from the scene of a wrong STOP
+    stop_probabilities: tuple[float, ...] | None = None  # of the agent, before each action
+    decisions: tuple[Decision, ...] | None = None  # of the agent, before each action; None if not recorded
 
     @property
     def is_success(self) -> bool:
@@ -110,33 +110,35 @@ class RecordedEpisode:
 
     @property
     def edits(self) -> int | None:
-        """Edits that the expert needs, None where it was not asked or knows no solution."""
+        """Number of edits in the expert's solution, None if not asked or unsolved."""
         return None if self.optimal_actions is None else self.optimal_actions - 1
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        kept = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
+        decisions = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
         return {
             **values,
             "actions": [describe(action) for action in self.actions],
             "start": self.start.to_json(),
-            "decisions": kept,
+            "decisions": decisions,
         }
 
     @classmethod
     def from_json(cls, data: Any) -> Self:
-        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
         for name in ("statement", "program", "task"):
-            _check(name, values[name], "a text", lambda value: isinstance(value, str))
+            _check(name, values[name], "a string", lambda value: isinstance(value, str))
         for name in ("target", "statement_seen", "form_seen"):
             _check(name, values[name], "true or false", lambda value: isinstance(value, bool))
-        _check("outcome", values["outcome"], f"one of {', '.join(ENDS)}", lambda value: value in ENDS)
+        _check(
+            "outcome", values["outcome"], f"one of {', '.join(FINAL_OUTCOMES)}", lambda value: value in FINAL_OUTCOMES
+        )
         reasons = [str(reason) for reason in InvalidReason]
         _check("invalid_reason", values["invalid_reason"], f"null or one of {', '.join(reasons)}", _among(reasons))
-        kinds = [str(kind) for kind in Phenomenon]
+        known = [str(phenomenon) for phenomenon in Phenomenon]
         for name in values["phenomena"]:
-            _check("phenomena", name, f"among {', '.join(kinds)}", lambda value: value in kinds)
+            _check("phenomena", name, f"among {', '.join(known)}", lambda value: value in known)
         values["actions"] = tuple(named(name) for name in values["actions"])
         values["start"] = Scene.from_json(values["start"])
         for name in ("phenomena", "tags", "rewards", "stop_probabilities"):
@@ -171,17 +173,17 @@ class Recording:
 
 
 def write_episodes(path: Path, header: Header, episodes: Sequence[RecordedEpisode]) -> None:
-    """Writes the file whole. Raises ValueError when the header counts other episodes."""
+    """Writes the file atomically. Raises ValueError if the header gives a different number of episodes."""
     if header.episodes != len(episodes):
         raise ValueError(f"the header says {header.episodes} episodes, but there are {len(episodes)}")
     rows = [header.to_json(), *(episode.to_json() for episode in episodes)]
     text = "".join(json.dumps(row, ensure_ascii=False, separators=(",", ":")) + "\n" for row in rows)
     data = gzip.compress(text.encode(), mtime=0)
-    write_whole(path, lambda unfinished: unfinished.write_bytes(data))
+    write_atomically(path, lambda unfinished: unfinished.write_bytes(data))
 
 
 def read_episodes(path: Path) -> Recording:
-    """What `write_episodes` wrote. Raises EpisodesError naming the file, the line and what is wrong with it."""
+    """Reads a file written by `write_episodes`. Raises EpisodesError naming the file, the line and the error."""
     lines = _lines(path)
     number, first = next(lines, (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
@@ -189,36 +191,37 @@ def read_episodes(path: Path) -> Recording:
     header = _read(path, number, Header.from_json, first)
     episodes = tuple(_read(path, number, RecordedEpisode.from_json, line) for number, line in lines)
     if len(episodes) != header.episodes:
-        raise EpisodesError(f"{path}: cut short: {len(episodes)} of {header.episodes} episodes are there")
+        raise EpisodesError(f"{path}: truncated after {len(episodes)} of {header.episodes} episodes")
     return Recording(path, header, episodes)
 
 
 def read_header(path: Path) -> Header | None:
-    """The header of the file, None where its first line is of another format. Raises EpisodesError otherwise."""
+    """The header of the file, None if the first line is of another format. Raises EpisodesError if damaged."""
     number, first = next(_lines(path), (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
         return None
     return _read(path, number, Header.from_json, first)
 
 
-def _read(path: Path, number: int, of: Callable[[Any], Any], data: Any) -> Any:
+def _read(path: Path, number: int, parse: Callable[[Any], Any], data: Any) -> Any:
+    """`parse(data)`, its errors with the path and line number."""
     try:
-        return of(data)
+        return parse(data)
     except KeyError as error:
-        raise EpisodesError(f"{path}, line {number}: lacks the key {error}") from None
+        raise EpisodesError(f"{path}, line {number}: missing key {error}") from None
     except (ActionError, SceneError, ValueError, TypeError) as error:
         raise EpisodesError(f"{path}, line {number}: {error}") from None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, Any]]:
-    """Each line's number and content."""
+    """Number and content of each line."""
     try:
         with gzip.open(path, "rt", encoding="utf-8") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), start=1):
+            for number, line in enumerate(iter(lambda: file.readline(MAX_LINE_LENGTH), ""), start=1):
                 yield number, json.loads(line)
     except EOFError:
-        raise EpisodesError(f"{path}: cut short: its compressed data end too early") from None
+        raise EpisodesError(f"{path}: truncated: the compressed data end too early") from None
     except (gzip.BadGzipFile, zlib.error, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise EpisodesError(f"{path}: damaged, or no file of recorded episodes: {error}") from None
+        raise EpisodesError(f"{path}: damaged, or not a file of recorded episodes: {error}") from None
     except OSError as error:
         raise EpisodesError(f"{path}: cannot be read: {error.strerror or error}") from None

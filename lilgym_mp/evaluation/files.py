@@ -1,4 +1,4 @@
-"""Writing results so that a file is whole or not there, and finding out early that it cannot be."""
+"""Atomic writing of result files, and early checks that they can be written."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 
 
 class OutputError(ValueError):
-    """A place that results cannot be written to."""
+    """Results cannot be written to a path."""
 
 
 def writable_directory(path: Path) -> Path:
-    """`path`, made if need be, once a file could be written there. Raises OutputError saying why not."""
+    """Creates the directory if needed and checks that files can be written to it. Raises OutputError if not."""
     probe = path / f".write-test-{os.getpid()}"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -26,7 +26,7 @@ def writable_directory(path: Path) -> Path:
 
 
 def writable_file(path: Path) -> Path:
-    """`path`, once its directory is there and writable and it is no directory itself. Raises OutputError."""
+    """Checks that `path` can be written, and creates its directory. Raises OutputError if not."""
     if path.is_dir():
         raise OutputError(f"cannot write results to {path}: it is a directory; name a file")
     writable_directory(path.parent)
@@ -34,27 +34,27 @@ def writable_file(path: Path) -> Path:
 
 
 def fresh_file(path: Path, *, force: bool) -> Path:
-    """`path` as `writable_file` gives it, if there is no such file yet or `force` is said. Raises OutputError."""
+    """As `writable_file`; also raises OutputError if the file exists, unless `force`."""
     if path.is_file() and not force:
         raise OutputError(f"{path} exists; --force overwrites it")
     return writable_file(path)
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Lets `write` make a file beside `path`, which then takes its place in one move."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Has `write` create a temporary file in the same directory, then renames it to `path`."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        write(unfinished)
-        unfinished.replace(path)
+        write(temporary)
+        temporary.replace(path)
     finally:
-        unfinished.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes `path` whole."""
-    write_whole(path, lambda unfinished: unfinished.write_text(text, encoding="utf-8"))
+    """Writes the text atomically."""
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Writes `path` whole, indented."""
+    """Writes indented JSON atomically."""
     write_text(path, json.dumps(data, ensure_ascii=False, indent=1) + "\n")

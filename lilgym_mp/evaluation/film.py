@@ -1,4 +1,4 @@
-"""Episodes as animated GIFs: one, or several side by side with their statements and how they ended."""
+"""Episodes as animated GIFs: one, or several side by side, with their statements and outcomes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from lilgym_mp.actions import describe
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.files import write_whole
+from lilgym_mp.evaluation.files import write_atomically
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render.frames import smooth_picture
@@ -35,21 +35,21 @@ PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (190, 190, 190), (0, 140, 60), (200, 40,
 class FilmFrame(NamedTuple):
     """One frame of an episode."""
 
-    picture: UInt8Array  # (100, 380, 3), drawn for people
-    task: str  # what is to be done
-    caption: str  # what was just done, or how it ended
+    picture: UInt8Array  # (100, 380, 3), antialiased
+    task: str  # statement and target as text
+    caption: str  # last action, and the outcome at the end
     rgb: tuple[int, int, int]  # of caption and border
 
 
-def replay(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
-    """The start and each action of an episode, played again."""
+def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
+    """A frame for the start and one for each action of an episode, by replaying it."""
     env.reset(options={"task": episode.task_id})
     appearance = env.dynamics.appearance
     task = f'"{episode.statement}" Make it {str(episode.target).lower()}.'
     yield FilmFrame(smooth_picture(env.scene, 1), task, "start", PENDING_RGB)
-    for number, action in enumerate(episode.actions, start=1):
+    for step, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(action)
-        caption, rgb = f"{number}. {describe(appearance.decode(action))}", PENDING_RGB
+        caption, rgb = f"{step}. {describe(appearance.decode(action))}", PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, reward {episode.reward:+.1f}"
@@ -57,22 +57,22 @@ def replay(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
 
 
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int) -> None:
-    """Writes a GIF of episodes side by side, row by row; each stays on its last frame until all have ended."""
+    """Writes a GIF of episodes in a grid; each stays on its last frame until all have ended."""
     env = settings.make(split)
-    film_frames(path, [list(replay(env, episode)) for episode in episodes], columns)
+    film_frames(path, [list(episode_frames(env, episode)) for episode in episodes], columns)
 
 
 def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int = 1) -> None:
-    """Writes a GIF of films side by side; each stays on its last frame until all have ended."""
+    """Writes a GIF of films in a grid; each stays on its last frame until all have ended."""
     length = max(map(len, films))
-    save_gif(path, (_grid([film[min(at, len(film) - 1)] for film in films], columns) for at in range(length)))
+    save_gif(path, (_grid([film[min(index, len(film) - 1)] for film in films], columns) for index in range(length)))
 
 
 def _grid(frames: Sequence[FilmFrame], columns: int) -> UInt8Array:
     rows = -(-len(frames) // columns)
     image = Image.new("RGB", (columns * TILE_WIDTH, rows * TILE_HEIGHT), PAPER_RGB)
-    for number, frame in enumerate(frames):
-        row, column = divmod(number, columns)
+    for index, frame in enumerate(frames):
+        row, column = divmod(index, columns)
         image.paste(_tile(frame), (column * TILE_WIDTH, row * TILE_HEIGHT))
     return np.asarray(image)
 
@@ -81,7 +81,7 @@ def _tile(frame: FilmFrame) -> Image.Image:
     tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
     pen = ImageDraw.Draw(tile)
     font = ImageFont.load_default(FONT_PIXELS)
-    for number, line in enumerate(wrapped(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
+    for number, line in enumerate(wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
         pen.text((MARGIN, MARGIN + number * LINE_HEIGHT), line, fill=INK_RGB, font=font)
     top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
     border = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
@@ -92,7 +92,7 @@ def _tile(frame: FilmFrame) -> Image.Image:
     return tile
 
 
-def wrapped(
+def wrap_text(
     text: str, width: int, pen: ImageDraw.ImageDraw, font: ImageFont.FreeTypeFont | ImageFont.ImageFont
 ) -> list[str]:
     """The text in lines no wider than `width` pixels, broken between words; a single word may be wider."""
@@ -107,14 +107,14 @@ def wrapped(
 
 
 def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
-    """Writes an endless GIF whole; `frames` are (height, width, 3) and one size, the last stays longer."""
+    """Writes a looping GIF atomically; `frames` are (height, width, 3) of one size, and the last is shown longer."""
     images = [Image.fromarray(frame).quantize(64, dither=Image.Dither.NONE) for frame in frames]
     seconds = [FRAME_SECONDS] * (len(images) - 1) + [LAST_FRAME_SECONDS]
     first, *rest = images
-    write_whole(
+    write_atomically(
         path,
-        lambda unfinished: first.save(
-            unfinished,
+        lambda temporary: first.save(
+            temporary,
             format="GIF",
             save_all=True,
             append_images=rest,

@@ -1,4 +1,4 @@
-"""Episodes in numbers."""
+"""Accuracy and other summary statistics of episodes."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from dataclasses import dataclass
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.rules import Outcome
 
-ENDS = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
+FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """How many of some episodes were a success."""
+class SuccessCount:
+    """Number of episodes, and of successes among them."""
 
     episodes: int
     successes: int
 
     @property
     def accuracy(self) -> float | None:
-        """Task-completion accuracy, None of no episodes."""
+        """Task-completion accuracy, None if there are no episodes."""
         return self.successes / self.episodes if self.episodes else None
 
     @classmethod
-    def of(cls, episodes: Collection[Episode]) -> Share:
+    def of(cls, episodes: Collection[Episode]) -> SuccessCount:
         return cls(len(episodes), sum(episode.is_success for episode in episodes))
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A policy on a split."""
+    """Statistics of a policy on a split."""
 
-    all: Share
-    seen: Share  # of statements that stand verbatim in training
-    unseen: Share
+    all: SuccessCount
+    seen: SuccessCount  # statements that occur verbatim in the training tasks
+    unseen: SuccessCount
     mean_reward: float
     mean_length: float  # actions
-    outcomes: dict[str, float]  # shares of all episodes, by way to end
+    outcomes: dict[str, float]  # fraction of all episodes by final outcome
 
     @property
     def accuracy(self) -> float:
@@ -46,16 +46,16 @@ class Summary:
 
 
 def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
-    """Raises ValueError when there are no episodes."""
+    """Raises ValueError if there are no episodes."""
     if not episodes:
-        raise ValueError("there are no episodes to summarise")
+        raise ValueError("cannot summarise zero episodes")
     count = len(episodes)
-    ends = Counter(episode.outcome for episode in episodes)
+    outcomes = Counter(episode.outcome for episode in episodes)
     return Summary(
-        all=Share.of(episodes),
-        seen=Share.of([episode for episode in episodes if episode.statement in training_statements]),
-        unseen=Share.of([episode for episode in episodes if episode.statement not in training_statements]),
+        all=SuccessCount.of(episodes),
+        seen=SuccessCount.of([episode for episode in episodes if episode.statement in training_statements]),
+        unseen=SuccessCount.of([episode for episode in episodes if episode.statement not in training_statements]),
         mean_reward=sum(episode.reward for episode in episodes) / count,
         mean_length=sum(len(episode.actions) for episode in episodes) / count,
-        outcomes={end: ends[end] / count for end in ENDS},
+        outcomes={outcome: outcomes[outcome] / count for outcome in FINAL_OUTCOMES},
     )

@@ -1,4 +1,4 @@
-"""Who can be evaluated: something with a name that gives a policy for each configuration it plays."""
+"""Named policies for evaluation: a name, and a policy for each configuration."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ NO_SUPERVISION = "none"
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy, or one for each configuration, with its name in tables and files."""
+    """A policy for each configuration, with its name in tables and files."""
 
     name: str
     policy: Callable[[Settings], Policy]
     supervision: str = NO_SUPERVISION  # what it learnt from
-    configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # that it can play
-    mask: bool | None = None  # whether illegal actions are kept from it; None: where its policy asks for masks
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to get it again
+    configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # those that it can play
+    mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to reproduce it
 
 
 def _same(policy: Policy) -> Callable[[Settings], Policy]:
-    """The same policy whatever the configuration."""
+    """A factory that ignores the configuration."""
     return lambda settings: policy
 
 
-_DRAWS = {"actions": "sampled"}
+_SAMPLED = {"actions": "sampled"}
 
-# By name on the command line; see `policies` for what each does.
-BUILT_IN: Mapping[str, NamedPolicy] = {
+# By name on the command line.
+BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
     "expert": NamedPolicy("expert", ExpertPolicy.of, "knows the rules, the scene and the program", mask=False),
-    "random-legal": NamedPolicy("random legal", _same(random_legal), details=_DRAWS),
-    "random-unmasked": NamedPolicy("random unmasked", _same(random_unmasked), mask=False, details=_DRAWS),
-    "random-type": NamedPolicy("random type", RandomType.of, details=_DRAWS),
+    "random-legal": NamedPolicy("random legal", _same(random_legal), details=_SAMPLED),
+    "random-unmasked": NamedPolicy("random unmasked", _same(random_unmasked), mask=False, details=_SAMPLED),
+    "random-type": NamedPolicy("random type", RandomType.of, details=_SAMPLED),
 }
-BASELINES = (BUILT_IN["random-legal"], BUILT_IN["random-unmasked"])
+BASELINES = (BUILT_IN_POLICIES["random-legal"], BUILT_IN_POLICIES["random-unmasked"])
 
 
-def built_in(name: str) -> NamedPolicy:
+def built_in_policy(name: str) -> NamedPolicy:
     """Raises ValueError naming the choices."""
-    return choose("policy", name, BUILT_IN)
+    return choose("policy", name, BUILT_IN_POLICIES)

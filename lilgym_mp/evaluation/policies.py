@@ -1,4 +1,4 @@
-"""What a policy is to an evaluation: a function. And the two that know nothing."""
+"""The interface of policies for evaluation, the random baselines and the expert."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from lilgym_mp.actions import STOP, Action, ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.evaluation.decisions import PolicyOutput, certain
+from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 
@@ -21,38 +21,38 @@ if TYPE_CHECKING:
 
 
 class Observations(NamedTuple):
-    """What B agents see, each in an episode of its own."""
+    """Observations of B environments."""
 
     images: UInt8Array  # (B, 50, 190, 3)
     statements: tuple[str, ...]  # B
     targets: Int64Array  # (B,) 1: make the statement true, 0: make it false
-    steps: Int64Array  # (B,) actions taken so far in the episode: 0 at its start
+    steps: Int64Array  # (B,) steps taken in the episode
     episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
 
 
 class Policy(Protocol):
-    """Chooses an action for each of B agents. All chance comes from `rng`.
+    """Chooses an action in each of B environments. `rng` is its only source of randomness.
 
-    A policy that never looks at the masks may have an attribute `needs_masks = False`: none are made for it then, and
-    `legal` is an array of shape (B, 0). One with `needs_states = True`, which no learnt policy has, is called with a
-    list of the MDPs' states as a fourth argument. One may have an attribute `stop_probabilities`: B numbers, 0 to 1,
-    how probable STOP was to it in its latest call; they are kept with the episodes. One may have a method
-    `output(legal, chosen)`, asked after a call where decisions are recorded: the `PolicyOutput` of that call, whose
-    mask was `legal` and whose answer was `chosen`, or None.
+    Optional attributes:
+    - `needs_masks = False`: no masks are computed, and `legal` has shape (B, 0).
+    - `needs_states = True`: the policy is called with a list of `State`s as a fourth argument (the expert).
+    - `stop_probabilities`: B probabilities of STOP in the latest call; they are stored with the episodes.
+    - `output(legal, chosen)`: a method that gives the `PolicyOutput` of the latest call, or None; called only when
+      decisions are recorded, with the mask and the actions of that call.
     """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        """`legal`: (B, actions) the exact masks; a policy may ignore them. Gives (B,) action indices."""
+        """`legal`: (B, actions) exact masks, which a policy may ignore. Gives (B,) action indices."""
         ...
 
 
 @dataclass(frozen=True)
 class RandomLegal:
-    """Any legal action, all equally likely."""
+    """Uniform over legal actions."""
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        chosen = rng.integers(legal.sum(1))  # which of the legal actions, by row
-        return (legal.cumsum(1) > chosen[:, None]).argmax(1)
+        rank = rng.integers(legal.sum(1))  # of the action among the legal ones of its row
+        return (legal.cumsum(1) > rank[:, None]).argmax(1)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         return PolicyOutput(legal / legal.sum(1, keepdims=True))
@@ -60,7 +60,7 @@ class RandomLegal:
 
 @dataclass(frozen=True)
 class RandomUnmasked:
-    """Any action, all equally likely."""
+    """Uniform over all actions."""
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         return rng.integers(legal.shape[1], size=len(legal))
@@ -75,7 +75,7 @@ random_unmasked = RandomUnmasked()
 
 @dataclass(frozen=True)
 class WithoutMask:
-    """A policy that is told that every action is legal."""
+    """A policy with a mask that allows every action."""
 
     policy: Policy
 
@@ -91,14 +91,14 @@ class WithoutMask:
 
 
 def output_of(policy: Policy, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-    """What the policy's latest call came to; None where it does not tell."""
+    """The `PolicyOutput` of the policy's latest call, None if it has none."""
     output: Callable[[BoolArray, Int64Array], PolicyOutput | None] | None = getattr(policy, "output", None)
     return None if output is None else output(legal, chosen)
 
 
 @dataclass(frozen=True)
 class RandomType:
-    """STOP, ADD or REMOVE, equally likely, then any arguments, legal or not: random play of the released baselines."""
+    """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 
     appearance: Appearance
     needs_masks = False
@@ -109,29 +109,26 @@ class RandomType:
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         types = rng.integers(len(ActionType), size=len(observations.statements))
-        indices = self._by_type()
-        return np.array([indices[kind][rng.integers(len(indices[kind]))] for kind in types.tolist()], np.int64)
+        indices = _indices_by_type(self.appearance)
+        return np.array([indices[type_][rng.integers(len(indices[type_]))] for type_ in types.tolist()], np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        indices = self._by_type()
+        groups = _indices_by_type(self.appearance)
         probabilities = np.empty((len(chosen), self.appearance.action_count))
-        for kind in indices:
-            probabilities[:, kind] = 1 / (len(indices) * len(kind))
+        for indices in groups:
+            probabilities[:, indices] = 1 / (len(groups) * len(indices))
         return PolicyOutput(probabilities)
-
-    def _by_type(self) -> list[list[int]]:
-        return _action_types(self.appearance)
 
 
 @cache
-def _action_types(appearance: Appearance) -> list[list[int]]:
+def _indices_by_type(appearance: Appearance) -> list[list[int]]:
     """The action indices of each type."""
     types = [appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)]
-    return [[index for index, found in enumerate(types) if found == kind] for kind in ActionType]
+    return [[index for index, found in enumerate(types) if found == action_type] for action_type in ActionType]
 
 
 class ExpertPolicy:
-    """Shortest solutions, over the rules and the programs; where it knows none it stops."""
+    """Follows the solver's solutions; stops if it finds none."""
 
     needs_masks = False
     needs_states = True
@@ -157,4 +154,4 @@ class ExpertPolicy:
         return np.array(chosen, np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        return PolicyOutput(certain(chosen, self._dynamics.appearance.action_count))
+        return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))

@@ -1,4 +1,4 @@
-"""From what was played to a file of episodes: what the tasks, the training tasks and the expert say of each."""
+"""Records evaluated episodes in a file, with facts from their tasks, the training tasks and the expert."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 from lilgym_mp.task import Task
 
-LONGEST_NAME = 90  # characters of a file's name without its suffix
+MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
 
 
 def episodes_file(directory: Path, named: NamedPolicy, settings: Settings, split: str, seed: int) -> Path:
-    """Where the episodes of one policy, configuration and split go: a name of its own for each."""
-    words = re.sub(r"[^A-Za-z0-9]+", "-", f"{named.name} {settings.configuration} {split} {seed}").strip("-")
-    if len(words) > LONGEST_NAME:
-        digest = hashlib.sha256(words.encode()).hexdigest()[:8]
-        words = f"{words[-LONGEST_NAME + 9 :].strip('-')}-{digest}"
-    return directory / (words + SUFFIX)
+    """The path of a recording, unique by policy, configuration, split and seed."""
+    name = re.sub(r"[^A-Za-z0-9]+", "-", f"{named.name} {settings.configuration} {split} {seed}").strip("-")
+    if len(name) > MAX_NAME_LENGTH:
+        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+        name = f"{name[-MAX_NAME_LENGTH + 9 :].strip('-')}-{digest}"
+    return directory / (name + SUFFIX)
 
 
 class Recorder:
-    """Records results of one configuration and split; what the expert finds is kept for all policies."""
+    """Records results of one configuration and split; the expert's solutions are cached across policies."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class Recorder:
         asks_expert: bool = False,
         judges_decisions: bool = False,
     ) -> None:
-        """`asks_expert`: for the start of each episode; `judges_decisions`: in each step whose decision is recorded."""
+        """`asks_expert`: solve each task; `judges_decisions`: judge the action of each recorded decision."""
         env = settings.make(split)
         self._tasks: TaskSet = env.tasks
         self._dynamics: Dynamics = env.dynamics
@@ -56,10 +56,10 @@ class Recorder:
         self._training_forms = set(map(statement_form, self._training_statements))
         self._solver = Solver(self._dynamics) if asks_expert else None
         self._judge = Solver(self._dynamics) if judges_decisions else None
-        self._known: dict[tuple[str, Scene], int | None] = {}  # actions to success, by task and scene
+        self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
 
     def write(self, directory: Path, result: Result) -> Path:
-        """Writes the result's episodes into the directory, made if need be; gives the file. Raises OutputError."""
+        """Writes the result's episodes to a file in the directory; gives its path. Raises OutputError."""
         plan = result.plan
         path = episodes_file(writable_directory(directory), result.named, plan.settings, plan.split, plan.seed)
         write_episodes(path, self._header(result), [self._recorded(episode) for episode in result.episodes])
@@ -117,7 +117,7 @@ class Recorder:
         )
 
     def _decisions(self, task: Task, episode: Episode, actions: Sequence[Action]) -> tuple[Decision, ...] | None:
-        """With what the expert says of each step, where it is asked."""
+        """The episode's decisions, with the expert's judgement if requested."""
         judge = self._judge
         if episode.decisions is None or judge is None:
             return episode.decisions
@@ -135,42 +135,42 @@ class Recorder:
         return self._actions_to_success(task, scenes(self._dynamics, task.start, actions)[-1])
 
     def _actions_to_success(self, task: Task, scene: Scene) -> int | None:
-        """By the expert, with the whole horizon left."""
+        """Length of the expert's solution with the whole horizon left, None if not asked or unsolved."""
         if self._solver is None:
             return None
         key = task.id, scene
-        if key not in self._known:
+        if key not in self._solution_lengths:
             solution = self._solver.solve_from(State(task, scene, 0))
-            self._known[key] = solution.steps if solution.solved else None
-        return self._known[key]
+            self._solution_lengths[key] = solution.steps if solution.solved else None
+        return self._solution_lengths[key]
 
 
 def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
-    """Whether the action begins a shortest solution; None where the expert does not know."""
-    found, dynamics = solver.optimal_actions(state), solver.dynamics
-    if dynamics.appearance.encode(action) in found.actions:
+    """Whether the action begins a shortest solution; None if the expert does not know."""
+    optimal, dynamics = solver.optimal_actions(state), solver.dynamics
+    if dynamics.appearance.encode(action) in optimal.actions:
         return True
-    if not found.actions:
+    if not optimal.actions:
         return None
-    moved = dynamics.step(state, action)
-    if found.complete or moved.outcome is not Outcome.CONTINUES:
+    transition = dynamics.step(state, action)
+    if optimal.complete or transition.outcome is not Outcome.CONTINUES:
         return False
-    return True if solver.solve_from(moved.state).steps == found.steps - 1 else None
+    return True if solver.solve_from(transition.state).steps == optimal.steps - 1 else None
 
 
 def rewards(dynamics: Dynamics, episode: Episode) -> tuple[float, ...]:
-    """The reward of each of the episode's actions, as the rules give them."""
+    """The reward of each of the episode's actions."""
     signals = dynamics.rules.signals
     before = (signals[Outcome.CONTINUES].reward,) * (len(episode.actions) - 1)
     return (*before, signals[Outcome(episode.outcome)].reward)
 
 
 def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
-    """The scene before the first action and after each; STOP and invalid actions change nothing."""
-    seen = [start]
+    """The start scene and the scene after each action; STOP and invalid actions do not change it."""
+    visited = [start]
     for action in actions:
         if isinstance(action, Stop):
-            seen.append(seen[-1])
+            visited.append(visited[-1])
         else:
-            seen.append(dynamics.appearance.apply(seen[-1], action, dynamics.rules.placement).scene)
-    return seen
+            visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
+    return visited

@@ -1,4 +1,4 @@
-"""Results for people, as a table, and for machines, as JSON that says how to get them again."""
+"""Evaluation results as Markdown tables, and as JSON with all that is needed to reproduce them."""
 
 from __future__ import annotations
 
@@ -10,59 +10,56 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from lilgym_mp.evaluation.comparison import Result, task_counts
-from lilgym_mp.evaluation.metrics import ENDS, Share
+from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES, SuccessCount
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 LEGEND = (
-    "accuracy: tasks completed. seen, unseen: accuracy on statements that stand, or do not stand, word for word among"
-    " the training tasks, of how many episodes. No mask and no stop forcing unless a policy's name says so."
+    "accuracy: tasks completed. seen, unseen: accuracy and number of episodes with statements that occur, or do not"
+    " occur, verbatim in the training tasks. No mask and no stop forcing unless a policy's name says so."
 )
 
 
 def table(results: Sequence[Result]) -> str:
-    """A row a policy and configuration, in Markdown, aligned."""
+    """A Markdown table with a row for each result."""
     heads = ("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length")
-    return aligned([(*heads, *_failures()), *(_row(result) for result in results)])
+    failures = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
+    return markdown_table([(*heads, *failures), *(_row(result) for result in results)])
 
 
 def supervision_table(results: Sequence[Result]) -> str:
-    """What each policy learnt from."""
-    learnt = dict.fromkeys((result.name, result.named.supervision) for result in results)
-    return aligned([("policy", "supervision"), *learnt])
-
-
-def _failures() -> list[str]:
-    return [end.replace("_", " ") for end in ENDS if end != "success"]
+    """A Markdown table of what each policy learnt from."""
+    supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
+    return markdown_table([("policy", "supervision"), *supervision])
 
 
 def _row(result: Result) -> tuple[str, ...]:
     summary = result.summary
-    shares = (_percent(share) for end, share in summary.outcomes.items() if end != "success")
+    failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (
         result.name,
         result.plan.settings.configuration,
         str(summary.all.episodes),
         _percent(summary.accuracy),
-        _of(summary.seen),
-        _of(summary.unseen),
+        _percent_of(summary.seen),
+        _percent_of(summary.unseen),
         f"{summary.mean_reward:+.2f}",
         f"{summary.mean_length:.1f}",
-        *shares,
+        *failures,
     )
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+def _percent(fraction: float | None) -> str:
+    return "-" if fraction is None else f"{100 * fraction:.1f} %"
 
 
-def _of(share: Share) -> str:
-    return f"{_percent(share.accuracy)} of {share.episodes}" if share.episodes else "-"
+def _percent_of(count: SuccessCount) -> str:
+    return f"{_percent(count.accuracy)} of {count.episodes}" if count.episodes else "-"
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of equal length as a Markdown table, the first as its head; all but the first column to the right."""
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """An aligned Markdown table; the first row is the header, and all columns but the first are right-aligned."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     lines = [
         "| " + " | ".join(_justified(cell, width, first=n == 0) for n, (cell, width) in enumerate(cells)) + " |"
@@ -79,7 +76,7 @@ def _justified(cell: str, width: int, *, first: bool) -> str:
 
 
 def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:
-    """Everything about evaluations: what was asked for, with what, and the results, a row each."""
+    """The settings, software versions and tasks of evaluations, and one row per result."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -97,7 +94,7 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
 
 
 def software() -> dict[str, str]:
-    """Versions of Python, the machine's system, and what of our requirements is installed."""
+    """Versions of Python, the operating system and the installed packages among DISTRIBUTIONS."""
     found = {"python": platform.python_version(), "system": platform.platform()}
     for name in DISTRIBUTIONS:
         try:

@@ -1,4 +1,4 @@
-"""Which environment is meant: a configuration and all that it can vary but the split."""
+"""The settings that identify an environment, except its split."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and sta
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The arguments of `gymnasium.make` that an agent is trained and evaluated with; as JSON, a run's identity."""
+    """The arguments of `gymnasium.make` for training and evaluation; as JSON, part of a run's identity."""
 
     configuration: str
     corpus: str = "builtin"
@@ -34,7 +34,7 @@ class Settings:
     grid: tuple[int, int] | str = RELEASED_GRID
 
     def __post_init__(self) -> None:
-        """Raises ValueError naming the choices for an unknown configuration; `make` looks at the rest."""
+        """Raises ValueError naming the choices for an unknown configuration; `make` checks the rest."""
         choose("configuration", self.configuration, CONFIGURATIONS)
 
     @property
@@ -55,7 +55,7 @@ class Settings:
         return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
 
     def arguments(self, split: str) -> dict[str, Any]:
-        """The keyword arguments of `gymnasium.make` beside the id."""
+        """The keyword arguments of `gymnasium.make`."""
         return {
             "corpus": self.corpus,
             "split": split,
@@ -73,7 +73,7 @@ class Settings:
         return cast("LilGymEnv", env.unwrapped)
 
     def make_batch(self, split: str, num_envs: int) -> BatchedEnv:
-        """Environments side by side in this process, without autoreset, whose images are valid until the next step.
+        """Batched environments without autoreset, whose images are valid until the next step.
 
         Raises as `make` does.
         """
@@ -90,6 +90,6 @@ class Settings:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Settings:
-        """What `to_json` gave. Raises ValueError, TypeError for unknown or missing keys."""
+        """Inverse of `to_json`. Raises ValueError or TypeError for unknown or missing keys."""
         grid = data["grid"]
         return cls(**{**data, "grid": grid if isinstance(grid, str) else tuple(grid)})

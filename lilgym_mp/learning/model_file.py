@@ -17,7 +17,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from lilgym_mp.evaluation.files import write_whole
+from lilgym_mp.evaluation.files import write_atomically
 
 FORMAT = "lilgym_mp-model"
 VERSION = 1
@@ -60,7 +60,7 @@ def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, 
     contents = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     metadata = {METADATA_KEY: json.dumps(description.to_json(), sort_keys=True)}
     data = save(contents, metadata)
-    write_whole(path, lambda unfinished: unfinished.write_bytes(data))
+    write_atomically(path, lambda unfinished: unfinished.write_bytes(data))
 
 
 def read_description(path: Path) -> ModelDescription:

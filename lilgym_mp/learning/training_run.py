@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lilgym_mp.evaluation.files import writable_directory, write_json, write_whole
+from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
 from lilgym_mp.learning.agents import AGENT_FILE
 from lilgym_mp.learning.model_file import ModelDescription, save_model
 
@@ -55,7 +55,7 @@ class TrainingRun:
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
-        write_whole(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
+        write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
 
     def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
         """The latest checkpoint; never executes the file's contents. Raises TrainingRunError."""

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from lilgym_mp.actions import named
-from lilgym_mp.evaluation.comparison import EvaluationPlan, result_of, training_statements
-from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, certain, decisions
+from lilgym_mp.evaluation.comparison import EvaluationPlan, make_result, training_statements
+from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, decisions, one_hot
 from lilgym_mp.evaluation.named_policies import NamedPolicy
 from lilgym_mp.evaluation.policies import Policy
 from lilgym_mp.evaluation.recording import Recorder
@@ -44,7 +44,7 @@ def write_recording(
     tasks, dynamics = player.tasks, player.dynamics
     played = [evaluated(episode, tasks.by_id(episode.task), dynamics) for episode in episodes]
     seconds = sum(turn.seconds for episode in episodes for turn in episode.turns)
-    result = result_of(recording_name(agent), plan, played, seen, cpu_seconds=seconds, mask=False)
+    result = make_result(recording_name(agent), plan, played, seen, cpu_seconds=seconds, mask=False)
     return Recorder(settings, player.split, seen, judges_decisions=judges).write(directory, result)
 
 
@@ -54,7 +54,7 @@ def evaluated(episode: Episode, task: Task, dynamics: Dynamics) -> EvaluatedEpis
     state, kept, invalid = dynamics.start(task), list[Decision](), None
     for index, answers in zip(indices, _answers(episode.turns), strict=True):
         legal = dynamics.legal_mask(state)[np.newaxis]
-        output = PolicyOutput(certain(np.array([index]), legal.shape[1]))
+        output = PolicyOutput(one_hot(np.array([index]), legal.shape[1]))
         (decision,) = decisions(output, legal, dynamics.appearance)
         kept.append(replace(decision, answers=answers))
         moved = dynamics.step(state, dynamics.appearance.decode(index))
@@ -75,4 +75,4 @@ def _answers(turns: Sequence[Turn]) -> Iterator[tuple[AgentAnswer, ...]]:
     """Those before each action: the last one was acted upon."""
     ends = [0, *(place + 1 for place, turn in enumerate(turns) if turn.action is not None)]
     for first, end in pairwise(ends):
-        yield tuple(AgentAnswer.shortened(turn.answer, understood=turn.understood) for turn in turns[first:end])
+        yield tuple(AgentAnswer.truncated(turn.answer, understood=turn.understood) for turn in turns[first:end])

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.evaluation.report import aligned
+from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.report.aggregation import Spread
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Table:
         return [tuple(map(shown, row)) for row in self.rows]
 
     def markdown(self) -> str:
-        head = f"**{self.item}. {self.title}**\n\n{aligned([self.columns, *self.texts()])}\n"
+        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
         return f"{head}\n{self.note}\n" if self.note else head
 
     def csv(self) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from lilgym_mp.evaluation.circumstances import CHANGED, Circumstances
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
+from lilgym_mp.evaluation.recording_metadata import MODIFIED_SUFFIX, RecordingMetadata
 from lilgym_mp.plotting import save
 from lilgym_mp.report.items import Chart, Item, Lacking, Table
 from lilgym_mp.report.report_data import Gathered
@@ -42,7 +42,7 @@ def _title(found: Gathered) -> str:
 
 def _origin(found: Gathered, command: str) -> Iterator[str]:
     """By what the numbers were made."""
-    made = found.circumstances
+    made = found.metadata
     if made:
         dates = sorted(one.date for one in made)
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
@@ -55,17 +55,17 @@ def _origin(found: Gathered, command: str) -> Iterator[str]:
         yield _commands("Recorded by", dict.fromkeys(one.command for one in made))
 
 
-def commits_text(made: Sequence[Circumstances]) -> str:
+def commits_text(made: Sequence[RecordingMetadata]) -> str:
     """The commits that the episodes were recorded at, each once, in the order of their first recording."""
     names = list(dict.fromkeys(one.commit for one in sorted(made, key=lambda one: one.date)))
     known = [name for name in names if name]
     if not known:
         return "commit unknown"
-    kept = [name for name in known if name.endswith(CHANGED) or name + CHANGED not in known]
+    kept = [name for name in known if name.endswith(MODIFIED_SUFFIX) or name + MODIFIED_SUFFIX not in known]
     told = [
-        name.replace(CHANGED, " (with and without uncommitted changes)")
-        if name.removesuffix(CHANGED) in known
-        else name.replace(CHANGED, " (with uncommitted changes)")
+        name.replace(MODIFIED_SUFFIX, " (with and without uncommitted changes)")
+        if name.removesuffix(MODIFIED_SUFFIX) in known
+        else name.replace(MODIFIED_SUFFIX, " (with uncommitted changes)")
         for name in kept
     ]
     listed = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SAMPLED, SUFFIX, Header, Recording, read_episodes
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
@@ -55,7 +55,7 @@ class Gathered:
 
     entries: tuple[Entry, ...]
     curves: tuple[Curve, ...]
-    circumstances: tuple[Circumstances, ...] = ()  # of every recording for which they were kept
+    metadata: tuple[RecordingMetadata, ...] = ()  # of every recording for which they were kept
     training_commands: tuple[str, ...] = ()  # of experiments, in order of the runs' names
 
     @property
@@ -107,7 +107,7 @@ def gather(places: Sequence[Path], runs: Sequence[Path] = ()) -> Gathered:
     return Gathered(
         tuple(_entries(recordings)),
         tuple(_curves([*places, *runs])),
-        tuple(found for recording in recordings if (found := Circumstances.read(recording.path)) is not None),
+        tuple(found for recording in recordings if (found := RecordingMetadata.read(recording.path)) is not None),
         tuple(_training_commands(places)),
     )
 

@@ -52,11 +52,11 @@ def rests_on(found: Gathered) -> Item:
 def recorded_by(found: Gathered) -> Item:
     """By which commands, when, with which code and where the episodes were recorded."""
     title = "When, where and by which commands episodes were recorded"
-    if not found.circumstances:
+    if not found.metadata:
         return Lacking("Basis", title, "nothing was kept beside the recordings; `lilgym-mp evaluate --record` keeps it")
     rows: list[list[Cell]] = []
-    for command in dict.fromkeys(made.command for made in found.circumstances):
-        made = sorted((one for one in found.circumstances if one.command == command), key=lambda one: one.date)
+    for command in dict.fromkeys(made.command for made in found.metadata):
+        made = sorted((one for one in found.metadata if one.command == command), key=lambda one: one.date)
         dates, commits, machines = (
             ", ".join(dict.fromkeys(str(getattr(one, name) or NOTHING) for one in made))
             for name in ("date", "commit", "machine")

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from lilgym_mp.actions import ActionType, describe
 from lilgym_mp.appearances import Appearance, Scatter
-from lilgym_mp.evaluation.decisions import Decision, places
+from lilgym_mp.evaluation.decisions import Decision, action_cells
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.rules import Dynamics
@@ -383,7 +383,7 @@ def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
     columns, rows = _grid(dynamics.appearance)
     if columns * rows > MAX_GRID_CELLS:
         return []
-    kinds, cells, count = places(dynamics.appearance)
+    kinds, cells, count = action_cells(dynamics.appearance)
     mask = dynamics.appearance.legal_mask(scene, dynamics.rules.placement)
     adds, removes = (
         np.bincount(cells[mask & (kinds == kind)], minlength=count) for kind in (ActionType.ADD, ActionType.REMOVE)

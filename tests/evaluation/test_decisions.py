@@ -12,9 +12,9 @@ from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
-from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, decisions, places
+from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episodes import Recording, read_episodes
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.policies import WithoutMask, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
@@ -31,7 +31,7 @@ def recorded(directory: Path, name: str, configuration: str = "TowerScratch", *,
     plan = EvaluationPlan(Settings(configuration, corpus=str(own)), "dev", record_decisions=True)
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=judges)
-    return read_episodes(recorder.write(directory, play(built_in(name), plan, seen)))
+    return read_episodes(recorder.write(directory, play(built_in_policy(name), plan, seen)))
 
 
 def tower_output(**probabilities: float) -> PolicyOutput:
@@ -73,7 +73,7 @@ def test_decision__refuses_probabilities_of_other_actions():
 
 
 def test_places__scatter_cells_are_numbered_column_by_column():
-    types, cells, count = places(SCATTER)
+    types, cells, count = action_cells(SCATTER)
     assert count == 95
     for index in (1, 500, 2565, 2600):
         action = SCATTER.decode(index)

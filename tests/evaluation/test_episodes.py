@@ -17,7 +17,7 @@ from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in
+from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.policies import Observations, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour
@@ -47,9 +47,9 @@ SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing",
 
 
 def test_record__keeps_what_the_environment_gave(tmp_path: Path):
-    found = recorded(tmp_path, built_in("random-legal"), replace(TOWER, seed=7))
+    found = recorded(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
     seen = training_statements(TOWER.settings)
-    episodes = play(built_in("random-legal"), replace(TOWER, seed=7), seen).episodes
+    episodes = play(built_in_policy("random-legal"), replace(TOWER, seed=7), seen).episodes
     env = TOWER.settings.make("dev")
     assert [episode.task for episode in found.episodes] == [episode.task_id for episode in episodes]
     for kept, played in zip(found.episodes, episodes, strict=True):
@@ -67,7 +67,7 @@ def test_record__says_what_the_episodes_have_in_common(tmp_path: Path):
     assert (header.agent, header.run, header.mask, header.actions) == ("adds", "x", False, "greedy")
     assert (header.settings, header.split, header.episodes) == (TOWER.settings, "dev", header.start_scenes)
     assert header.tasks_sha256 == TOWER.settings.make("dev").tasks.provenance.sha256
-    assert recorded(tmp_path, built_in("random-legal")).header.mask
+    assert recorded(tmp_path, built_in_policy("random-legal")).header.mask
 
 
 def test_record__keeps_actions_by_name_and_how_probable_stop_was(tmp_path: Path):
@@ -82,14 +82,14 @@ def test_record__asks_the_expert_for_the_start_and_for_where_a_wrong_stop_was_sa
     wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
     assert wrong
     assert all(episode.actions_left is not None and episode.actions_left > 1 for episode in wrong)
-    best = recorded(tmp_path, built_in("expert"), asks_expert=True).episodes
+    best = recorded(tmp_path, built_in_policy("expert"), asks_expert=True).episodes
     assert all(episode.optimal_actions == len(episode.actions) for episode in best)
     assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found.episodes]
     assert not any(episode.edits for episode in recorded(tmp_path, SIMPLE).episodes)
 
 
 def test_record__equal_evaluations_give_equal_bytes(tmp_path: Path):
-    named = built_in("random-type")
+    named = built_in_policy("random-type")
     paths = [recorded(tmp_path / name, named).path for name in ("one", "two")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert [path.name for path in (tmp_path / "one").iterdir()] == [paths[0].name]
@@ -135,13 +135,13 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda rows: rows.pop(), r"cut short: \d+ of \d+ episodes are there"),
+        (lambda rows: rows.pop(), r"truncated after \d+ of \d+ episodes"),
         (lambda rows: rows[0].update(format="other"), "first line must name the format 'lilgym_mp-episodes'"),
         (lambda rows: rows[0].update(version=99), "line 1: format 'lilgym_mp-episodes', version 99"),
         (lambda rows: rows[0].pop("seed"), "line 1: .*seed"),
         (lambda rows: rows[0].update(actions="lazy"), "line 1: actions must be 'greedy' or 'sampled', not 'lazy'"),
         (lambda rows: rows[0]["settings"].update(configuration="Tower"), "line 1: unknown configuration 'Tower'"),
-        (lambda rows: rows[2].pop("outcome"), "line 3: lacks the key 'outcome'"),
+        (lambda rows: rows[2].pop("outcome"), "line 3: missing key 'outcome'"),
         (lambda rows: rows[2].update(outcome="lost"), "line 3: outcome must be one of success, wrong_stop"),
         (lambda rows: rows[2].update(phenomena=["irony"]), "line 3: phenomena must be among existence"),
         (lambda rows: rows[2].update(actions=["JUMP"]), "line 3: 'JUMP' names no action"),
@@ -160,7 +160,7 @@ def test_read__what_is_wrong_is_named_with_file_and_line(recording: Recording, c
 @pytest.mark.parametrize("kept", [0, 5, 300, -1])
 def test_read__a_truncated_file_is_refused(recording: Recording, kept: int):
     recording.path.write_bytes(recording.path.read_bytes()[:kept])
-    with pytest.raises(EpisodesError, match=r"cut short|damaged|holds no recorded episodes"):
+    with pytest.raises(EpisodesError, match=r"truncated|damaged|holds no recorded episodes"):
         read_episodes(recording.path)
 
 

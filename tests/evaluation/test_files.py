@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_json, write_whole
+from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_atomically, write_json
 
 
 def test_write_whole__a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path):
@@ -18,7 +18,7 @@ def test_write_whole__a_failure_leaves_the_old_file_and_nothing_else(tmp_path: P
         raise RuntimeError("disk full")
 
     with pytest.raises(RuntimeError, match="disk full"):
-        write_whole(target, fail)
+        write_atomically(target, fail)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
 

@@ -15,10 +15,10 @@ from lilgym_mp.evaluation.film import (
     SUCCESS_RGB,
     TILE_HEIGHT,
     TILE_WIDTH,
+    episode_frames,
     film_grid,
-    replay,
     save_gif,
-    wrapped,
+    wrap_text,
 )
 from lilgym_mp.render import draw
 from lilgym_mp.render.frames import smooth_picture
@@ -33,7 +33,7 @@ UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (ST
 
 
 def test_replay__shows_the_start_and_each_action():
-    start, added, stopped = replay(TOWER.make("dev"), SEEN)
+    start, added, stopped = episode_frames(TOWER.make("dev"), SEEN)
     assert np.array_equal(start.picture, smooth_picture(scene(), 1))
     assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1))
     assert added.caption == "1. ADD(LEFT, BLUE)"
@@ -42,7 +42,7 @@ def test_replay__shows_the_start_and_each_action():
 
 
 def test_replay__a_failure_is_told_from_a_success():
-    *_, last = replay(TOWER.make("dev"), UNSEEN)
+    *_, last = episode_frames(TOWER.make("dev"), UNSEEN)
     assert (last.caption, last.rgb) == ("1. STOP: wrong stop, reward -1.0", FAILURE_RGB)
 
 
@@ -67,6 +67,6 @@ def test_save_gif__colours_stay_what_they_are(tmp_path: Path):
 def test_wrapped__lines_fit_and_nothing_is_lost(width: int):
     pen, font = ImageDraw.Draw(Image.new("RGB", (1, 1))), ImageFont.load_default(14)
     text = "Every tower has a yellow block at its base, and there are two"
-    lines = wrapped(text, width, pen, font)
+    lines = wrap_text(text, width, pen, font)
     assert " ".join(lines) == text
     assert all(pen.textlength(line, font=font) <= width for line in lines)

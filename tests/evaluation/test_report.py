@@ -8,9 +8,9 @@ import pytest
 
 from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal, summarise
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
-from lilgym_mp.evaluation.metrics import Share
-from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in
-from lilgym_mp.evaluation.report import aligned, results_json, supervision_table, table
+from lilgym_mp.evaluation.metrics import SuccessCount
+from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in_policy
+from lilgym_mp.evaluation.report import markdown_table, results_json, supervision_table, table
 
 EPISODES = [
     Episode("a", "Known.", True, "success", 0.8, (1, 2, 0)),
@@ -34,14 +34,14 @@ def test_summarise__no_seen_statements_have_no_accuracy():
 
 
 def test_summarise__nothing_is_refused():
-    with pytest.raises(ValueError, match="no episodes"):
+    with pytest.raises(ValueError, match="cannot summarise zero episodes"):
         summarise([], set())
 
 
 def result() -> Result:
     named = NamedPolicy("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
     plan, summary = EvaluationPlan(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
-    return Result(named, plan, summary, Share(3, 1), Share(1, 0), EPISODES, 0.5)
+    return Result(named, plan, summary, SuccessCount(3, 1), SuccessCount(1, 0), EPISODES, 0.5)
 
 
 def test_table__has_a_row_a_policy():
@@ -69,7 +69,7 @@ def test_table__has_a_row_a_policy():
 
 
 def test_aligned__first_column_to_the_left_others_to_the_right():
-    assert aligned([("a", "bcd"), ("ef", "g")]) == "| a  | bcd |\n|----|----:|\n| ef |   g |"
+    assert markdown_table([("a", "bcd"), ("ef", "g")]) == "| a  | bcd |\n|----|----:|\n| ef |   g |"
 
 
 def test_supervision_table__has_a_row_a_policy():
@@ -122,14 +122,14 @@ def test_play_all__leaves_out_who_does_not_play_the_configuration():
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
 def test_expert__completes_every_task(configuration: str):
     plan = EvaluationPlan(Settings(configuration), "dev")
-    (found,) = play_all([built_in("expert")], plan, set())
+    (found,) = play_all([built_in_policy("expert")], plan, set())
     assert found.summary.accuracy == 1.0
     assert found.named.supervision != "none"
 
 
 def test_random_type__draws_each_type_equally_often():
     plan = EvaluationPlan(Settings("TowerScratch"), "dev", passes=20)
-    (found,) = play_all([built_in("random-type")], plan, set())
+    (found,) = play_all([built_in_policy("random-type")], plan, set())
     first = [episode.actions[0] for episode in found.episodes]
     assert sum(action == 0 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
     assert sum(action > 9 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
@@ -137,7 +137,7 @@ def test_random_type__draws_each_type_equally_often():
 
 def test_built_in__an_unknown_policy_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"unknown policy 'clever'; choose from expert, random-legal, random-type"):
-        built_in("clever")
+        built_in_policy("clever")
 
 
 def test_training_statements__are_those_of_the_train_split():

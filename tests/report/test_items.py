@@ -15,9 +15,9 @@ import pytest
 
 from lilgym_mp.actions import Action, named
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.evaluation.circumstances import Circumstances
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, Recording, write_episodes
 from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.report import ReportError, html_report, make_report
 from lilgym_mp.report.aggregation import Spread, accuracy, by_statement, over_runs, paired_difference, spread
@@ -345,8 +345,8 @@ def cut(path: Path) -> None:
     [
         (lambda place: (place / "empty").mkdir(), ["empty"], "empty is no run and no results"),
         (lambda place: None, ["absent"], "absent: there is no such file"),
-        (lambda place: cut(written(place / "kept")), ["kept"], "cut short"),
-        (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or no file of recorded episodes"),
+        (lambda place: cut(written(place / "kept")), ["kept"], "truncated"),
+        (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or not a file of recorded episodes"),
         (lambda place: written(place / "kept"), ["kept", "--tags", "{}/no"], "no: cannot be read"),
     ],
 )
@@ -428,7 +428,7 @@ def test_report__damaged_evaluations_are_named(tmp_path: Path):
 def test_basis__tells_when_where_and_by_what_episodes_were_recorded(tmp_path: Path):
     for seed, date in enumerate(("2026-01-01 10:00", "2026-01-02 11:00")):
         recording = written(tmp_path, training_seed=seed)
-        Circumstances(date, "lilgym-mp evaluate x", "abc", "a processor, 2 cores", {}).write(recording)
+        RecordingMetadata(date, "lilgym-mp evaluate x", "abc", "a processor, 2 cores", {}).write(recording)
     table = recorded_by(gather([tmp_path]))
     assert rows(table) == [
         ("lilgym-mp evaluate x", "2026-01-01 10:00, 2026-01-02 11:00", "abc", "a processor, 2 cores", 2),
@@ -437,7 +437,7 @@ def test_basis__tells_when_where_and_by_what_episodes_were_recorded(tmp_path: Pa
 
 def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_statement(tmp_path: Path):
     recording = written(tmp_path / "kept" / "episodes")
-    Circumstances("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
+    RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
     (tmp_path / "kept" / "finished").mkdir()
     finished = {"commands": [["train", "ppo", "TowerScratch"], ["evaluate"]], "seconds": 1}
     (tmp_path / "kept" / "finished" / "a.json").write_text(json.dumps(finished))
@@ -470,14 +470,14 @@ def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_sta
     ],
 )
 def test_document__commits_read_as_a_list(commits: list[str | None], text: str):
-    made = [Circumstances(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
+    made = [RecordingMetadata(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
     assert commits_text(made) == text
 
 
-def test_circumstances__an_older_file_s_changed_commit_is_read(tmp_path: Path):
+def test_recording_metadata__an_older_file_s_changed_commit_is_read(tmp_path: Path):
     recording = written(tmp_path)
-    Circumstances("2026-01-01 10:00", "x", "abc, changed", "x", {}).write(recording)
-    made = Circumstances.read(recording)
+    RecordingMetadata("2026-01-01 10:00", "x", "abc, changed", "x", {}).write(recording)
+    made = RecordingMetadata.read(recording)
     assert made is not None
     assert made.commit == "abc with changes"
 

@@ -12,7 +12,7 @@ from lilgym_mp.actions import STOP, Action
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
-from lilgym_mp.evaluation.decisions import PolicyOutput, certain
+from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
@@ -69,7 +69,7 @@ class ParseAndPlanPolicy:
         ]
         successes = [0.0 if plan is None else plan.success_probability for plan in self._latest]
         return PolicyOutput(
-            certain(chosen, self.planner.dynamics.appearance.action_count),
+            one_hot(chosen, self.planner.dynamics.appearance.action_count),
             success_probabilities=successes,
             programs=programs,
         )

@@ -20,7 +20,7 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.evaluation.metrics import ENDS
+from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.learning.dev_evaluation import DevEvaluator, TrainingClock, last_steps
 from lilgym_mp.learning.devices import DeviceError, select_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
@@ -257,7 +257,7 @@ class Run:
             accuracy=statistics.ends["success"] / count if count else None,
             mean_reward=statistics.reward / count if count else None,
             mean_length=statistics.steps / count if count else None,
-            outcomes={end: statistics.ends[end] / count for end in ENDS} if count else {},
+            outcomes={end: statistics.ends[end] / count for end in FINAL_OUTCOMES} if count else {},
             forced=statistics.forced / self.recipe.rollout,
             policy_loss=round(float(mean.policy), 5),
             value_loss=round(float(mean.value), 5),

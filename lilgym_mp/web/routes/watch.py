@@ -8,7 +8,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 
 from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.evaluation.metrics import ENDS
+from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.web import recording_views
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.templating import render_page
@@ -25,7 +25,7 @@ def watch_page(request: Request) -> Response:
     return render_page(
         request,
         "watch.html",
-        outcomes=list(ENDS),
+        outcomes=list(FINAL_OUTCOMES),
         invalid_reasons=[str(reason) for reason in InvalidReason],
         phenomena=[phenomenon.value for phenomenon in Phenomenon],
     )

@@ -1,6 +1,6 @@
-"""When, where, by which command and with which code episodes were recorded: a small file beside each recording.
+"""Date, command, commit, machine and software versions of a recording, in a JSON file next to it.
 
-It is apart from the recording so that equal evaluations give equal recordings.
+They are not in the recording itself, so that equal evaluations give equal recordings.
 """
 
 from __future__ import annotations
@@ -21,45 +21,45 @@ from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.report import software
 
 CIRCUMSTANCES_SUFFIX = ".made.json"
-LARGEST = 1 << 20  # bytes
-CHANGED = " with changes"  # after a commit's name, where files differ from it
-_WRITTEN_BEFORE = ", changed"  # the same, in older files
+MAX_BYTES = 1 << 20  # bytes
+MODIFIED_SUFFIX = " with changes"  # of a commit with uncommitted changes
+_OLD_MODIFIED_SUFFIX = ", changed"  # the same in older files
 
 
 @dataclass(frozen=True)
-class Circumstances:
-    """Of one recording."""
+class RecordingMetadata:
+    """When, by which command, with which code and on which machine a recording was made."""
 
     date: str  # UTC, as 2026-01-31 23:59
     command: str
-    commit: str | None  # of the checkout that the package lies in; None of an installed package
+    commit: str | None  # of the checkout that contains the package, None if it is installed
     machine: str
     software: dict[str, str]  # versions
 
     @classmethod
-    def now(cls, words: Sequence[str]) -> Self:
-        """Of this moment and process; `words`: of the command line, without the program's name."""
+    def now(cls, argv: Sequence[str]) -> Self:
+        """Metadata of a recording made now by this process; `argv`: command line without the program's name."""
         date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
-        return cls(date, " ".join(["lilgym-mp", *words]), commit(), machine(), software())
+        return cls(date, " ".join(["lilgym-mp", *argv]), commit(), machine(), software())
 
     def write(self, recording: Path) -> None:
         write_json(_file(recording), asdict(self))
 
     @classmethod
     def read(cls, recording: Path) -> Self | None:
-        """Those of the recording, None where they were not kept. Raises EpisodesError for a damaged file."""
+        """The recording's metadata, None if there is no such file. Raises EpisodesError for a damaged one."""
         file = _file(recording)
         try:
-            if file.stat().st_size > LARGEST:
-                raise EpisodesError(f"{file}: larger than {LARGEST} bytes")
-            made = cls(**json.loads(file.read_text(encoding="utf-8")))
-            return replace(made, commit=made.commit and made.commit.replace(_WRITTEN_BEFORE, CHANGED))
+            if file.stat().st_size > MAX_BYTES:
+                raise EpisodesError(f"{file}: larger than {MAX_BYTES} bytes")
+            read = cls(**json.loads(file.read_text(encoding="utf-8")))
+            return replace(read, commit=read.commit and read.commit.replace(_OLD_MODIFIED_SUFFIX, MODIFIED_SUFFIX))
         except FileNotFoundError:
             return None
         except EpisodesError:
             raise
         except (OSError, ValueError, TypeError, AttributeError) as error:
-            raise EpisodesError(f"{file}: damaged, or not of a recording: {error}") from None
+            raise EpisodesError(f"{file}: not valid metadata of a recording: {error}") from None
 
 
 def _file(recording: Path) -> Path:
@@ -68,26 +68,26 @@ def _file(recording: Path) -> Path:
 
 @cache
 def commit() -> str | None:
-    """The checkout's commit, marked where files differ from it; None where the package is in no checkout."""
+    """The checkout's commit, with MODIFIED_SUFFIX if it has uncommitted changes; None outside of a checkout."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
     try:
         name = _git(root, "rev-parse", "--short=10", "HEAD")
-        return name + CHANGED if _git(root, "status", "--porcelain", "--untracked-files=no") else name
+        return name + MODIFIED_SUFFIX if _git(root, "status", "--porcelain", "--untracked-files=no") else name
     except (OSError, subprocess.SubprocessError):
         return None
 
 
-def _git(root: Path, *words: str) -> str:
+def _git(root: Path, *arguments: str) -> str:
     return subprocess.run(
-        ["git", "-C", str(root), *words], capture_output=True, text=True, check=True, timeout=20
+        ["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True, timeout=20
     ).stdout.strip()
 
 
 @cache
 def machine() -> str:
-    """The processor and how many of its cores this process may use."""
+    """The CPU model and how many of its cores this process may use."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -9,35 +9,35 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.evaluation import circumstances
-from lilgym_mp.evaluation.circumstances import Circumstances
+from lilgym_mp.evaluation import recording_metadata
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 
 
-def test_circumstances__stand_beside_every_recording(tmp_path: Path):
+def test_recording_metadata__stand_beside_every_recording(tmp_path: Path):
     words = ["evaluate", "--policy", "random-legal", "expert", "--configuration", "TowerScratch", "--record"]
     assert main([*words, str(tmp_path)]) == 0
     recordings = list(tmp_path.glob(f"*{SUFFIX}"))
     assert len(recordings) == 2
     for recording in recordings:
-        found = Circumstances.read(recording)
+        found = RecordingMetadata.read(recording)
         assert found is not None
         assert found.command == " ".join(["lilgym-mp", *words, str(tmp_path)])
         assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d", found.date)
         assert found.software["numpy"]
-        assert found.machine == circumstances.machine()
+        assert found.machine == recording_metadata.machine()
 
 
 def test_read__is_none_where_nothing_was_kept_and_names_a_damaged_file(tmp_path: Path):
     recording = tmp_path / f"a{SUFFIX}"
-    assert Circumstances.read(recording) is None
+    assert RecordingMetadata.read(recording) is None
     (tmp_path / "a.made.json").write_text(json.dumps({"date": "today"}))
-    with pytest.raises(EpisodesError, match=r"a\.made\.json: damaged, or not of a recording"):
-        Circumstances.read(recording)
+    with pytest.raises(EpisodesError, match=r"a\.made\.json: not valid metadata of a recording"):
+        RecordingMetadata.read(recording)
 
 
 def test_commit__is_that_of_the_checkout_and_none_of_an_installed_package():
-    named = circumstances.commit()
+    named = recording_metadata.commit()
     assert named is None or re.fullmatch(r"[0-9a-f]{10,}( with changes)?", named)
-    if not (Path(circumstances.__file__).parents[2] / ".git").exists():
+    if not (Path(recording_metadata.__file__).parents[2] / ".git").exists():
         assert named is None
