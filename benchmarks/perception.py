@@ -27,7 +27,7 @@ EDITS = 12  # of an episode
 
 
 def starts(corpus: str, appearance: str) -> list[Scene]:
-    """The distinct start scenes of every split there is."""
+    """The distinct start scenes of every available split."""
     sets = load_all_tasks(corpus, [appearance], ["flipit"])
     return list(dict.fromkeys(task.start for tasks in sets for task in tasks))
 
@@ -49,19 +49,23 @@ def as_sets(scene: Scene) -> list[list[Item]]:
 
 
 def ambiguous_boxes(image: np.ndarray, shrink: int) -> int:
-    """Boxes of which some part shows several sets of equally few items, none of them hidden."""
+    """The number of boxes with a component that has several minimal decompositions into visible items."""
     count = 0
     for index, region in enumerate(perception._regions(shrink)):
-        numbers = perception._numbers(image[:, region.columns].tobytes(), index, shrink)
-        parts = [part for colour in Colour for part in perception._alone(numbers[colour], colour, shrink)[1]]
-        count += any(len(readings(part, shrink)) > 1 for part in parts)
+        coverages = perception._coverages(image[:, region.columns].tobytes(), index, shrink)
+        components = [
+            component
+            for colour in Colour
+            for component in perception._match_isolated(coverages[colour], colour, shrink)[1]
+        ]
+        count += any(len(readings(component, shrink)) > 1 for component in components)
     return count
 
 
-def readings(part: perception._Part, shrink: int) -> set[frozenset[Item]]:
-    assembly = perception._Assembly(part.colour, shrink, legal=True, every=True)
-    assembly.search(part.counts, part.place, [])
-    return {frozenset(items) for items in assembly.found}
+def readings(component: perception._Component, shrink: int) -> set[frozenset[Item]]:
+    decomposition = perception._Decomposition(component.colour, shrink, legal=True, all_minimal=True)
+    decomposition.search(component.coverage, component.position, [])
+    return {frozenset(items) for items in decomposition.found}
 
 
 def report(name: str, scenes: Iterable[Scene], appearance: str, size: str) -> None:

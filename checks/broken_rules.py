@@ -161,8 +161,8 @@ BREAKS = (
     Break(
         "a compiled program's test of a place",
         f"{ENVS}/cores/kernels.py",
-        "programs.places[look % SIZE_COUNT, x, y]",
-        "programs.places[look % SIZE_COUNT, y, x]",
+        "programs.places[item_type % SIZE_COUNT, x, y]",
+        "programs.places[item_type % SIZE_COUNT, y, x]",
         ("tests/envs/test_truths.py",),
     ),
     Break(
@@ -175,7 +175,7 @@ BREAKS = (
     Break(
         "a word counts distinct objects",
         f"{PROGRAMS}/functions/collections.py",
-        "return len({identity(x) for x in s})",
+        "return len({identity_key(x) for x in s})",
         "return len(s)",
         ("tests/programs",),
     ),
@@ -215,10 +215,10 @@ BREAKS = (
         ("tests/test_augmentation.py",),
     ),
     Break(
-        "place of an item that is read from a picture",
+        "position of an item read from an image",
         "lilgym_mp/perception.py",
-        "return Item(x, row * shrink + look.odd_y, look.shape",
-        "return Item(x, row * shrink, look.shape",
+        "return Item(x, row * shrink + template.odd_y, template.shape",
+        "return Item(x, row * shrink, template.shape",
         ("tests/test_perception.py",),
     ),
     Break(

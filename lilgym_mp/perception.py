@@ -1,9 +1,9 @@
-"""Scenes read back from their pictures: the inverse of `render.draw`. docs/perception.md says what a picture tells.
+"""Reconstructs scenes from images: the inverse of `render.draw`. docs/perception.md says what an image determines.
 
-A block (one pixel of the picture; 2 x 2 native pixels at half size) shows how many native pixels of each colour it
-holds, so a picture is an array of counts for each colour, and items that do not hide each other add up in it. Items
-are read one after another, from the topmost row and the leftmost block in it. Only where pixels are hidden, by other
-items or by the picture's border, as happens under the released rules, the items are searched for from the front.
+An image pixel covers shrink x shrink native pixels. Its colour determines its *coverage*: how many of them each item
+colour covers. Coverages of items that do not occlude each other add up, so such items are found by matching templates,
+from the topmost row and its leftmost pixel on. Where native pixels are hidden by other items or cut off by the image
+border, as happens under the released rules, a search places items from front to back.
 """
 
 from __future__ import annotations
@@ -41,60 +41,61 @@ from lilgym_mp.scene import (
 
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
-MARGIN = SEPARATOR_WIDTH // 2  # pixels by which an item may leave its box; further out it might be the next box's
-KEPT_BYTES = 32 << 20  # of pixels of boxes that are remembered, for each image size: some 3,300 boxes at half size
-TOGETHER = 64  # pictures that are read at once
-MOST_TRIALS = 3000  # placements tried for one colour of a box before it is given up
-MOST_SEARCH_STEPS = 300  # and items placed in a search for hidden ones
-MOST_HIDDEN_ITEMS = 6  # such a search looks for
-CHOICES_A_STEP = 10  # placements followed at each step of it
-PROBES = 12  # blocks of an item by which most places for it are ruled out
+MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; beyond, it could be the next box's
+CACHE_BYTES = 32 << 20  # of cached box pixels per image size: about 3,300 boxes at half size
+BATCH_SIZE = 64  # images read at once
+MAX_TRIALS = 3000  # budget of a decomposition: placements tried for one component
+MAX_SEARCH_STEPS = 300  # budget of an occlusion search: search nodes expanded
+MAX_HIDDEN_ITEMS = 6  # depth limit of an occlusion search
+BRANCHING_FACTOR = 10  # candidates followed at each node of an occlusion search
+PROBE_COUNT = 12  # pixels of a template tested first, which rule out most placements
+
 
 IntArray = NDArray[np.int16]
 
 
 class PerceptionError(ValueError):
-    """A picture that `render.draw` draws of no scene, or of none that could be found."""
+    """An image that is not `render.draw` of any scene, or of none found within the search budget."""
 
 
 def read_scene(image: UInt8Array, appearance: str) -> Scene:
-    """The scene that `image` is a picture of: `draw` of it is `image`, pixel by pixel.
+    """The scene shown by `image`; drawing it gives exactly `image`.
 
-    `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: "tower" or "scatter". A tower's
-    blocks come from below; Scatter's items by x, then y, except that one drawn over another comes after it.
-    Raises PerceptionError naming the size, the pixel or the box that is at fault.
+    `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: "tower" or "scatter".
+    Tower blocks are ordered from bottom to top; Scatter items by x, then y, with each item after those it occludes.
+    Raises PerceptionError naming the wrong size, pixel or box.
     """
-    return _reader(appearance)(_checked(image))
+    return _reader_for(appearance)(_check_image(image))
 
 
 def read_scenes(images: Iterable[UInt8Array], appearance: str) -> list[Scene]:
-    """`read_scene` of each of `images`; quickest for an array (n, 50, 190, 3). The fault of one names its index."""
-    read = _reader(appearance)
-    if read is _scatter and isinstance(images, np.ndarray):
+    """`read_scene` of each image; fastest for an array (n, 50, 190, 3). Errors name the index of the image."""
+    read = _reader_for(appearance)
+    if read is _read_scatter and isinstance(images, np.ndarray):
         array = cast("UInt8Array", images)
-        if array.dtype == np.uint8 and array.shape[1:] in _sizes():
-            return _scatters(array)
+        if array.dtype == np.uint8 and array.shape[1:] in _shrink_by_shape():
+            return _read_scatter_batch(array)
     scenes: list[Scene] = []
     for index, image in enumerate(cast("Iterable[UInt8Array]", images)):
         try:
-            scenes.append(read(_checked(image)))
+            scenes.append(read(_check_image(image)))
         except PerceptionError as fault:
             raise PerceptionError(f"image {index}: {fault}") from None
     return scenes
 
 
 def image_size_of(image: UInt8Array) -> str:
-    """ "half" or "native". Raises PerceptionError for an array that is no image."""
-    shrink = _sizes()[_checked(image).shape]
+    """The image size, "half" or "native". Raises PerceptionError for any other array."""
+    shrink = _shrink_by_shape()[_check_image(image).shape]
     return next(name for name, value in SHRINKS.items() if value == shrink)
 
 
 def recoloured(image: UInt8Array, colours: Sequence[Colour]) -> UInt8Array:
-    """A new picture of the same scene in other colours, without reading it; `colours`: what each colour becomes.
+    """The image with its item colours replaced, without reconstructing the scene; `colours[c]` replaces colour c.
 
-    Raises PerceptionError naming a pixel that no scene has there.
+    Raises PerceptionError naming a pixel that no scene can have there.
     """
-    shrink = _sizes()[_checked(image).shape]
+    shrink = _shrink_by_shape()[_check_image(image).shape]
     table = _recoloured_pixels(tuple(colours), shrink)
     new = np.empty_like(image)
     for index, region in enumerate(_regions(shrink)):
@@ -102,33 +103,33 @@ def recoloured(image: UInt8Array, colours: Sequence[Colour]) -> UInt8Array:
     return new
 
 
-def _reader(appearance: str) -> Callable[[UInt8Array], Scene]:
-    return choose("appearance", appearance, {"tower": _tower, "scatter": _scatter})
+def _reader_for(appearance: str) -> Callable[[UInt8Array], Scene]:
+    return choose("appearance", appearance, {"tower": _read_tower, "scatter": _read_scatter})
 
 
 @cache
-def _sizes() -> Mapping[tuple[int, ...], int]:
+def _shrink_by_shape() -> Mapping[tuple[int, ...], int]:
     return {image_shape(name): shrink for name, shrink in SHRINKS.items()}
 
 
-def _checked(image: object) -> UInt8Array:
+def _check_image(image: object) -> UInt8Array:
     if isinstance(image, np.ndarray):
         array = cast("UInt8Array", image)
-        if array.dtype == np.uint8 and array.shape in _sizes():
+        if array.dtype == np.uint8 and array.shape in _shrink_by_shape():
             return array
         got = f"{array.dtype} {array.shape}"
     else:
         got = repr(type(image).__name__)
-    choices = " or ".join(map(str, sorted(_sizes())))
-    raise PerceptionError(f"an image must be a uint8 array of shape {choices}, not {got}")
+    shapes = " or ".join(map(str, sorted(_shrink_by_shape())))
+    raise PerceptionError(f"an image must be a uint8 array of shape {shapes}, not {got}")
 
 
 # Tower
 
 
 @cache
-def _tower_pictures(shrink: int) -> tuple[UInt8Array, UInt8Array]:
-    """(121, height, width, 3) the picture of each box of `tower_tables`, and the picture of the empty scene."""
+def _tower_images(shrink: int) -> tuple[UInt8Array, UInt8Array]:
+    """The image of each box of `tower_tables` (121, height, width, 3), and of the empty scene."""
     name = {value: key for key, value in SHRINKS.items()}[shrink]
     side = BOX_SIDE // shrink
     scenes = [Scene((box, Box(), Box())) for box in tower_tables().boxes]
@@ -136,67 +137,67 @@ def _tower_pictures(shrink: int) -> tuple[UInt8Array, UInt8Array]:
 
 
 @cache
-def _tower_numbers() -> dict[tuple[int, ...], int]:
-    """The number of a box by the green of its levels' centres (yellow, black, blue and bare differ in it)."""
+def _tower_indices() -> dict[tuple[int, ...], int]:
+    """Box index by the green channel at the centre of each level; colours and background differ in green."""
     greens = {-1: BOX_RGB[1], **{int(colour): rgb[1] for colour, rgb in COLOUR_RGB.items()}}
     rows = tower_tables().colours.tolist()
-    return {tuple(greens[colour] for colour in row): number for number, row in enumerate(rows)}
+    return {tuple(greens[colour] for colour in row): index for index, row in enumerate(rows)}
 
 
 @cache
-def _tower_places(shrink: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(3, 4) row and column of a pixel in the middle of each level of each box."""
+def _tower_level_centres(shrink: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows (3, 4) and columns (3, 4) of the pixel at the centre of each level of each box."""
     rows = np.array([(y + 10) // shrink for y in LEVEL_Y])
     columns = np.array([(box * BOX_PITCH + BLOCK_X + 10) // shrink for box in range(BOX_COUNT)])
     return np.broadcast_to(rows, (BOX_COUNT, len(rows))), np.broadcast_to(columns[:, None], (BOX_COUNT, len(rows)))
 
 
-def _tower(image: UInt8Array) -> Scene:
-    shrink = _sizes()[image.shape]
-    rows, columns = _tower_places(shrink)
-    numbers = _tower_numbers()
-    pictures, empty = _tower_pictures(shrink)
+def _read_tower(image: UInt8Array) -> Scene:
+    shrink = _shrink_by_shape()[image.shape]
+    rows, columns = _tower_level_centres(shrink)
+    tower_indices = _tower_indices()
+    images, empty = _tower_images(shrink)
     expected = empty.copy()
     boxes: list[Box] = []
     for index, greens in enumerate(image[rows, columns, 1].tolist()):
-        number = numbers.get(tuple(greens))
-        if number is None:
-            raise PerceptionError(f"box {index}: the levels of a tower, from below, cannot have the green {greens}")
+        tower = tower_indices.get(tuple(greens))
+        if tower is None:
+            raise PerceptionError(f"box {index}: no tower has the green values {greens} at its levels, bottom to top")
         left = index * BOX_PITCH // shrink
-        expected[:, left : left + BOX_SIDE // shrink] = pictures[number]
-        boxes.append(tower_tables().boxes[number])
+        expected[:, left : left + BOX_SIDE // shrink] = images[tower]
+        boxes.append(tower_tables().boxes[tower])
     if not np.array_equal(image, expected):
         row, column = np.argwhere((image != expected).any(axis=2))[0].tolist()
         raise PerceptionError(
             f"pixel (row {row}, column {column}) is {image[row, column].tolist()};"
-            f" it would be {expected[row, column].tolist()} with these towers"
+            f" with these towers it would be {expected[row, column].tolist()}"
         )
     left, middle, right = boxes
     return Scene((left, middle, right))
 
 
-# Scatter: pixels as counts
+# Scatter: pixels as coverages
 
 
-class _Counting(NamedTuple):
-    """What a pixel says of its block, by 256 values of a hash of its red, green and blue."""
+class _CoverageTables(NamedTuple):
+    """Lookup tables by pixel hash: a perfect hash (mod 256) of the possible red, green and blue values."""
 
-    factors: tuple[np.uint8, np.uint8]  # of green and blue in the hash, which is taken modulo 256
-    pixels: UInt8Array  # (512, 3) the pixel of a box that has the hash, then the pixel of a separator that has it
-    counts: UInt8Array  # (3, 256) native pixels of each colour
-    is_box: BoolArray  # (256,) whether a box has such pixels
-    bare: int  # hash of a separator's pixel with nothing on it
-    yellow_black: bytes  # (256,) yellow pixels, and 16 times the black ones
-    blue: bytes  # (256,)
+    factors: tuple[np.uint8, np.uint8]  # of green and blue in the hash
+    pixels: UInt8Array  # (512, 3) the pixel with each hash inside a box, then on a separator
+    coverage: UInt8Array  # (3, 256) native pixels of each colour
+    is_box: BoolArray  # (256,) whether the hash is of a pixel inside a box
+    bare: int  # hash of an uncovered separator pixel
+    yellow_black: bytes  # (256,) yellow coverage + 16 * black coverage
+    blue: bytes  # (256,) blue coverage
 
 
 @cache
-def _counting(shrink: int) -> _Counting:
+def _coverage_tables(shrink: int) -> _CoverageTables:
     area = shrink**2
     axes = np.indices((area + 1,) * len(Colour)).reshape(len(Colour), -1).T
-    counts = axes[axes.sum(axis=1) <= area]  # (n, 3) every mixture of colours in a block
-    bare = area - counts.sum(axis=1, keepdims=True)
-    painted = counts @ np.array([COLOUR_RGB[colour] for colour in Colour])
+    coverage = axes[axes.sum(axis=1) <= area]  # (n, 3) every possible coverage of a pixel
+    bare = area - coverage.sum(axis=1, keepdims=True)
+    painted = coverage @ np.array([COLOUR_RGB[colour] for colour in Colour])
     pixels: NDArray[np.int64] = np.concatenate(
         [(painted + bare * np.array(rgb)) // area for rgb in (BOX_RGB, SEPARATOR_RGB)]
     )
@@ -207,14 +208,14 @@ def _counting(shrink: int) -> _Counting:
         if len(np.unique(pixels @ (1, *factors) % 256)) == distinct
     )
     hashes: NDArray[np.int64] = pixels @ (1, green, blue) % 256
-    in_box, on_separator = hashes[: len(counts)], hashes[len(counts) :]
+    in_box, on_separator = hashes[: len(coverage)], hashes[len(coverage) :]
     table = np.zeros((512, 3), np.uint8)
-    table[:, 0] = np.arange(512) + 1  # a pixel that does not have this hash
-    table[in_box] = pixels[: len(counts)]
-    table[on_separator + 256] = pixels[len(counts) :]
+    table[:, 0] = np.arange(512) + 1  # unused hashes: a pixel that does not have this hash
+    table[in_box] = pixels[: len(coverage)]
+    table[on_separator + 256] = pixels[len(coverage) :]
     by_hash = np.zeros((len(Colour), 256), np.uint8)
-    by_hash[:, in_box] = by_hash[:, on_separator] = counts.T
-    return _Counting(
+    by_hash[:, in_box] = by_hash[:, on_separator] = coverage.T
+    return _CoverageTables(
         (np.uint8(green), np.uint8(blue)),
         table,
         by_hash,
@@ -227,22 +228,22 @@ def _counting(shrink: int) -> _Counting:
 
 @lru_cache(maxsize=64)
 def _recoloured_pixels(colours: tuple[Colour, ...], shrink: int) -> UInt8Array:
-    """(256, 3) what becomes of the pixel that has each hash."""
-    counting = _counting(shrink)
-    counts = counting.counts[[colours.index(colour) for colour in Colour]].astype(np.int64)
-    bare = shrink**2 - counts.sum(axis=0)
-    painted = counts.T @ np.array([COLOUR_RGB[colour] for colour in Colour])
-    background = np.where(counting.is_box[:, None], BOX_RGB, SEPARATOR_RGB)
+    """(256, 3) the recoloured pixel by hash."""
+    tables = _coverage_tables(shrink)
+    coverage = tables.coverage[[colours.index(colour) for colour in Colour]].astype(np.int64)
+    bare = shrink**2 - coverage.sum(axis=0)
+    painted = coverage.T @ np.array([COLOUR_RGB[colour] for colour in Colour])
+    background = np.where(tables.is_box[:, None], BOX_RGB, SEPARATOR_RGB)
     return ((painted + bare[:, None] * background) // shrink**2).astype(np.uint8)
 
 
 class _Region(NamedTuple):
-    """A box of the picture with the halves of the separators beside it."""
+    """Image region of a box and the adjacent halves of the separators."""
 
-    columns: slice  # of the picture
+    columns: slice  # of the image
     before: int  # columns to the left of the box
-    after: int
-    tables: NDArray[np.uint16]  # (columns,) first entry of `_Counting.pixels` for each: 0, or 256 on separators
+    after: int  # columns to the right of the box
+    offsets: NDArray[np.uint16]  # (columns,) offset into `_CoverageTables.pixels`: 0 in the box, 256 on separators
 
 
 @cache
@@ -254,549 +255,564 @@ def _region(index: int, shrink: int) -> _Region:
     first, side = index * BOX_PITCH // shrink, BOX_SIDE // shrink
     before = MARGIN // shrink if index else 0
     after = MARGIN // shrink if index < BOX_COUNT - 1 else 0
-    tables = np.full(before + side + after, 256, np.uint16)
-    tables[before : before + side] = 0
-    return _Region(slice(first - before, first + side + after), before, after, tables)
+    offsets = np.full(before + side + after, 256, np.uint16)
+    offsets[before : before + side] = 0
+    return _Region(slice(first - before, first + side + after), before, after, offsets)
 
 
 def _hashes(pixels: UInt8Array, index: int, shrink: int) -> UInt8Array:
-    """(height, columns) of each pixel of a region. Raises PerceptionError naming one that no scene has there."""
-    counting, region = _counting(shrink), _regions(shrink)[index]
-    green, blue = counting.factors
+    """(height, columns) hashes of a region's pixels. Raises PerceptionError for a pixel that no scene has there."""
+    tables, region = _coverage_tables(shrink), _regions(shrink)[index]
+    green, blue = tables.factors
     channels = pixels.reshape(-1, 3).T.copy()
     hashes = channels[1] * green
     hashes += channels[2] * blue
     hashes += channels[0]
     hashes = hashes.reshape(len(pixels), -1)
     entries = hashes.astype(np.uint16)
-    entries += region.tables
-    wrong = np.not_equal(counting.pixels[entries], pixels)
+    entries += region.offsets
+    wrong = np.not_equal(tables.pixels[entries], pixels)
     if wrong.any():
         row, column = np.argwhere(wrong.any(axis=2))[0].tolist()
-        place = f"row {row}, column {column + region.columns.start}"
-        raise PerceptionError(f"pixel ({place}) is {pixels[row, column].tolist()}: no scene has it there")
+        column_in_image = column + region.columns.start
+        raise PerceptionError(
+            f"pixel (row {row}, column {column_in_image}) is {pixels[row, column].tolist()}: no scene has it there"
+        )
     return hashes
 
 
-# Scatter: items that hide nothing of each other
+# Scatter: items that do not occlude each other
 
-# A box with MARGIN pixels on each side is told of by a number for each colour, whose bytes are the counts, row by row.
-# Items are found at its lowest byte that is not zero.
+# The coverage of a box with MARGIN on each side is packed into one big int per colour: a byte per pixel, row by row.
+# Items are matched at the lowest non-zero byte.
 
 
-class _Look(NamedTuple):
-    """How an item shows at even or odd coordinates, as bytes from the first block of its first row on."""
+class _Template(NamedTuple):
+    """A footprint drawn at even or odd coordinates, packed into ints (a byte per pixel) from its anchor pixel on.
+
+    The anchor is the first non-empty pixel of the first row.
+    """
 
     shape: Shape
     size: Size
     odd_x: int
     odd_y: int
-    first: int  # blocks of the patch before that block
-    width: int  # blocks of the patch in a row
-    counts: int
-    around: int  # 255 in its blocks and their neighbours
-    guard: int  # 128 in its blocks
-    value: int  # of its first block
-    pixels: int  # a bit for each native pixel, in rows of REGION_SIDE, from the bounding square's corner on
+    anchor_column: int
+    width: int  # pixels
+    coverage: int
+    neighbourhood: int  # 255 in its pixels and their neighbours
+    guard: int  # 128 in its pixels
+    anchor_coverage: int
+    native_bits: int  # a bit for each native pixel, in rows of REGION_SIDE, from the corner of the bounding square on
 
 
 REGION_SIDE = BOX_SIDE + 2 * MARGIN  # native pixels
 
 
 @cache
-def _looks(shrink: int) -> tuple[_Look, ...]:
-    """Of all footprints, the largest first."""
+def _templates(shrink: int) -> tuple[_Template, ...]:
+    """Templates of all footprints and parities, largest first."""
     odd = range(shrink)
-    looks = [_look(footprint, x, y, shrink) for footprint in range(FOOTPRINT_COUNT) for x in odd for y in odd]
-    return tuple(sorted(looks, key=lambda look: -look.pixels.bit_count()))
+    templates = [_template(footprint, x, y, shrink) for footprint in range(FOOTPRINT_COUNT) for x in odd for y in odd]
+    return tuple(sorted(templates, key=lambda template: -template.native_bits.bit_count()))
 
 
-def _look(footprint: int, odd_x: int, odd_y: int, shrink: int) -> _Look:
-    counts = _unit_counts(footprint, odd_x, odd_y, shrink)
-    rows, columns = counts.shape
+def _template(footprint: int, odd_x: int, odd_y: int, shrink: int) -> _Template:
+    coverage = _template_coverage(footprint, odd_x, odd_y, shrink)
+    rows, columns = coverage.shape
     pitch = REGION_SIDE // shrink
-    spread = np.zeros((rows + 2, pitch), np.uint8)
-    spread[1:-1, 1 : columns + 1] = counts
-    near = np.zeros_like(spread)
-    for row, column in np.argwhere(spread):
-        near[row - 1 : row + 2, column - 1 : column + 2] = 255
-    first = int(np.flatnonzero(counts[0])[0])
-    start = pitch + 1 + first
-    return _Look(
+    padded = np.zeros((rows + 2, pitch), np.uint8)
+    padded[1:-1, 1 : columns + 1] = coverage
+    neighbourhood = np.zeros_like(padded)
+    for row, column in np.argwhere(padded):
+        neighbourhood[row - 1 : row + 2, column - 1 : column + 2] = 255
+    anchor_column = int(np.flatnonzero(coverage[0])[0])
+    start = pitch + 1 + anchor_column
+    return _Template(
         Shape(footprint // len(Size)),
         Size(footprint % len(Size)),
         odd_x,
         odd_y,
-        first,
+        anchor_column,
         columns,
-        _number(spread, start),
-        _number(near, start),
-        _number((spread > 0) * np.uint8(128), start),
-        int(counts[0, first]),
-        _bits(footprint),
+        _as_int(padded, start),
+        _as_int(neighbourhood, start),
+        _as_int((padded > 0) * np.uint8(128), start),
+        int(coverage[0, anchor_column]),
+        _native_bits(footprint),
     )
 
 
 @cache
-def _unit_counts(footprint: int, odd_x: int, odd_y: int, shrink: int) -> UInt8Array:
-    """(rows, columns) native pixels of an item in each block of its patch."""
+def _template_coverage(footprint: int, odd_x: int, odd_y: int, shrink: int) -> UInt8Array:
+    """(rows, columns) native pixels of an item in each image pixel it touches."""
     weight = palette(shrink).weights[Colour.YELLOW]
     return stamp(footprint, Colour.YELLOW, odd_x, odd_y, shrink).counts // np.uint8(weight)
 
 
-def _number(entries: UInt8Array, start: int) -> int:
+def _as_int(entries: UInt8Array, start: int) -> int:
     return int.from_bytes(entries.tobytes()[start:], "little")
 
 
-def _bits(footprint: int) -> int:
+def _native_bits(footprint: int) -> int:
     drawn = np.zeros((FOOTPRINT_SIDES[footprint], REGION_SIDE), np.uint8)
-    drawn[:, : FOOTPRINT_SIDES[footprint]] = _unit_counts(footprint, 0, 0, 1)
+    drawn[:, : FOOTPRINT_SIDES[footprint]] = _template_coverage(footprint, 0, 0, 1)
     return int.from_bytes(np.packbits(drawn, bitorder="little").tobytes(), "little")
 
 
 @cache
-def _by_first_row(shrink: int) -> tuple[int, Mapping[int, Sequence[_Look]]]:
-    """The looks by the bytes of their first row, with a mask for so many of them as matter."""
-    looks = _looks(shrink)
+def _templates_by_first_row(shrink: int) -> tuple[int, Mapping[int, Sequence[_Template]]]:
+    """A mask for the bytes of a template's first row, and the templates by those bytes."""
+    templates = _templates(shrink)
     pitch = REGION_SIDE // shrink
-    mask = (1 << 8 * (max(look.width for look in looks) + 1)) - 1
-    found: dict[int, list[_Look]] = {}
-    for look in looks:
-        found.setdefault(look.counts & ((1 << 8 * (pitch - look.first)) - 1) & mask, []).append(look)
+    mask = (1 << 8 * (max(template.width for template in templates) + 1)) - 1
+    found: dict[int, list[_Template]] = {}
+    for template in templates:
+        first_row = template.coverage & ((1 << 8 * (pitch - template.anchor_column)) - 1) & mask
+        found.setdefault(first_row, []).append(template)
     return mask, found
 
 
-Placed = tuple[_Look, Colour, int]  # a look whose first block is that byte of a box
+Placement = tuple[_Template, Colour, int]  # the int: index of the anchor's byte in the packed coverage
 
 
-def _item(placed: Placed, shrink: int) -> Item:
-    look, colour, place = placed
-    row, column = divmod(place, REGION_SIDE // shrink)
-    x = (column - look.first) * shrink + look.odd_x - MARGIN
-    return Item(x, row * shrink + look.odd_y, look.shape, colour, look.size)
+def _item(placement: Placement, shrink: int) -> Item:
+    template, colour, position = placement
+    row, column = divmod(position, REGION_SIDE // shrink)
+    x = (column - template.anchor_column) * shrink + template.odd_x - MARGIN
+    return Item(x, row * shrink + template.odd_y, template.shape, colour, template.size)
 
 
-class _Part(NamedTuple):
-    """Blocks of a colour, connected with each other, that are not one whole item."""
+class _Component(NamedTuple):
+    """A connected component of one colour that is not a single whole item."""
 
     colour: Colour
-    counts: int
-    place: int  # byte of the box that is the lowest of `counts`
+    coverage: int
+    position: int  # index of the lowest byte of `coverage` in the box
 
 
-def _alone(counts: int, colour: Colour, shrink: int) -> tuple[list[Item], list[_Part]]:
-    """The items of a colour that stand apart from others of it, and what else there is, in connected parts."""
-    mask, by_first_row = _by_first_row(shrink)
+def _match_isolated(coverage: int, colour: Colour, shrink: int) -> tuple[list[Item], list[_Component]]:
+    """Matches the items of a colour that touch no others of it; returns them and the remaining connected components."""
+    mask, templates_by_first_row = _templates_by_first_row(shrink)
     items: list[Item] = []
-    parts: list[_Part] = []
-    place = 0
-    while counts:
-        skipped = ((counts & -counts).bit_length() - 1) >> 3
-        counts >>= 8 * skipped
-        place += skipped
-        for look in by_first_row.get(counts & mask, ()):
-            if counts & look.around == look.counts:
-                items.append(_item((look, colour, place), shrink))
-                counts ^= look.counts
+    components: list[_Component] = []
+    position = 0
+    while coverage:
+        skipped = ((coverage & -coverage).bit_length() - 1) >> 3
+        coverage >>= 8 * skipped
+        position += skipped
+        for template in templates_by_first_row.get(coverage & mask, ()):
+            if coverage & template.neighbourhood == template.coverage:
+                items.append(_item((template, colour, position), shrink))
+                coverage ^= template.coverage
                 break
         else:
-            part = _connected(counts, shrink)
-            counts ^= part
-            parts.append(_Part(colour, part, place))
-    return items, parts
+            component = _connected_component(coverage, shrink)
+            coverage ^= component
+            components.append(_Component(colour, component, position))
+    return items, components
 
 
 @cache
 def _ones(shrink: int) -> int:
-    """A 1 in each byte of a box."""
+    """A packed box with 1 in each byte."""
     return int.from_bytes(b"\1" * (REGION_SIDE * BOX_SIDE // shrink**2), "little")
 
 
-def _connected(counts: int, shrink: int) -> int:
-    """The part of `counts`, whose lowest byte is not zero, that is connected with that byte, corners included."""
+def _connected_component(coverage: int, shrink: int) -> int:
+    """The 8-connected component of `coverage` that contains its lowest byte, which must be non-zero."""
     ones = _ones(shrink)
-    present = (((counts + 127 * ones) >> 7) & ones) * 255
+    present = (((coverage + 127 * ones) >> 7) & ones) * 255
     row = 8 * (REGION_SIDE // shrink)
-    part, grown = 0, 255
-    while grown != part:
-        part = grown
-        wide = part | part << 8 | part >> 8
+    component, grown = 0, 255
+    while grown != component:
+        component = grown
+        wide = component | component << 8 | component >> 8
         grown = (wide | wide << row | wide >> row) & present
-    return counts & part
+    return coverage & component
 
 
-class _Assembly:
-    """A search for the fewest items of a colour whose counts add up to those of a connected part."""
+class _Decomposition:
+    """Searches for the fewest items of one colour whose coverages add up to that of a connected component."""
 
-    def __init__(self, colour: Colour, shrink: int, *, legal: bool, every: bool = False) -> None:
-        """`legal`: only items that lie in the box and overlap none of each other; `every`: all that are as few."""
-        self._colour, self._shrink, self._legal, self._every = colour, shrink, legal, every
+    def __init__(self, colour: Colour, shrink: int, *, legal: bool, all_minimal: bool = False) -> None:
+        """`legal`: items must lie in the box without overlapping; `all_minimal`: find all minimal decompositions."""
+        self._colour, self._shrink, self._legal, self._all_minimal = colour, shrink, legal, all_minimal
         self._trials = 0
         self.found: list[list[Item]] = []
 
-    def search(self, counts: int, place: int, chosen: list[Item]) -> None:
-        if not counts:
+    def search(self, coverage: int, position: int, chosen: list[Item]) -> None:
+        if not coverage:
             if self.found and len(chosen) < len(self.found[0]):
                 self.found.clear()
             self.found.append(chosen.copy())
             return
-        if self.found and len(chosen) + 1 + (not self._every) > len(self.found[0]):
+        if self.found and len(chosen) + 1 + (not self._all_minimal) > len(self.found[0]):
             return
-        skipped = ((counts & -counts).bit_length() - 1) >> 3
-        counts >>= 8 * skipped
-        place += skipped
-        value = counts & 255
-        for look in _looks(self._shrink):
-            if look.value > value or ((counts | look.guard) - look.counts) & look.guard != look.guard:
+        skipped = ((coverage & -coverage).bit_length() - 1) >> 3
+        coverage >>= 8 * skipped
+        position += skipped
+        value = coverage & 255
+        for template in _templates(self._shrink):
+            if (
+                template.anchor_coverage > value
+                or ((coverage | template.guard) - template.coverage) & template.guard != template.guard
+            ):
                 continue
             self._trials += 1
-            if self._trials > MOST_TRIALS:
+            if self._trials > MAX_TRIALS:
                 return
-            item = _item((look, self._colour, place), self._shrink)
-            if -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side and (not self._legal or _joins(item, chosen)):
+            item = _item((template, self._colour, position), self._shrink)
+            if -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side and (not self._legal or _fits_legally(item, chosen)):
                 chosen.append(item)
-                self.search(counts - look.counts, place, chosen)
+                self.search(coverage - template.coverage, position, chosen)
                 chosen.pop()
 
 
-def _joins(item: Item, others: Sequence[Item]) -> bool:
-    """Whether an item lies in the box and overlaps no other."""
+def _fits_legally(item: Item, others: Sequence[Item]) -> bool:
+    """Whether an item lies in the box and overlaps none of the others."""
     return fits_box(item.footprint, item.x, item.y) and is_free(item.footprint, item.x, item.y, others)
 
 
-def _assembled(part: _Part, shrink: int) -> list[Item] | None:
-    """The fewest items that make up a part, those of legal scenes before others; None where there are none."""
+def _decompose(component: _Component, shrink: int) -> list[Item] | None:
+    """The fewest items that compose a component, preferring legal placements; None if there are none."""
     for legal in (True, False):
-        assembly = _Assembly(part.colour, shrink, legal=legal)
-        assembly.search(part.counts, part.place, [])
-        if assembly.found:
-            return assembly.found[0]
+        decomposition = _Decomposition(component.colour, shrink, legal=legal)
+        decomposition.search(component.coverage, component.position, [])
+        if decomposition.found:
+            return decomposition.found[0]
     return None
 
 
-def _are_apart(items: Sequence[Item], shrink: int) -> bool:
-    """Whether no two items are drawn on the same native pixel."""
-    pixels = {(look.shape, look.size): look.pixels for look in _looks(shrink)}
+def _are_disjoint(items: Sequence[Item], shrink: int) -> bool:
+    """Whether no two items cover the same native pixel."""
+    masks = {(template.shape, template.size): template.native_bits for template in _templates(shrink)}
     drawn = 0
     for item in items:
-        own = pixels[item.shape, item.size] << ((item.y + MARGIN) * REGION_SIDE + item.x + MARGIN)
+        own = masks[item.shape, item.size] << ((item.y + MARGIN) * REGION_SIDE + item.x + MARGIN)
         if drawn & own:
             return False
         drawn |= own
     return True
 
 
-class _BoxesByPixels:
-    """The boxes that were read last in a region of pictures."""
+class _BoxCache:
+    """Cache of the boxes read in one region of the image, by the region's pixels; cleared when full."""
 
     def __init__(self, index: int, shrink: int) -> None:
         region, height = _regions(shrink)[index], IMAGE_HEIGHT // shrink
         self._index, self._shrink = index, shrink
-        self._bytes = 3 * len(region.tables) * height
+        self._bytes = 3 * len(region.offsets) * height
         words = -(-self._bytes // 8)
         self._factors = np.random.default_rng(0).integers(1 << 63, size=words, dtype=np.uint64) * 2 + 1
-        self._most = KEPT_BYTES // BOX_COUNT // (8 * words)
-        self._pixels = np.zeros((0, words), np.uint64)  # (room, words) of each box
+        self._capacity = CACHE_BYTES // BOX_COUNT // (8 * words)
+        self._pixels = np.zeros((0, words), np.uint64)  # (allocated, words) pixels of each cached box
         self._boxes: list[Box] = []
-        self._places: dict[int, int] = {}  # among them, by hash
+        self._rows: dict[int, int] = {}  # hash -> index in `_pixels` and `_boxes`
         self._lock = Lock()
 
     def read(self, images: UInt8Array) -> list[Box | PerceptionError]:
-        """Each picture's box, or why it cannot be read; up to the first of those."""
+        """The box in each image, up to and including the first error."""
         pixels = np.zeros((len(images), 8 * self._pixels.shape[1]), np.uint8)
         columns = _regions(self._shrink)[self._index].columns
         count, height, width, _ = images.shape
         rows = images.reshape(count, height, 3 * width)[:, :, 3 * columns.start : 3 * columns.stop]
-        pixels[:, : self._bytes].reshape(rows.shape)[...] = rows  # a view: each row of `pixels` is without gaps
+        pixels[:, : self._bytes].reshape(rows.shape)[...] = rows  # writes through a view
         words = pixels.view(np.uint64)
         hashes: list[int] = np.einsum("ij,j->i", words, self._factors).tolist()
         with self._lock:
-            places = [self._places.get(value, 0) for value in hashes]
-            known = (self._pixels[places] == words).all(axis=1) if self._boxes else np.zeros(len(images), np.bool_)
+            cached_rows = [self._rows.get(value, 0) for value in hashes]
+            known = (self._pixels[cached_rows] == words).all(axis=1) if self._boxes else np.zeros(len(images), np.bool_)
             found: list[Box | PerceptionError] = []
-            kept = self._boxes
-            for row, (place, is_known) in enumerate(zip(places, known.tolist(), strict=True)):
-                found.append(kept[place] if is_known else self._new(pixels[row], words[row], hashes[row]))
+            cached = self._boxes  # `_read_new` may replace the list
+            for index, (row, is_known) in enumerate(zip(cached_rows, known.tolist(), strict=True)):
+                found.append(cached[row] if is_known else self._read_new(pixels[index], words[index], hashes[index]))
                 if isinstance(found[-1], PerceptionError):
                     break
         return found
 
-    def _new(self, pixels: UInt8Array, words: NDArray[np.uint64], value: int) -> Box | PerceptionError:
-        place = self._places.get(value)
-        if place is not None and np.array_equal(self._pixels[place], words):  # read since, in the same call
-            return self._boxes[place]
+    def _read_new(self, pixels: UInt8Array, words: NDArray[np.uint64], pixel_hash: int) -> Box | PerceptionError:
+        row = self._rows.get(pixel_hash)
+        if row is not None and np.array_equal(self._pixels[row], words):  # cached earlier in the same call
+            return self._boxes[row]
         try:
-            box = _box(pixels[: self._bytes].tobytes(), self._index, self._shrink)
+            box = _read_box(pixels[: self._bytes].tobytes(), self._index, self._shrink)
         except PerceptionError as fault:
             return fault
-        if len(self._boxes) >= self._most:
-            self._boxes, self._places = [], {}
-        place = len(self._boxes)
-        if place >= len(self._pixels):
-            more = np.zeros((min(self._most, 64 + 2 * place) - place, self._pixels.shape[1]), np.uint64)
-            self._pixels = np.concatenate([self._pixels, more])
-        self._pixels[place] = words
+        if len(self._boxes) >= self._capacity:
+            self._boxes, self._rows = [], {}
+        row = len(self._boxes)
+        if row >= len(self._pixels):
+            added = np.zeros((min(self._capacity, 64 + 2 * row) - row, self._pixels.shape[1]), np.uint64)
+            self._pixels = np.concatenate([self._pixels, added])
+        self._pixels[row] = words
         self._boxes.append(box)
-        self._places[value] = place
+        self._rows[pixel_hash] = row
         return box
 
 
 @cache
-def _boxes_by_pixels(shrink: int) -> Sequence[_BoxesByPixels]:
-    """By region."""
-    return [_BoxesByPixels(index, shrink) for index in range(BOX_COUNT)]
+def _box_caches(shrink: int) -> Sequence[_BoxCache]:
+    return [_BoxCache(index, shrink) for index in range(BOX_COUNT)]
 
 
-def _numbers(pixels: bytes, index: int, shrink: int) -> list[int]:
-    """By colour, the counts of a region, to whose pixels a missing margin is added."""
+def _coverages(pixels: bytes, index: int, shrink: int) -> list[int]:
+    """The packed coverage of a region by colour; margins beyond the image are padded."""
     height = IMAGE_HEIGHT // shrink
-    counting, region = _counting(shrink), _regions(shrink)[index]
+    tables, region = _coverage_tables(shrink), _regions(shrink)[index]
     hashes = _hashes(np.frombuffer(pixels, np.uint8).reshape(height, -1, 3), index, shrink)
     if not (region.before and region.after):
-        padded = np.full((height, REGION_SIDE // shrink), counting.bare, np.uint8)
+        padded = np.full((height, REGION_SIDE // shrink), tables.bare, np.uint8)
         start = MARGIN // shrink - region.before
         padded[:, start : start + hashes.shape[1]] = hashes
         hashes = padded
-    by_block = hashes.tobytes()
-    yellow_black = int.from_bytes(by_block.translate(counting.yellow_black), "little")
+    by_pixel = hashes.tobytes()
+    yellow_black = int.from_bytes(by_pixel.translate(tables.yellow_black), "little")
     low = _ones(shrink) * 15
-    blue = int.from_bytes(by_block.translate(counting.blue), "little")
+    blue = int.from_bytes(by_pixel.translate(tables.blue), "little")
     return [yellow_black & low, (yellow_black >> 4) & low, blue]
 
 
-def _box(pixels: bytes, index: int, shrink: int) -> Box:
-    """The box that the pixels of a region show."""
-    numbers = _numbers(pixels, index, shrink)
+def _read_box(pixels: bytes, index: int, shrink: int) -> Box:
+    """The box shown by the pixels of a region."""
+    coverages = _coverages(pixels, index, shrink)
     items: list[Item] = []
-    parts: list[_Part] = []
-    for colour, number in zip(Colour, numbers, strict=True):
-        if number:
-            alone, others = _alone(number, colour, shrink)
-            items += alone
-            parts += others
-    if parts or (shrink > 1 and _mixed(numbers, shrink)):
-        items = _entangled(items, parts, index, shrink)
+    components: list[_Component] = []
+    for colour, coverage in zip(Colour, coverages, strict=True):
+        if coverage:
+            isolated, others = _match_isolated(coverage, colour, shrink)
+            items += isolated
+            components += others
+    if components or (shrink > 1 and _has_mixed_pixels(coverages, shrink)):
+        items = _resolve_overlaps(items, components, index, shrink)
     else:
         items.sort()
     return Box(tuple(items))
 
 
-def _mixed(numbers: Sequence[int], shrink: int) -> bool:
-    """Whether some block shows two colours."""
-    present = [number for number in numbers if number]
+def _has_mixed_pixels(coverages: Sequence[int], shrink: int) -> bool:
+    """Whether some pixel shows two colours."""
+    present = [coverage for coverage in coverages if coverage]
     sevens = _ones(shrink) * 127
-    flags = [number + sevens for number in present]  # bit 7 of each byte: whether the block shows the colour
+    flags = [coverage + sevens for coverage in present]  # bit 7 of each byte: whether the pixel shows the colour
     shared = 0
     for one, other in combinations(flags, 2):
         shared |= one & other
     return bool(shared & (sevens + _ones(shrink)))
 
 
-def _entangled(items: list[Item], parts: Sequence[_Part], index: int, shrink: int) -> list[Item]:
-    """All items of a box, in their order, from those that stand apart and the parts that show several."""
-    assembled = [_assembled(part, shrink) for part in parts]
-    visible = items + [item for found in assembled for item in found or ()]
-    unread = [part for part, found in zip(parts, assembled, strict=True) if found is None]
-    if not unread and _are_apart(visible, shrink):
+def _resolve_overlaps(items: list[Item], components: Sequence[_Component], index: int, shrink: int) -> list[Item]:
+    """All items of a box, in order, from its isolated items and the components of touching or occluded items."""
+    decomposed = [_decompose(component, shrink) for component in components]
+    visible = items + [item for found in decomposed for item in found or ()]
+    unread = [component for component, found in zip(components, decomposed, strict=True) if found is None]
+    if not unread and _are_disjoint(visible, shrink):
         return sorted(visible)
-    found = _behind(visible, unread, index, shrink) if unread else None
-    if found is None and parts:
-        found = _HiddenSearch(index, shrink).search(items, parts)
+    found = _search_behind(visible, unread, index, shrink) if unread else None
+    if found is None and components:
+        found = _OcclusionSearch(index, shrink).search(items, components)
     if found is not None:
-        return _in_order(found)
-    names = ", ".join(Colour(colour).name.lower() for colour in sorted({part.colour for part in parts}))
+        return _in_drawing_order(found)
+    names = ", ".join(Colour(colour).name.lower() for colour in sorted({component.colour for component in components}))
     raise PerceptionError(f"box {index}: no items could be found that explain its {names or 'coloured'} pixels")
 
 
-def _behind(visible: list[Item], parts: Sequence[_Part], index: int, shrink: int) -> list[Item] | None:
-    """All items from the back to the front: those that show the parts, behind those that are `visible`.
+def _search_behind(visible: list[Item], components: Sequence[_Component], index: int, shrink: int) -> list[Item] | None:
+    """All items from back to front: those that explain the components, occluded by the `visible` ones.
 
-    Each part is searched by itself first, which is quick; those that show nothing whole, together.
+    Each component is searched separately first, which is fast; the unexplained ones are then searched together.
     """
     drawn: list[Item] = visible
-    left: list[_Part] = []
-    for part in parts:
-        found = _HiddenSearch(index, shrink).search(drawn, [part])
+    left: list[_Component] = []
+    for component in components:
+        found = _OcclusionSearch(index, shrink).search(drawn, [component])
         if found is None:
-            left.append(part)
+            left.append(component)
         else:
             drawn = found
-    return _HiddenSearch(index, shrink).search(drawn, left) if left else drawn
+    return _OcclusionSearch(index, shrink).search(drawn, left) if left else drawn
 
 
-# Scatter: items of which something is hidden
+# Scatter: occluded items
 
 
-class _Hiding(NamedTuple):
-    """A placement that explains some of what is not explained yet."""
+class _Candidate(NamedTuple):
+    """A placement that explains some of the unexplained pixels."""
 
-    cost: int  # twice its hidden native pixels less those that it shows
+    cost: int  # 2 * hidden native pixels - visible native pixels
     item: Item
-    shown: IntArray  # (rows, columns) native pixels that it explains in each block of its patch
+    explained: IntArray  # (rows, columns) native pixels it explains in each image pixel it touches
 
 
-class _HiddenSearch:
-    """Looks for items from the front to the back: what is found hides whatever lies behind it.
+class _OcclusionSearch:
+    """Depth-first search for items from front to back; each placed item occludes those behind it.
 
-    Arrays tell of the box with MARGIN pixels on each side.
+    Arrays cover the box with MARGIN on each side.
     """
 
     def __init__(self, index: int, shrink: int) -> None:
         self._shrink = shrink
         self._steps = 0
-        unseen = np.zeros((REGION_SIDE, REGION_SIDE), np.bool_)  # native pixels in front of which something may lie
-        unseen[:MARGIN] = unseen[MARGIN + BOX_SIDE :] = True
+        occluded = np.zeros((REGION_SIDE, REGION_SIDE), np.bool_)  # native pixels hidden by something in front
+        occluded[:MARGIN] = occluded[MARGIN + BOX_SIDE :] = True
         if index == 0:
-            unseen[:, :MARGIN] = True
+            occluded[:, :MARGIN] = True
         if index == BOX_COUNT - 1:
-            unseen[:, MARGIN + BOX_SIDE :] = True
-        self._unseen = unseen
+            occluded[:, MARGIN + BOX_SIDE :] = True
+        self._occluded = occluded
 
-    def search(self, front: Sequence[Item], parts: Sequence[_Part]) -> list[Item] | None:
-        """All items from the back to the front: those that show the parts, and `front`."""
+    def search(self, front: Sequence[Item], components: Sequence[_Component]) -> list[Item] | None:
+        """All items from back to front: those that explain the components, and `front`."""
         side = REGION_SIDE // self._shrink
         margin = MARGIN // self._shrink
-        counts = np.zeros((len(Colour), side, side), np.int16)
-        for colour, part, place in parts:
-            seen = (part << 8 * place).to_bytes(side * (side - 2 * margin), "little")
-            counts[colour, margin:-margin] += np.frombuffer(seen, np.uint8).reshape(-1, side)
-        unseen = self._unseen.copy()
+        unexplained = np.zeros((len(Colour), side, side), np.int16)
+        for colour, coverage, position in components:
+            packed = (coverage << 8 * position).to_bytes(side * (side - 2 * margin), "little")
+            unexplained[colour, margin:-margin] += np.frombuffer(packed, np.uint8).reshape(-1, side)
+        occluded = self._occluded.copy()
         for item in front:
-            unseen[_native(item)] |= _drawn(item.footprint)
-        for limit in range(1, MOST_HIDDEN_ITEMS + 1):
+            occluded[_native_slices(item)] |= _native_mask(item.footprint)
+        for limit in range(1, MAX_HIDDEN_ITEMS + 1):
             for anchored in (True, False):
-                behind = self._placed(counts, unseen, limit, anchored=anchored)
+                behind = self._place(unexplained, occluded, limit, anchored=anchored)
                 if behind is not None:
                     return [*reversed(behind), *front]
         return None
 
-    def _placed(self, counts: IntArray, unseen: BoolArray, limit: int, *, anchored: bool) -> list[Item] | None:
-        """At most `limit` items, from the front to the back, that show the counts.
+    def _place(self, unexplained: IntArray, occluded: BoolArray, limit: int, *, anchored: bool) -> list[Item] | None:
+        """At most `limit` items, from front to back, that explain the unexplained pixels; None if not found.
 
-        `anchored`: each shows the topmost, leftmost block of what those in front of it leave; that is quick to search.
+        `anchored`: each item must explain the topmost, leftmost unexplained pixel, which keeps the branching low.
         """
-        left = int(counts.sum())
-        if not left:
+        remaining = int(unexplained.sum())
+        if not remaining:
             return []
-        if left > limit * max(FOOTPRINT_SIDES) ** 2 or self._steps >= MOST_SEARCH_STEPS:
+        if remaining > limit * max(FOOTPRINT_SIDES) ** 2 or self._steps >= MAX_SEARCH_STEPS:
             return None
         self._steps += 1
-        choices = self._choices(counts, unseen, anchored=anchored)
+        candidates = self._candidates(unexplained, occluded, anchored=anchored)
         if limit == 1:
-            choices = [hiding for hiding in choices if int(hiding.shown.sum()) == left]
-        for hiding in choices[:CHOICES_A_STEP]:
-            item = hiding.item
-            rest, hidden = counts.copy(), unseen.copy()
-            rest[item.colour][_blocks(item, self._shrink)] -= hiding.shown
-            hidden[_native(item)] |= _drawn(item.footprint)
-            behind = self._placed(rest, hidden, limit - 1, anchored=anchored)
+            candidates = [candidate for candidate in candidates if int(candidate.explained.sum()) == remaining]
+        for candidate in candidates[:BRANCHING_FACTOR]:
+            item = candidate.item
+            rest, covered = unexplained.copy(), occluded.copy()
+            rest[item.colour][_pixel_slices(item, self._shrink)] -= candidate.explained
+            covered[_native_slices(item)] |= _native_mask(item.footprint)
+            behind = self._place(rest, covered, limit - 1, anchored=anchored)
             if behind is not None:
                 return [item, *behind]
         return None
 
-    def _choices(self, counts: IntArray, unseen: BoolArray, *, anchored: bool) -> list[_Hiding]:
-        """Placements whose every visible pixel has the right colour: first those that show much and hide little."""
-        found: list[_Hiding] = []
-        row, column = np.argwhere(counts.any(axis=0))[0].tolist()
+    def _candidates(self, unexplained: IntArray, occluded: BoolArray, *, anchored: bool) -> list[_Candidate]:
+        """Placements whose visible pixels all have the right colour, sorted by cost: much visible, little hidden."""
+        found: list[_Candidate] = []
+        row, column = np.argwhere(unexplained.any(axis=0))[0].tolist()
         for colour in Colour:
-            if anchored and not counts[colour, row, column]:
+            if anchored and not unexplained[colour, row, column]:
                 continue
-            wanted = counts[colour]
+            target = unexplained[colour]
             if anchored:
-                wanted = np.zeros_like(wanted)
-                wanted[row, column] = counts[colour, row, column]
-            if not wanted.any():
+                target = np.zeros_like(target)
+                target[row, column] = unexplained[colour, row, column]
+            if not target.any():
                 continue
-            for item in self._candidates(counts[colour], wanted, unseen, colour):
-                shown = _by_block(item, unseen[_native(item)], self._shrink)
-                place = _blocks(item, self._shrink)
-                if (shown > counts[colour][place]).any() or not (shown * wanted[place]).any():
+            for item in self._feasible_items(unexplained[colour], target, occluded, colour):
+                explained = _visible_coverage(item, occluded[_native_slices(item)], self._shrink)
+                pixels = _pixel_slices(item, self._shrink)
+                if (explained > unexplained[colour][pixels]).any() or not (explained * target[pixels]).any():
                     continue
-                hidden = int(np.count_nonzero(_drawn(item.footprint)) - shown.sum())
-                found.append(_Hiding(2 * hidden - int(shown.sum()), item, shown))
-        return sorted(found, key=lambda hiding: (hiding.cost, hiding.item))
+                hidden = int(np.count_nonzero(_native_mask(item.footprint)) - explained.sum())
+                found.append(_Candidate(2 * hidden - int(explained.sum()), item, explained))
+        return sorted(found, key=lambda candidate: (candidate.cost, candidate.item))
 
-    def _candidates(self, counts: IntArray, wanted: IntArray, unseen: BoolArray, colour: Colour) -> Iterator[Item]:
-        """Placements at which each block has room for the item, if all that is unseen in it belongs to the item.
+    def _feasible_items(
+        self, available: IntArray, target: IntArray, occluded: BoolArray, colour: Colour
+    ) -> Iterator[Item]:
+        """Placements whose coverage fits the unexplained and occluded native pixels of every image pixel.
 
-        Only those whose patch is not all outside of the smallest rectangle around what is `wanted`.
+        Only those that intersect the bounding rectangle of `target`.
         """
         shrink = self._shrink
         side = REGION_SIDE // shrink
-        room = counts + unseen.reshape(side, shrink, side, shrink).sum(axis=(1, 3), dtype=np.int16)
-        seen = [np.flatnonzero(wanted.any(axis=axis)).tolist() for axis in (1, 0)]  # rows, columns
-        for look in _looks(shrink):
-            footprint = look.shape * len(Size) + look.size
-            own = _unit_counts(footprint, look.odd_x, look.odd_y, shrink)
+        available = available + occluded.reshape(side, shrink, side, shrink).sum(axis=(1, 3), dtype=np.int16)
+        seen = [np.flatnonzero(target.any(axis=axis)).tolist() for axis in (1, 0)]  # rows, columns
+        for template in _templates(shrink):
+            footprint = template.shape * len(Size) + template.size
+            own = _template_coverage(footprint, template.odd_x, template.odd_y, shrink)
             height, width = own.shape
             top, left = max(0, seen[0][0] - height + 1), max(0, seen[1][0] - width + 1)
             rows, columns = min(side - height, seen[0][-1]) - top + 1, min(side - width, seen[1][-1]) - left + 1
-            near = room[top : top + rows + height - 1, left : left + columns + width - 1]
+            near = available[top : top + rows + height - 1, left : left + columns + width - 1]
             fits = np.ones((rows, columns), np.bool_)
-            for row, column in _probes(footprint, look.odd_x, look.odd_y, shrink):
+            for row, column in _probes(footprint, template.odd_x, template.odd_y, shrink):
                 fits &= near[row : row + rows, column : column + columns] >= own[row, column]
             for row, column in np.argwhere(fits).tolist():
                 if (near[row : row + height, column : column + width] >= own).all():
-                    x, y = (left + column) * shrink + look.odd_x - MARGIN, (top + row) * shrink + look.odd_y - MARGIN
-                    yield Item(x, y, look.shape, colour, look.size)
+                    x, y = (
+                        (left + column) * shrink + template.odd_x - MARGIN,
+                        (top + row) * shrink + template.odd_y - MARGIN,
+                    )
+                    yield Item(x, y, template.shape, colour, template.size)
 
 
 @cache
 def _probes(footprint: int, odd_x: int, odd_y: int, shrink: int) -> list[list[int]]:
-    """Row and column of blocks all over an item."""
-    filled = np.argwhere(_unit_counts(footprint, odd_x, odd_y, shrink)).tolist()
-    return filled[:: max(1, len(filled) // PROBES)]
+    """Row and column of some pixels spread over a template."""
+    filled = np.argwhere(_template_coverage(footprint, odd_x, odd_y, shrink)).tolist()
+    return filled[:: max(1, len(filled) // PROBE_COUNT)]
 
 
 @cache
-def _drawn(footprint: int) -> BoolArray:
-    """(side, side) whether each native pixel of the bounding square is drawn."""
-    return _unit_counts(footprint, 0, 0, 1).astype(np.bool_)
+def _native_mask(footprint: int) -> BoolArray:
+    """(side, side) which native pixels of the bounding square are drawn."""
+    return _template_coverage(footprint, 0, 0, 1).astype(np.bool_)
 
 
-def _native(item: Item) -> tuple[slice, slice]:
-    """Rows and columns of an item's bounding square."""
+def _native_slices(item: Item) -> tuple[slice, slice]:
+    """Rows and columns of the native pixels of an item's bounding square."""
     x, y, side = item.x + MARGIN, item.y + MARGIN, item.side
     return slice(y, y + side), slice(x, x + side)
 
 
-def _blocks(item: Item, shrink: int) -> tuple[slice, slice]:
-    """Rows and columns of the blocks that it touches."""
+def _pixel_slices(item: Item, shrink: int) -> tuple[slice, slice]:
+    """Rows and columns of the image pixels an item touches."""
     x, y, side = item.x + MARGIN, item.y + MARGIN, item.side
     return slice(y // shrink, -(-(y + side) // shrink)), slice(x // shrink, -(-(x + side) // shrink))
 
 
-def _by_block(item: Item, unseen: BoolArray, shrink: int) -> IntArray:
-    """(rows, columns) drawn pixels of an item that can be seen, in each block it touches."""
-    before_x, before_y = item.x % shrink, item.y % shrink  # MARGIN is a whole number of blocks
+def _visible_coverage(item: Item, occluded: BoolArray, shrink: int) -> IntArray:
+    """(rows, columns) visible native pixels of an item in each image pixel it touches."""
+    before_x, before_y = item.x % shrink, item.y % shrink  # MARGIN is a multiple of shrink
     rows, columns = -(-(before_y + item.side) // shrink), -(-(before_x + item.side) // shrink)
     shown = np.zeros((rows * shrink, columns * shrink), np.bool_)
-    shown[before_y : before_y + item.side, before_x : before_x + item.side] = _drawn(item.footprint) & ~unseen
+    shown[before_y : before_y + item.side, before_x : before_x + item.side] = _native_mask(item.footprint) & ~occluded
     return shown.reshape(rows, shrink, columns, shrink).sum(axis=(1, 3), dtype=np.int16)
 
 
-def _in_order(drawn: Sequence[Item]) -> list[Item]:
-    """Items by x, then y, but one that is drawn over another after it; `drawn` from the back to the front."""
+def _in_drawing_order(drawn: Sequence[Item]) -> list[Item]:
+    """Items by x, then y, except that an occluding item follows the occluded one; `drawn` is from back to front."""
     left = list(drawn)
     ordered: list[Item] = []
     while left:
-        free = [item for place, item in enumerate(left) if all(_are_apart((item, other), 1) for other in left[:place])]
+        free = [
+            item for index, item in enumerate(left) if all(_are_disjoint((item, other), 1) for other in left[:index])
+        ]
         item = min(free)
         left.remove(item)
         ordered.append(item)
     return ordered
 
 
-def _scatter(image: UInt8Array) -> Scene:
-    found = [region.read(image[None])[0] for region in _boxes_by_pixels(_sizes()[image.shape])]
+def _read_scatter(image: UInt8Array) -> Scene:
+    found = [region.read(image[None])[0] for region in _box_caches(_shrink_by_shape()[image.shape])]
     return _scene(found)
 
 
-def _scatters(images: UInt8Array) -> list[Scene]:
+def _read_scatter_batch(images: UInt8Array) -> list[Scene]:
     scenes: list[Scene] = []
-    for first in range(0, len(images), TOGETHER):
-        some = images[first : first + TOGETHER]
-        columns = [region.read(some) for region in _boxes_by_pixels(_sizes()[images.shape[1:]])]
+    for first in range(0, len(images), BATCH_SIZE):
+        some = images[first : first + BATCH_SIZE]
+        columns = [region.read(some) for region in _box_caches(_shrink_by_shape()[images.shape[1:]])]
         for index, found in enumerate(zip(*columns, strict=False)):
             try:
                 scenes.append(_scene(found))

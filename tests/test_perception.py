@@ -1,4 +1,4 @@
-"""Scenes read back from pictures: exact for whatever play and corpora show, refused where there is none."""
+"""Reconstructing scenes from images: exact for scenes of play and corpora, an error for images of no scene."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def as_sets(shown: Scene) -> list[list[Item]]:
     return [sorted(box.items) for box in shown.boxes]
 
 
-def check_read(scenes: list[Scene], appearance: str, image_size: str) -> None:
+def check_recovered(scenes: list[Scene], appearance: str, image_size: str) -> None:
     read = read_scenes([draw(shown, image_size) for shown in scenes], appearance)
     assert [as_sets(shown) for shown in read] == [as_sets(shown) for shown in scenes]
 
 
-def played(appearance: str, rules: str, starts: list[Scene], count: int) -> list[Scene]:
-    """Scenes of random legal play, some twelve edits from each start."""
+def random_play_scenes(appearance: str, rules: str, starts: list[Scene], count: int) -> list[Scene]:
+    """Scenes of random legal play, twelve edits from each start."""
     rng = np.random.default_rng(7)
     by_name, placement = APPEARANCES[appearance], RULE_SETS[rules].placement
     scenes: list[Scene] = []
@@ -53,16 +53,16 @@ def played(appearance: str, rules: str, starts: list[Scene], count: int) -> list
 
 @IMAGE_SIZES
 @given(shown=SCENES["tower"])
-def test_tower__is_read_from_below(image_size: str, shown: Scene):
+def test_tower__blocks_are_ordered_from_bottom_to_top(image_size: str, shown: Scene):
     assert read_scene(draw(shown, image_size), "tower") == shown
 
 
-def test_tower__a_block_that_floats_is_refused():
-    with pytest.raises(PerceptionError, match="box 1: the levels of a tower, from below, cannot have the green"):
+def test_tower__a_floating_block_is_an_error():
+    with pytest.raises(PerceptionError, match="box 1: no tower has the green values"):
         read_scene(draw(scene([], [square(40, 59)]), "half"), "tower")
 
 
-def test_tower__another_item_beside_the_tower_is_refused_by_its_pixel():
+def test_tower__an_item_beside_the_tower_is_an_error_naming_its_pixel():
     with pytest.raises(PerceptionError, match=r"pixel \(row 5, column 75\) is \[15, 131, 255\]"):
         read_scene(draw(scene([], [square(10, 10, colour=B)]), "half"), "tower")
 
@@ -73,19 +73,19 @@ def test_tower__another_item_beside_the_tower_is_refused_by_its_pixel():
 @IMAGE_SIZES
 @settings(max_examples=50)
 @given(shown=SCENES["scatter"])
-def test_scatter__legal_scenes_are_read_and_draw_the_same(image_size: str, shown: Scene):
+def test_scatter__reconstructions_of_legal_scenes_draw_the_same_image(image_size: str, shown: Scene):
     image = draw(shown, image_size)
     assert np.array_equal(draw(read_scene(image, "scatter"), image_size), image)
 
 
-def test_scatter__items_come_by_x_then_y():
+def test_scatter__items_are_ordered_by_x_then_y():
     given_items = [square(50, 60, colour=B), circle(50, 10), triangle(0, 60, LARGE, K), square(50, 33, colour=Y)]
     read = read_scene(draw(scene([], given_items), "half"), "scatter")
     assert list(read.boxes[1].items) == sorted(given_items)
 
 
-def test_scatter__no_two_kinds_look_alike_at_half_size():
-    """Nor at other places: cut to the blocks that show some of it, every kind and oddness differs."""
+def test_scatter__footprints_and_parities_are_distinguishable_at_half_size():
+    """Nor at other places: cropped to the pixels that show some of it, every footprint and parity differs."""
     item_types: set[tuple[tuple[int, ...], bytes]] = set()
     for footprint, odd_x, odd_y in product(range(9), (0, 1), (0, 1)):
         counts = stamp(footprint, Colour.YELLOW, odd_x, odd_y, 2).counts
@@ -96,7 +96,7 @@ def test_scatter__no_two_kinds_look_alike_at_half_size():
 
 
 def test_legal_items__never_share_a_drawn_pixel():
-    """What reading items one by one rests on: apart as shapes, they are apart as pixels."""
+    """Template matching relies on it: items that are apart as shapes are apart as pixels."""
     for other, new in product(range(9), repeat=2):
         mine, theirs = (stamp(footprint, Colour.YELLOW, 0, 0, 1).counts for footprint in (new, other))
         field = np.zeros((FOOTPRINT_SIDES[other] + 60,) * 2, np.uint8)
@@ -109,7 +109,7 @@ def test_legal_items__never_share_a_drawn_pixel():
 
 @IMAGE_SIZES
 @pytest.mark.parametrize("shape", Shape)
-def test_scatter__every_single_item_is_read_as_itself(image_size: str, shape: Shape):
+def test_scatter__every_single_item_is_recovered(image_size: str, shape: Shape):
     for size in Size:
         corners = range(0, 101 - size.pixels, 11)
         ends = [*corners, 100 - size.pixels]
@@ -128,12 +128,12 @@ def test_scatter__every_single_item_is_read_as_itself(image_size: str, shape: Sh
         [triangle(10, 40), square(10, 60), triangle(30, 41)],
     ],
 )
-def test_scatter__items_of_a_colour_that_touch_are_told_apart(image_size: str, touching: list[Item]):
-    check_read([scene(touching), scene([], [], touching)], "scatter", image_size)
+def test_scatter__touching_items_of_one_colour_are_separated(image_size: str, touching: list[Item]):
+    check_recovered([scene(touching), scene([], [], touching)], "scatter", image_size)
 
 
 @IMAGE_SIZES
-def test_scatter__four_squares_that_fill_one_are_read_as_that_one(image_size: str):
+def test_scatter__fewest_items_are_preferred(image_size: str):
     filling = [square(x, y, SMALL) for x in (10, 20) for y in (10, 20)]
     read = read_scene(draw(scene(filling), image_size), "scatter")
     assert read == scene([square(10, 10, MEDIUM)])
@@ -143,7 +143,7 @@ def test_scatter__four_squares_that_fill_one_are_read_as_that_one(image_size: st
 
 
 @IMAGE_SIZES
-def test_scatter__an_item_drawn_over_another_comes_after_it(image_size: str):
+def test_scatter__an_occluding_item_comes_after_the_occluded(image_size: str):
     front, back = circle(10, 10, LARGE, B), square(35, 20, MEDIUM, K)
     for drawn_items in ([back, front], [front, back]):
         shown = scene([], drawn_items)
@@ -151,33 +151,33 @@ def test_scatter__an_item_drawn_over_another_comes_after_it(image_size: str):
 
 
 @IMAGE_SIZES
-def test_scatter__groups_of_which_something_is_hidden_are_searched_one_by_one(image_size: str):
+def test_scatter__occluded_groups_are_searched_separately(image_size: str):
     blue = [circle(23, 20, MEDIUM, B), square(20, 39, SMALL, B), triangle(19, 39, LARGE, B)]
     yellow = [circle(60, 10, LARGE, Y), square(80, 35, MEDIUM, Y)]
-    check_read([scene([*blue, *yellow])], "scatter", image_size)
+    check_recovered([scene([*blue, *yellow])], "scatter", image_size)
 
 
 @IMAGE_SIZES
 @pytest.mark.parametrize("item", [square(-3, 40, colour=B), circle(83, -4), triangle(75, 74, LARGE, K)])
 @pytest.mark.parametrize("box", range(3))
-def test_scatter__items_that_leave_their_box_are_read(image_size: str, item: Item, box: int):
+def test_scatter__items_that_leave_their_box_are_recovered(image_size: str, item: Item, box: int):
     boxes: list[list[Item]] = [[], [], []]
     boxes[box] = [item, square(40, 40, MEDIUM, Y)]
-    check_read([Scene.of(*boxes)], "scatter", image_size)
+    check_recovered([Scene.of(*boxes)], "scatter", image_size)
 
 
 @settings(max_examples=60)
 @given(item=items(overhang=19))
 @example(item=square(62, -8, LARGE, Y))
 @example(item=circle(-6, -11, LARGE, Y))
-def test_scatter__any_item_draws_what_is_read_of_it(item: Item):
+def test_scatter__reconstruction_of_any_item_draws_the_same_image(item: Item):
     image = draw(scene([], [item]), "half")
     assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
 
 
 @settings(max_examples=15)
 @given(drawn_items=st.lists(items(overhang=10), min_size=2, max_size=2))
-def test_scatter__any_two_items_draw_what_is_read_of_them(drawn_items: list[Item]):
+def test_scatter__reconstruction_of_any_two_items_draws_the_same_image(drawn_items: list[Item]):
     image = draw(scene([], drawn_items), "half")
     assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
 
@@ -187,75 +187,75 @@ def test_scatter__any_two_items_draw_what_is_read_of_them(drawn_items: list[Item
 
 @IMAGE_SIZES
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_builtin_starts__are_read(appearance: str, image_size: str):
+def test_builtin_starts__are_recovered(appearance: str, image_size: str):
     starts = {task.start for task in load_tasks("builtin", appearance, "flipit", "dev")}
-    check_read(list(starts), appearance, image_size)
+    check_recovered(list(starts), appearance, image_size)
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_official_starts__are_read(appearance: str, official_data: Path):
+def test_official_starts__are_recovered(appearance: str, official_data: Path):
     starts = {task.start for task in load_tasks(str(official_data), appearance, "flipit", "dev")}
-    check_read(list(starts), appearance, "half")
+    check_recovered(list(starts), appearance, "half")
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 @pytest.mark.parametrize("rules", RULE_SETS)
-def test_play__every_scene_is_read(appearance: str, rules: str):
+def test_play__every_scene_is_recovered(appearance: str, rules: str):
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")]
-    check_read(played(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
+    check_recovered(random_play_scenes(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
 
 
 # Batches and the cache
 
 
-def test_read_scenes__reads_an_array_of_images():
+def test_read_scenes__accepts_an_array_of_images():
     scenes = [scene([circle(10, 10)]), scene([], [square(30, 30, colour=B)]), Scene.empty()]
     assert read_scenes(np.stack([draw(shown, "half") for shown in scenes]), "scatter") == scenes
 
 
-def test_read_scenes__names_the_image_at_fault():
+def test_read_scenes__errors_name_the_image():
     images = np.stack([draw(Scene.empty(), "half")] * 3)
     images[1, 3, 4] = 1
     with pytest.raises(PerceptionError, match=r"image 1: pixel \(row 3, column 4\) is \[1, 1, 1\]"):
         read_scenes(images, "scatter")
 
 
-def test_read_scenes__reads_more_boxes_than_it_remembers(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(perception, "KEPT_BYTES", 200_000)  # six boxes of each region at half size
-    perception._boxes_by_pixels.cache_clear()
+def test_read_scenes__handles_more_boxes_than_the_cache_holds(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(perception, "CACHE_BYTES", 200_000)  # six boxes of each region at half size
+    perception._box_caches.cache_clear()
     try:
         scenes = [scene([circle(4 * index, 10)], [square(30, 3 * index, colour=B)]) for index in range(20)]
         images = np.stack([draw(shown, "half") for shown in (*scenes, *scenes[::-1], *scenes[:3] * 2)])
         assert read_scenes(images, "scatter") == [*scenes, *scenes[::-1], *scenes[:3] * 2]
     finally:
-        perception._boxes_by_pixels.cache_clear()
+        perception._box_caches.cache_clear()
 
 
-def test_a_box_seen_before__is_the_same_box():
+def test_boxes_with_equal_pixels__are_the_same_object():
     first, second = (
         read_scene(draw(scene([circle(10, 10)], right), "half"), "scatter") for right in ([], [square(3, 4)])
     )
     assert first.boxes[0] is second.boxes[0]
 
 
-# What is no picture
+# Invalid images
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 @pytest.mark.parametrize(
-    ("image", "said"),
+    ("image", "reason"),
     [
         (np.zeros((50, 190), np.uint8), r"not uint8 \(50, 190\)"),
         (np.zeros((50, 190, 3), np.float32), r"not float32 \(50, 190, 3\)"),
         ([[0, 0, 0]], "not 'list'"),
     ],
 )
-def test_wrong_array__is_refused_with_the_shapes(appearance: str, image: Any, said: str):
-    with pytest.raises(PerceptionError, match=rf"uint8 array of shape \(50, 190, 3\) or \(100, 380, 3\), {said}"):
+def test_wrong_array__error_names_the_valid_shapes(appearance: str, image: Any, reason: str):
+    with pytest.raises(PerceptionError, match=rf"uint8 array of shape \(50, 190, 3\) or \(100, 380, 3\), {reason}"):
         read_scene(image, appearance)
 
 
-def test_unknown_appearance__names_the_choices():
+def test_unknown_appearance__error_names_the_choices():
     with pytest.raises(ValueError, match=r"towers.*scatter, tower"):
         read_scene(draw(Scene.empty()), "towers")
 
@@ -263,7 +263,9 @@ def test_unknown_appearance__names_the_choices():
 @IMAGE_SIZES
 @settings(max_examples=50)
 @given(place=st.tuples(st.integers(0, 49), st.integers(0, 189)), pixel=st.tuples(*[st.integers(0, 255)] * 3))
-def test_one_changed_pixel__is_refused_or_drawn(image_size: str, place: tuple[int, int], pixel: tuple[int, int, int]):
+def test_one_changed_pixel__is_an_error_or_reproduced(
+    image_size: str, place: tuple[int, int], pixel: tuple[int, int, int]
+):
     image = draw(scene([circle(10, 10)], [square(40, 40, LARGE, K)], [triangle(50, 50, LARGE, B)]), image_size)
     image[place] = pixel
     try:
@@ -273,14 +275,14 @@ def test_one_changed_pixel__is_refused_or_drawn(image_size: str, place: tuple[in
     assert np.array_equal(draw(read, image_size), image)
 
 
-def test_box_colour_on_a_separator__is_refused():
+def test_box_colour_on_a_separator__is_an_error():
     image = draw(Scene.empty(), "half")
     image[10, 55] = 211
     with pytest.raises(PerceptionError, match=r"row 10, column 55"):
         read_scene(image, "scatter")
 
 
-def test_a_speck_of_colour__is_no_item():
+def test_a_single_coloured_pixel__is_an_error():
     image = draw(Scene.empty())
     image[50, 50] = 0
     with pytest.raises(PerceptionError, match="box 0: no items could be found that explain its black pixels"):
