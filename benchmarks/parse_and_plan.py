@@ -119,9 +119,11 @@ def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
 
 
 def print_reliability(forecasts: Sequence[Forecast]) -> None:
-    rows = [("mean stated", "came true", "tasks")]
+    rows = [("mean predicted", "success rate", "tasks")]
     for found in reliability(forecasts):
-        rows.append((f"{100 * found.stated:.0f} %", f"{100 * found.came_true:.0f} %", f"{found.forecasts}"))
+        rows.append(
+            (f"{100 * found.mean_probability:.0f} %", f"{100 * found.success_rate:.0f} %", f"{found.forecasts}")
+        )
     print(markdown_table(rows))
 
 
@@ -133,13 +135,21 @@ def draw_reliability(forecasts: Sequence[Forecast], path: Path) -> None:
 
     bins = reliability(forecasts)
     figure, axes = pyplot.subplots(figsize=(4.5, 4.2), dpi=120)
-    axes.plot([0, 1], [0, 1], color="grey", linewidth=1, label="stated = came true")
-    axes.plot([found.stated for found in bins], [found.came_true for found in bins], marker="o", label="parse and plan")
+    axes.plot([0, 1], [0, 1], color="grey", linewidth=1, label="perfect calibration")
+    axes.plot(
+        [found.mean_probability for found in bins],
+        [found.success_rate for found in bins],
+        marker="o",
+        label="parse and plan",
+    )
     for found in bins:
         axes.annotate(
-            f"{found.forecasts}", (found.stated, found.came_true), textcoords="offset points", xytext=(4, -11)
+            f"{found.forecasts}",
+            (found.mean_probability, found.success_rate),
+            textcoords="offset points",
+            xytext=(4, -11),
         )
-    axes.set(xlabel="stated probability of success", ylabel="share that succeeded", xlim=(0, 1.02), ylim=(0, 1.02))
+    axes.set(xlabel="predicted probability of success", ylabel="success rate", xlim=(0, 1.02), ylim=(0, 1.02))
     axes.legend(frameon=False, loc="upper left")
     figure.tight_layout()
     figure.savefig(path)

@@ -78,14 +78,14 @@ def load_model(
             metadata = file.metadata() or {}
             names = file.keys() if with_tensors else ()
             tensors = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError) as fault:
-        raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {fault}") from None
+    except (SafetensorError, OSError) as error:
+        raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
     if METADATA_KEY not in metadata:
         raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym_mp wrote")
     try:
         return ModelDescription.from_json(json.loads(metadata[METADATA_KEY])), tensors
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as fault:
-        raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
 
 
 def load_model_of_kind(
@@ -107,8 +107,8 @@ def _check_file(path: Path) -> None:
             raise ModelFileError(f"{path}: larger than {LARGEST_FILE >> 30} GiB")
         with path.open("rb") as file:
             start = file.read(9)
-    except OSError as fault:
-        raise ModelFileError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    except OSError as error:
+        raise ModelFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     is_safetensors = start[8:] == b"{"  # follows the header length, whose first byte is arbitrary
     if start.startswith(PICKLE_STARTS) and not is_safetensors:
         raise ModelFileError(
@@ -123,6 +123,6 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) 
         raise ModelFileError(f"{path}: {non_finite[0]} holds non-finite values")
     try:
         network.load_state_dict(dict(tensors))
-    except RuntimeError as fault:
-        reason = str(fault).strip().splitlines()[-1].strip()
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].strip()
         raise ModelFileError(f"{path}: tensors do not match the network it describes: {reason}") from None

@@ -62,8 +62,8 @@ class TrainingRun:
         path = self.path / CHECKPOINT_FILE
         try:
             state = torch.load(path, map_location=device, weights_only=True)
-        except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as fault:
-            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+        except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: {reason}") from None
         if not isinstance(state, dict):
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: it holds no dict")
@@ -122,8 +122,8 @@ def _saved_identity(file: Path) -> dict[str, Any]:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:
         raise
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as fault:
-        raise TrainingRunError(f"{file}: cannot be used: {fault}") from None
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise TrainingRunError(f"{file}: cannot be used: {error}") from None
     return content["identity"]
 
 

@@ -117,14 +117,14 @@ class HTTPAgent:
                     return json.load(response)
             except urllib.error.HTTPError as refusal:
                 with refusal:
-                    fault = f"HTTP {refusal.code} {refusal.reason}: {refusal.read(200).decode(errors='replace')}"
+                    error = f"HTTP {refusal.code} {refusal.reason}: {refusal.read(200).decode(errors='replace')}"
                 if refusal.code not in RETRIED_STATUSES:
-                    raise AgentError(f"{self._url}: {fault}") from None
+                    raise AgentError(f"{self._url}: {error}") from None
             except (OSError, ValueError) as broken:
-                fault = str(broken)
+                error = str(broken)
             if attempt < self._retries:
                 time.sleep(FIRST_PAUSE_SECONDS * 2**attempt)
-        raise AgentError(f"{self._url}: {fault} ({self._retries + 1} attempts)")
+        raise AgentError(f"{self._url}: {error} ({self._retries + 1} attempts)")
 
 
 def _transformers_agent(**options: Any) -> LanguageAgent:
@@ -149,8 +149,8 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
     maker = _imported(name) if ":" in name else choose("agent", name, AGENTS)
     try:
         agent = maker(**(options or {}))
-    except TypeError as fault:
-        raise AgentError(f"agent {name!r} cannot be made with the options {dict(options or {})}: {fault}") from None
+    except TypeError as error:
+        raise AgentError(f"agent {name!r} cannot be made with the options {dict(options or {})}: {error}") from None
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")
     return agent
@@ -160,5 +160,5 @@ def _imported(name: str) -> Callable[..., Any]:
     module, _, attribute = name.partition(":")
     try:
         return getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as fault:
-        raise AgentError(f"agent {name!r}: {fault}; name it module:Class, importable from here") from None
+    except (ImportError, AttributeError) as error:
+        raise AgentError(f"agent {name!r}: {error}; name it module:Class, importable from here") from None

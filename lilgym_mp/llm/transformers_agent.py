@@ -28,8 +28,8 @@ class TransformersAgent:
             model: Any = library.AutoModelForCausalLM.from_pretrained(
                 directory, local_files_only=True, use_safetensors=True
             )
-        except (OSError, ValueError) as fault:
-            raise AgentError(f"{directory}: {fault}") from None
+        except (OSError, ValueError) as error:
+            raise AgentError(f"{directory}: {error}") from None
         self._model: Any = model.to(device).eval()
         self._device = device
         self._max_new_tokens = int(max_new_tokens)

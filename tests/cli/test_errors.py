@@ -32,7 +32,7 @@ MISTAKES = {
     ),
     "a recipe of nonsense for the parser": (
         ["train", "parse-and-plan", "--generated", "2"],
-        "generated must be from 0 to 1",
+        "generated must be at least 0 and at most 1",
     ),
     "unknown configuration to evaluate": (
         ["evaluate", "--policy", "expert", "--configuration", "T"],

@@ -252,8 +252,8 @@ def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_pa
     table = rows(lilgym("evaluate", run, "--corpus", own))
     assert next(row[0] for row in table if row[1] == "TowerScratch") == f"parse-and-plan ({run})"
     said = lilgym("explain", "There is a blue block.", "--agent", run, "--film", tmp_path / "film.gif")
-    assert "read as: there is a blue block" in said
-    assert "stated probability of success:" in said
+    assert "parsed words: there is a blue block" in said
+    assert "predicted probability of success:" in said
     with Image.open(tmp_path / "film.gif") as film:
         assert film.size[0] > 380
 

@@ -195,7 +195,7 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
                 f"a network for {architecture.appearance} cannot play {', '.join(description.configurations)}"
             )
         network = architecture.network()
-    except (ValueError, TypeError, KeyError, VocabularyError) as fault:
-        raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
+    except (ValueError, TypeError, KeyError, VocabularyError) as error:
+        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(network, tensors, path)
     return ImitationAgent(network.to(torch_device).eval(), architecture, rules, description)

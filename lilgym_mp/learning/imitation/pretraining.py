@@ -23,7 +23,7 @@ from lilgym_mp.learning.parsing.batches import (
     ExamplePool,
     ExampleStream,
     PairSources,
-    generated_share,
+    generated_fraction,
     sample_batches,
 )
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
@@ -69,7 +69,7 @@ class TextPretraining:
             PairSources(
                 ExamplePool(examples, known), ExampleStream(generated_examples(appearance, seed, excluded), known)
             ),
-            lambda: generated_share(PARSER.generated, self._done),
+            lambda: generated_fraction(PARSER.generated, self._done),
             Variations(PARSER.shapes, PARSER.numbers),
             self._indices,
             PARSER.batch_size,

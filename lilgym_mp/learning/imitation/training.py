@@ -437,8 +437,8 @@ class _Run:
             self._network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
             self._state = _TrainingState(**state["standing"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as fault:
-            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
         self._rng = np.random.default_rng([self._seed, self._state.steps])
         self._collector.rng = self._rng

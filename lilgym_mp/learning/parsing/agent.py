@@ -1,4 +1,4 @@
-"""The agent that parses and plans: it reads the scene from pixels, and plans for the set of likely programs."""
+"""The parse-and-plan agent: reads scenes from pixels and plans for the likely programs of the statement."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
 
-KEPT_EPISODES = 4096  # whose plans are remembered
+MAX_CACHED_EPISODES = 4096
 
 
 @dataclass
 class _EpisodePlan:
-    """What is left of an episode's plan."""
+    """The remainder of an episode's plan."""
 
     actions: Sequence[Action]
-    scene: Scene  # that the next picture should show
-    plan: Plan | None = None  # that it comes from; None where the picture could not be read
+    scene: Scene  # expected in the next image
+    plan: Plan | None = None  # None if the image could not be read
 
 
 class ParseAndPlanPolicy:
-    """Plans at the start of an episode, and again where a picture is not the one that the plan expects."""
+    """Plans at the start of an episode, and again whenever an image differs from the one the plan expects."""
 
     needs_masks = False
 
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
-        self._courses: dict[int, _EpisodePlan] = {}
-        self._latest: list[Plan | None] = []  # B, of the latest call
+        self._episode_plans: dict[int, _EpisodePlan] = {}
+        self._latest: list[Plan | None] = []  # (B,) of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         appearance = self.planner.dynamics.appearance
@@ -54,16 +54,16 @@ class ParseAndPlanPolicy:
             zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
         ):
             image, statement = observations.images[row], observations.statements[row]
-            course = self._courses.pop(episode, None) if step else None
-            if course is None or not np.array_equal(draw(course.scene, "half"), image):
-                course = self._planned(image, statement, bool(observations.targets[row]), step)
-            chosen.append(appearance.encode(course.actions[0]))
-            self._latest.append(course.plan)
-            self._advance(episode, course)
+            episode_plan = self._episode_plans.pop(episode, None) if step else None
+            if episode_plan is None or not np.array_equal(draw(episode_plan.scene, "half"), image):
+                episode_plan = self._new_plan(image, statement, bool(observations.targets[row]), step)
+            chosen.append(appearance.encode(episode_plan.actions[0]))
+            self._latest.append(episode_plan.plan)
+            self._advance(episode, episode_plan)
         return np.array(chosen, np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        """Certain of what it chose; how probable the programs were when the plan was made, and its success."""
+        """Probability 1 for the chosen action; program and success probabilities as of planning time."""
         programs = [
             {} if plan is None else {goal.program: goal.probability for goal in plan.goals} for plan in self._latest
         ]
@@ -74,53 +74,53 @@ class ParseAndPlanPolicy:
             programs=programs,
         )
 
-    def _planned(self, image: UInt8Array, statement: str, target: bool, step: int) -> _EpisodePlan:
+    def _new_plan(self, image: UInt8Array, statement: str, target: bool, step: int) -> _EpisodePlan:
         dynamics = self.planner.dynamics
         try:
             scene = dynamics.appearance.check_scene(read_scene(image, dynamics.appearance.name))
-        except (PerceptionError, ValueError):  # a picture that cannot be read leaves nothing to plan with
+        except (PerceptionError, ValueError):  # no scene, so no plan
             return _EpisodePlan((STOP,), Scene.empty())
         plan = self.planner.plan(scene, statement, target, step)
         return _EpisodePlan(plan.actions, scene, plan)
 
-    def _advance(self, episode: int, course: _EpisodePlan) -> None:
-        """Remembers what follows the next action of the plan."""
-        action, *rest = course.actions
+    def _advance(self, episode: int, episode_plan: _EpisodePlan) -> None:
+        """Stores the plan from its second action on."""
+        action, *rest = episode_plan.actions
         if not rest:
             return
-        if len(self._courses) >= KEPT_EPISODES:
-            self._courses.clear()
+        if len(self._episode_plans) >= MAX_CACHED_EPISODES:
+            self._episode_plans.clear()
         dynamics = self.planner.dynamics
-        scene = dynamics.appearance.apply(course.scene, action, dynamics.rules.placement).scene
-        self._courses[episode] = _EpisodePlan(rest, scene, course.plan)
+        scene = dynamics.appearance.apply(episode_plan.scene, action, dynamics.rules.placement).scene
+        self._episode_plans[episode] = _EpisodePlan(rest, scene, episode_plan.plan)
 
 
 @dataclass(frozen=True)
 class ParseAndPlanAgent:
-    """One parser for all configurations of the appearances that it was trained on."""
+    """One parser for all configurations of the appearances it was trained on."""
 
     description: ModelDescription
     parser: Parser
 
     def planner(self, settings: Settings, *, votes: bool = True) -> Planner:
-        """Raises AgentError for a configuration that it does not play."""
+        """`votes` as in `Planner`. Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         calibration = Calibration(**self.description.details["calibration"])
         return Planner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, votes)
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
-        """Planning draws nothing, so `sampled` changes nothing."""
+        """Planning is deterministic, so `sampled` has no effect."""
         return ParseAndPlanPolicy(self.planner(settings))
 
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    target = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, target)
+    torch_device = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
     try:
-        parser = move(Parser.from_details(description.details), target)
+        parser = move(Parser.from_details(description.details), torch_device)
         Calibration(**description.details["calibration"])
-    except (KeyError, TypeError, ValueError) as fault:
-        raise ModelFileError(f"{path}: its description cannot be used: {fault!r}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelFileError(f"{path}: its description cannot be used: {error!r}") from None
     load_weights(parser.network, tensors, path)
     return ParseAndPlanAgent(description, parser)

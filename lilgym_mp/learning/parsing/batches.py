@@ -1,4 +1,4 @@
-"""Batches of statements with programs, as indices, sample from a corpus and from the generator."""
+"""Training batches of statement-program pairs, sampled from a corpus and from the generator."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lilgym_mp.learning.parsing.network import Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, slots_of
 from lilgym_mp.learning.training_run import TrainingError
 
-LAST_GENERATED = 1 / 8  # of the generator's share at the first step, at the last one
-POOL = 16  # batches that are sample together and sorted by length
+FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
+POOL = 16  # batches sampled together and sorted by length
 
 
 class Example(NamedTuple):
-    """A statement of the corpus with its program."""
+    """A statement with its program."""
 
     statement: str
     program: str
@@ -28,7 +28,7 @@ class Example(NamedTuple):
 
 
 class ExamplePool:
-    """Examples to draw pairs from; each is brought into the parser's terms when it is first sample."""
+    """A finite dataset sampled with replacement; examples are tokenised when first sampled."""
 
     def __init__(self, examples: Sequence[Example], known: frozenset[str]) -> None:
         self.appearances = {example.appearance for example in examples}
@@ -40,16 +40,16 @@ class ExamplePool:
         return len(self._examples)
 
     def sample(self, rng: random.Random) -> Pair:
-        """A pair at random. Raises TrainingError when no example has a program that can be learnt."""
+        """A random pair. Raises TrainingError when no example has a program the parser can write."""
         while self._examples:
             index = rng.randrange(len(self._examples))
-            pair = self._pairs[index] or self._made(index)
+            pair = self._pairs[index] or self._tokenised(index)
             if pair is not None:
                 return pair
-        raise TrainingError("nothing to learn from: no statement has a program that the parser can write")
+        raise TrainingError("no training data: no statement has a program that the parser can write")
 
-    def _made(self, index: int) -> Pair | None:
-        """The pair of an example; one that has none is dropped."""
+    def _tokenised(self, index: int) -> Pair | None:
+        """The example's pair; without one, the example is removed."""
         statement, program, appearance = self._examples[index]
         normalised = normalise_statement(statement, appearance, self._known)
         pair = self._pairs[index] = pair_of(normalised, program, most_tokens=Sizes.longest_program)
@@ -60,14 +60,14 @@ class ExamplePool:
 
 
 class ExampleStream:
-    """Examples without end, each sample once."""
+    """An infinite stream of examples."""
 
     def __init__(self, examples: Iterator[Example], known: frozenset[str]) -> None:
         self._examples = examples
         self._known = known
 
     def sample(self, rng: random.Random) -> Pair:
-        """The next example's pair; those that have none are passed over."""
+        """The next pair; examples without one are skipped."""
         while True:
             statement, program, appearance = next(self._examples)
             normalised = normalise_statement(statement, appearance, self._known)
@@ -77,58 +77,55 @@ class ExampleStream:
 
 
 class PairSource(Protocol):
-    """What pairs are sample from."""
+    """A source of training pairs."""
 
     def sample(self, rng: random.Random) -> Pair: ...
 
 
 class PairSources(NamedTuple):
-    """Where pairs come from."""
-
     corpus: PairSource
     generated: PairSource | None
 
 
 def evaluation_statements(corpus: str) -> set[str]:
-    """The statements of the corpus's other splits, normalised: what no generated statement may be, even by chance."""
+    """The normalised dev and test statements, which must not occur among generated training statements."""
     try:
-        sets = list(load_all_tasks(corpus, splits=("dev", "test")))
+        task_sets = list(load_all_tasks(corpus, splits=("dev", "test")))
     except NoTasksError:
         return set()
-    return {normalised(task.statement) for tasks in sets for task in tasks}
+    return {normalised(task.statement) for tasks in task_sets for task in tasks}
 
 
 class Batch(NamedTuple):
-    """Pairs as indices, padded at the end."""
+    """Index tensors, right-padded with 0."""
 
     words: Tensor  # (B, words)
     tokens: Tensor  # (B, length)
     slots: Slots
 
 
-def generated_share(first: float, done: float) -> float:
-    """The generator's share of the pairs when `done`, 0 to 1, of the steps are made: the language at large comes
-    first, what the corpus says last."""
-    return first * (1 + (LAST_GENERATED - 1) * done)
+def generated_fraction(initial: float, done: float) -> float:
+    """The fraction of generated pairs, annealed linearly in the training progress `done`, 0 to 1."""
+    return initial * (1 + (FINAL_GENERATED - 1) * done)
 
 
 def sample_batches(
     sources: PairSources,
-    share: Callable[[], float],
+    current_fraction: Callable[[], float],
     variations: Variations,
     indices: Callable[[Pair], tuple[list[int], list[int]]],
     size: int,
     rng: random.Random,
     device: torch.device,
 ) -> Iterator[Batch]:
-    """Endless batches of `size` pairs of nearly equal length.
+    """Infinite batches of `size` pairs of similar length.
 
-    `share`: the generator's share of the pairs now; `indices`: of a pair's words and of its tokens.
+    `current_fraction`: the fraction of generated pairs now; `indices`: the word and token indices of a pair.
     """
     corpus, generated = sources
     while True:
-        now = 0.0 if generated is None else share()
-        chosen = (generated if generated and rng.random() < now else corpus for _ in range(POOL * size))
+        fraction = 0.0 if generated is None else current_fraction()
+        chosen = (generated if generated and rng.random() < fraction else corpus for _ in range(POOL * size))
         pool = [variations.of(source.sample(rng), rng) for source in chosen]
         pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
         batches = [pool[first : first + size] for first in range(0, len(pool), size)]
@@ -149,6 +146,6 @@ def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -
         padded(tokens),
         Slots(
             padded([[slot.parent for slot in row] for row in slots]),
-            padded([[slot.part for slot in row] for row in slots]),
+            padded([[slot.argument for slot in row] for row in slots]),
         ),
     )

@@ -1,4 +1,4 @@
-"""The likeliest programs of statements, by beam search over prefix tokens."""
+"""Beam search over prefix tokens for the most probable programs of a statement."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.learning.parsing.network import ParserNetwork, Slots
-from lilgym_mp.learning.parsing.pairs import Slot, parts_of
+from lilgym_mp.learning.parsing.pairs import Slot, open_slots_of
 
 
 class Candidate(NamedTuple):
-    """A whole program."""
+    """A complete program."""
 
     tokens: tuple[int, ...]
     log_probability: float
 
 
 class _Partial(NamedTuple):
-    """The beginning of a program."""
+    """A hypothesis: the first tokens of a program."""
 
     tokens: tuple[int, ...]
     log_probability: float
-    open_slots: tuple[Slot, ...]  # the next one last
+    open_slots: tuple[Slot, ...]  # a stack; the next one is last
 
 
 @torch.inference_mode()
 def beam_search(network: ParserNetwork, words: Sequence[int], width: int) -> list[Candidate]:
-    """The likeliest programs of one statement that a beam of that width finds, the likeliest first; may be none."""
+    """At most `width` programs of one statement, the most probable first; may be empty."""
     device = network.logits.weight.device
-    memories = network.read(torch.tensor([words], device=device))
+    memories = network.encode(torch.tensor([words], device=device))
     caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
     partials = [_Partial((), 0.0, (Slot(0, 0),))]
     done: list[Candidate] = []
@@ -39,24 +39,24 @@ def beam_search(network: ParserNetwork, words: Sequence[int], width: int) -> lis
         before = torch.tensor([[partial.tokens[-1] if partial.tokens else 0] for partial in partials], device=device)
         slots = Slots(
             torch.tensor([[partial.open_slots[-1].parent] for partial in partials], device=device),
-            torch.tensor([[partial.open_slots[-1].part] for partial in partials], device=device),
+            torch.tensor([[partial.open_slots[-1].argument] for partial in partials], device=device),
         )
-        spread = [memory._replace(**_spread(memory, len(partials))) for memory in memories]
-        logits = network.decoded(spread, before, slots, first=length, caches=caches)[:, 0]
+        expanded = [memory.expanded(len(partials)) for memory in memories]
+        logits = network.decode(expanded, before, slots, first=length, caches=caches)[:, 0]
         scores = (
             logits.log_softmax(1)
             + torch.tensor([partial.log_probability for partial in partials], device=device)[:, None]
         )
-        scores[:, 0] = -torch.inf  # the padding is no token
-        values, places = scores.flatten().topk(min(width, scores.numel()))
-        rows, tokens = (places // scores.shape[1]).tolist(), (places % scores.shape[1]).tolist()
+        scores[:, 0] = -torch.inf  # padding is not a token
+        values, indices = scores.flatten().topk(min(width, scores.numel()))
+        rows, tokens = (indices // scores.shape[1]).tolist(), (indices % scores.shape[1]).tolist()
         grown: list[_Partial] = []
         kept: list[int] = []
         for value, row, token in zip(values.tolist(), rows, tokens, strict=True):
             if value == -float("inf"):
                 continue
             partial = partials[row]
-            open_slots = (*partial.open_slots[:-1], *parts_of(token))
+            open_slots = (*partial.open_slots[:-1], *open_slots_of(token))
             if open_slots:
                 grown.append(_Partial((*partial.tokens, token), value, open_slots))
                 kept.append(row)
@@ -72,7 +72,3 @@ def beam_search(network: ParserNetwork, words: Sequence[int], width: int) -> lis
         for cache in caches:
             cache[:] = [part[order] for part in cache]
     return done[:width]
-
-
-def _spread(memory, count: int):
-    return {"keys": memory.keys.expand(count, -1, -1, -1), "values": memory.values.expand(count, -1, -1, -1)}

@@ -1,4 +1,4 @@
-"""How sure the planner may be: its probabilities against what happens, on statements that were not learnt from."""
+"""Platt scaling of the planner's success probabilities, fitted on held-out statements."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-STEPS = 50  # of Newton's method
-CLIPPED = 1e-3  # how near to 0 or 1 a probability may come
-PRIOR = 1.0  # weight of the belief that probabilities are right as they are
+NEWTON_STEPS = 50
+CLIP = 1e-3  # probabilities are clipped to [CLIP, 1 - CLIP]
+PRIOR = 1.0  # precision of the Gaussian prior on the identity, slope 1 and shift 0
 
 
 class Forecast(NamedTuple):
-    """A probability of success that was stated, and whether it came true."""
+    """A predicted probability of success, and the outcome."""
 
     probability: float
     success: bool
@@ -21,7 +21,7 @@ class Forecast(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic curve from probabilities as they are added up to probabilities as they come true (Platt 1999)."""
+    """Logistic recalibration of a probability (Platt 1999)."""
 
     slope: float = 1.0
     shift: float = 0.0
@@ -31,16 +31,16 @@ class Calibration:
 
 
 def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
-    """The likeliest curve for the forecasts; without any, probabilities as they are."""
+    """The maximum a posteriori calibration; the identity without forecasts."""
     points = [(_logit(probability), float(success)) for probability, success in forecasts]
     slope, shift = 1.0, 0.0
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         gradient = [PRIOR * (slope - 1), PRIOR * shift]
         curvature = [PRIOR, 0.0, PRIOR]
         for x, success in points:
-            found = _logistic(slope * x + shift)
-            weight = found * (1 - found)
-            gradient = [gradient[0] + (found - success) * x, gradient[1] + found - success]
+            predicted = _logistic(slope * x + shift)
+            weight = predicted * (1 - predicted)
+            gradient = [gradient[0] + (predicted - success) * x, gradient[1] + predicted - success]
             curvature = [curvature[0] + weight * x * x, curvature[1] + weight * x, curvature[2] + weight]
         determinant = curvature[0] * curvature[2] - curvature[1] ** 2
         slope -= (curvature[2] * gradient[0] - curvature[1] * gradient[1]) / determinant
@@ -49,26 +49,26 @@ def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
 
 
 class Bin(NamedTuple):
-    """Forecasts of about the same probability."""
+    """Forecasts with similar probabilities."""
 
     forecasts: int
-    stated: float  # mean
-    came_true: float  # share
+    mean_probability: float
+    success_rate: float
 
 
 def reliability(forecasts: Sequence[Forecast], edges: Sequence[float] = (0.5, 0.7, 0.8, 0.9, 0.95)) -> list[Bin]:
-    """What a reliability diagram shows: by range of the stated probability, how often it came true."""
+    """Data of a reliability diagram: success rate by predicted probability; empty bins are left out."""
     bins: list[Bin] = []
     for low, high in zip((0.0, *edges), (*edges, math.inf), strict=True):
         inside = [forecast for forecast in forecasts if low <= forecast.probability < high]
         if inside:
-            stated = sum(forecast.probability for forecast in inside) / len(inside)
-            bins.append(Bin(len(inside), stated, sum(forecast.success for forecast in inside) / len(inside)))
+            mean = sum(forecast.probability for forecast in inside) / len(inside)
+            bins.append(Bin(len(inside), mean, sum(forecast.success for forecast in inside) / len(inside)))
     return bins
 
 
 def _logit(probability: float) -> float:
-    clipped = min(1 - CLIPPED, max(CLIPPED, probability))
+    clipped = min(1 - CLIP, max(CLIP, probability))
     return math.log(clipped / (1 - clipped))
 
 

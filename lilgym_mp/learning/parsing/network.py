@@ -1,6 +1,8 @@
-"""A small transformer from the words of a statement to the prefix tokens of its program.
+"""A small encoder-decoder transformer from the words of a statement to the prefix tokens of its program.
 
-Decoding is over trees: with each token the decoder is told which form the token is a part of, and which part.
+The decoder is tree-structured: each position is embedded with its parent token and its argument index.
+
+Module attributes are the keys of saved parameters, so renaming one breaks model files.
 """
 
 from __future__ import annotations
@@ -15,31 +17,31 @@ from torch.nn import functional
 from lilgym_mp.learning.parsing.recipe import HEADS
 
 PAD = 0
-ROOT = 0  # in place of a parent, for the first token
-MOST_PARTS = 8  # of a form; further parts count as the last
+ROOT = 0  # parent of the first token
+MAX_ARGUMENTS = 8  # embeddings of argument indices; higher indices share the last
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large the network is."""
+    """Network dimensions."""
 
     width: int = 96
     heads: int = HEADS
     hidden: int = 288
-    layers: int = 2  # of the encoder, and as many of the decoder
+    layers: int = 2  # in the encoder and in the decoder
     longest_statement: int = 64  # words
     longest_program: int = 96  # tokens
 
 
 class Slots(NamedTuple):
-    """Where each token of a program stands in its tree."""
+    """The position of each token in the program tree."""
 
-    parents: Tensor  # (B, length) the token that it is a part of; ROOT for the first
-    parts: Tensor  # (B, length) which part
+    parents: Tensor  # (B, length) parent token; ROOT for the first
+    arguments: Tensor  # (B, length) argument index under the parent
 
 
 class Attention(nn.Module):
-    """Multi-head attention with its queries, keys and values apart, so that keys and values can be kept."""
+    """Multi-head attention with keys and values computed separately, so that they can be cached."""
 
     def __init__(self, sizes: Sizes) -> None:
         super().__init__()
@@ -48,15 +50,15 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(sizes.width, 2 * sizes.width)
         self.out = nn.Linear(sizes.width, sizes.width)
 
-    def keys_and_values(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+    def keys_and_values(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """(B, length, width) to keys and values (B, heads, length, width / heads)."""
-        keys, values = self.key_value(seen).chunk(2, dim=-1)
+        keys, values = self.key_value(x).chunk(2, dim=-1)
         return self._split(keys), self._split(values)
 
     def forward(
         self, x: Tensor, keys: Tensor, values: Tensor, mask: Tensor | None = None, *, causal: bool = False
     ) -> Tensor:
-        """(B, length, width); `mask` (B, 1, 1, keys) is true where attention may go."""
+        """(B, length, width); `mask` (B, 1, 1, keys) is true for keys that may be attended to."""
         mixed = functional.scaled_dot_product_attention(
             self._split(self.query(x)), keys, values, attn_mask=mask, is_causal=causal
         )
@@ -90,24 +92,28 @@ class DecoderLayer(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, x: Tensor, memory: Memory, cache: list[Tensor] | None) -> Tensor:
-        """`cache`: keys and values of the tokens before `x`, extended by those of `x`; None decodes all at once."""
+        """`cache`: keys and values of preceding tokens, extended in place by those of `x`; None: teacher forcing."""
         normed = self.norms[0](x)
         keys, values = self.own.keys_and_values(normed)
         if cache is not None:
             keys, values = (torch.cat([before, new], dim=2) for before, new in zip(cache, (keys, values), strict=True))
             cache[:] = [keys, values]
         x = x + self.dropout(self.own(normed, keys, values, causal=cache is None))
-        seen = self.statement(self.norms[1](x), memory.keys, memory.values, memory.mask)
-        x = x + self.dropout(seen)
+        attended = self.statement(self.norms[1](x), memory.keys, memory.values, memory.mask)
+        x = x + self.dropout(attended)
         return x + self.dropout(self.hidden(self.norms[2](x)))
 
 
 class Memory(NamedTuple):
-    """What one decoder layer looks at of the statement."""
+    """The encoded statement as one decoder layer's cross-attention keys and values."""
 
     keys: Tensor  # (B, heads, words, width / heads)
     values: Tensor
     mask: Tensor  # (B, 1, 1, words) true for words, false for padding
+
+    def expanded(self, count: int) -> Memory:
+        """One statement's memory repeated for `count` hypotheses."""
+        return self._replace(keys=self.keys.expand(count, -1, -1, -1), values=self.values.expand(count, -1, -1, -1))
 
 
 def _feed_forward(sizes: Sizes, dropout: float) -> nn.Module:
@@ -117,13 +123,13 @@ def _feed_forward(sizes: Sizes, dropout: float) -> nn.Module:
 
 
 class ParserNetwork(nn.Module):
-    """Word indices to logits of program tokens. SymbolTable 0 pads words, and pads tokens."""
+    """Word indices to logits of program tokens; index 0 is padding in both."""
 
     def __init__(
         self, word_count: int, token_count: int, sizes: Sizes, dropout: float = 0.0, encoder: nn.Module | None = None
     ) -> None:
-        """`word_count`, `token_count`: with the padding. `encoder`: another network's, from (B, words) indices to
-        (B, words, width), instead of an own one."""
+        """`word_count`, `token_count`: padding included. `encoder`: an external one from (B, words) indices to
+        (B, words, width), used in place of the built-in one."""
         super().__init__()
         self.sizes = sizes
         width = sizes.width
@@ -135,7 +141,7 @@ class ParserNetwork(nn.Module):
             self.encoder_norm = nn.LayerNorm(width)
         self.tokens = nn.Embedding(token_count, width)
         self.parents = nn.Embedding(token_count, width)
-        self.parts = nn.Embedding(MOST_PARTS, width)
+        self.parts = nn.Embedding(MAX_ARGUMENTS, width)
         self.token_places = nn.Parameter(0.02 * torch.randn(sizes.longest_program, width))
         self.decoder = nn.ModuleList(DecoderLayer(sizes, dropout) for _ in range(sizes.layers))
         self.decoder_norm = nn.LayerNorm(width)
@@ -145,8 +151,8 @@ class ParserNetwork(nn.Module):
         for embedding in (*own, self.tokens, self.parents, self.parts):
             nn.init.normal_(embedding.weight, std=0.05)
 
-    def read(self, words: Tensor) -> list[Memory]:
-        """(B, words) indices to what each decoder layer looks at."""
+    def encode(self, words: Tensor) -> list[Memory]:
+        """(B, words) indices to the memory of each decoder layer."""
         mask = (words != PAD)[:, None, None]
         x = self._encoded(words, mask) if self.text is None else self.text(words)
         layers = (cast("DecoderLayer", layer) for layer in self.decoder)
@@ -159,17 +165,20 @@ class ParserNetwork(nn.Module):
         return self.encoder_norm(x)
 
     def forward(self, words: Tensor, tokens: Tensor, slots: Slots) -> Tensor:
-        """Logits (B, length, tokens) of each token, given those before it; all (B, length)."""
+        """Logits (B, length, tokens) under teacher forcing; `tokens` and `slots` are (B, length)."""
         before = functional.pad(tokens, (1, -1), value=ROOT)
-        return self.decoded(self.read(words), before, slots, first=0, caches=None)
+        return self.decode(self.encode(words), before, slots, first=0, caches=None)
 
-    def decoded(
+    def decode(
         self, memories: list[Memory], before: Tensor, slots: Slots, *, first: int, caches: list[list[Tensor]] | None
     ) -> Tensor:
-        """Logits (B, length, tokens) for slots that follow the tokens `before`; `first` is the place of the first."""
-        places = self.token_places[first : first + before.shape[1]]
-        parts = self.parts(slots.parts.clamp(max=MOST_PARTS - 1))
-        x = self.dropout(self.tokens(before) + self.parents(slots.parents) + parts + places)
+        """Logits (B, length, tokens) of the tokens in `slots`, each given the token `before` it.
+
+        `first`: the position of the first of them.
+        """
+        positions = self.token_places[first : first + before.shape[1]]
+        arguments = self.parts(slots.arguments.clamp(max=MAX_ARGUMENTS - 1))
+        x = self.dropout(self.tokens(before) + self.parents(slots.parents) + arguments + positions)
         for index, (layer, memory) in enumerate(zip(self.decoder, memories, strict=True)):
             x = layer(x, memory, None if caches is None else caches[index])
         return self.logits(self.decoder_norm(x))

@@ -1,4 +1,4 @@
-"""What the parser learns from: statements with programs, as indices, and their variations."""
+"""Training pairs of normalised statements and program tokens, and their augmentation."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities,
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 
-APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # before the words of each statement
-LARGEST_NUMBER = 7  # that a number is exchanged for
-MOST_WORDS = 64  # of a statement, the appearance's word included; what follows is not read
+APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # first word of each normalised statement
+MAX_NUMBER = 7  # of an augmented statement
+MAX_WORDS = 64  # of a statement, the appearance word included; the rest is truncated
 SHAPES = ("circle", "square", "triangle")
 
 
 class Pair(NamedTuple):
-    """A statement and its program in the parser's terms, colours in standard order."""
+    """A normalised statement and the tokens of its program, with colours in standard order."""
 
     words: tuple[str, ...]
     tokens: tuple[str, ...]
 
 
 class NormalisedStatement(NamedTuple):
-    """A statement as the parser reads it."""
+    """The parser's input."""
 
-    words: tuple[str, ...]  # the appearance's word first, colours in standard order
-    exchange: Mapping[str, str]  # by colour as it was said, the one that stands for it
+    words: tuple[str, ...]  # the appearance word, then the statement with colours in standard order
+    exchange: Mapping[str, str]  # original colour -> standard colour
 
 
 def normalise_statement(statement: str, appearance: str, known: Collection[str]) -> NormalisedStatement:
-    """`known`: the words that misspelt ones are repaired to; colours and numbers are always known."""
-    words = normalised_words(statement, known)[: MOST_WORDS - 1]
+    """`known`: candidate corrections of misspelt words; colours and numbers are always known."""
+    words = normalised_words(statement, known)[: MAX_WORDS - 1]
     exchange = standard_colours(words)
     return NormalisedStatement((APPEARANCE_WORDS[appearance], *words_recoloured(words, exchange)), exchange)
 
 
 def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) -> Pair | None:
-    """The normalised with its program in the same colours; None where the program has no tokens, or too many."""
+    """The statement with its recoloured program; None if the program has no prefix form, or too many tokens."""
     try:
         tokens = prefix_tokens(canonical_form(parse(program)))
         tokens = prefix_tokens(canonical_form(tree_from_tokens(tokens_recoloured(tokens, normalised.exchange))))
@@ -59,16 +59,16 @@ def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) 
 
 
 def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
-    """The source of the program that the parser wrote for a normalised. Raises PrefixError, ProgramError."""
+    """The source of a predicted program, in the original colours. Raises PrefixError, ProgramError."""
     tree = canonical_form(tree_from_tokens(tokens_recoloured(tokens, inverse(exchange))))
     return compile_program(source_of(tree)).source
 
 
 @dataclass(frozen=True)
 class Variations:
-    """Random exchanges of shapes and numbers, made where words and program name the same ones."""
+    """Augmentation: exchanges shapes and numbers at random where statement and program name the same ones."""
 
-    shapes: float = 0.5  # share of the pairs
+    shapes: float = 0.5  # fraction of the pairs
     numbers: float = 0.5
 
     def of(self, pair: Pair, rng: random.Random) -> Pair:
@@ -80,9 +80,9 @@ class Variations:
 
 
 def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
-    said = {shape for shape in SHAPES if shape in pair.words or f"{shape}s" in pair.words}
-    meant = {shape for shape in SHAPES for token in pair.tokens if token in _shape_tokens(shape)}
-    if said != meant or not said:
+    in_words = {shape for shape in SHAPES if shape in pair.words or f"{shape}s" in pair.words}
+    in_program = {shape for shape in SHAPES for token in pair.tokens if token in _shape_tokens(shape)}
+    if in_words != in_program or not in_words:
         return pair
     exchange: dict[str, str] = {}
     for old, new in zip(SHAPES, rng.sample(SHAPES, len(SHAPES)), strict=True):
@@ -95,16 +95,16 @@ def _shape_tokens(shape: str) -> tuple[str, str]:
 
 
 def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
-    said = {word for word in pair.words if word.isdigit()}
-    meant = {token[1:] for token in pair.tokens if token.startswith("#")}
-    if said != meant or not said or "1" in said or "0" in said:
+    in_words = {word for word in pair.words if word.isdigit()}
+    in_program = {token[1:] for token in pair.tokens if token.startswith("#")}
+    if in_words != in_program or not in_words or "1" in in_words or "0" in in_words:
         return pair
-    new = rng.sample(range(2, LARGEST_NUMBER + 1), min(len(said), LARGEST_NUMBER - 1))
-    if len(new) < len(said):
+    new = rng.sample(range(2, MAX_NUMBER + 1), min(len(in_words), MAX_NUMBER - 1))
+    if len(new) < len(in_words):
         return pair
     ordered = sorted(new)
     exchange: dict[str, str] = {}
-    for old, number in zip(sorted(said, key=int), ordered, strict=True):
+    for old, number in zip(sorted(in_words, key=int), ordered, strict=True):
         exchange |= {old: str(number), f"#{old}": f"#{number}"}
     return _exchanged(pair, exchange)
 
@@ -117,23 +117,23 @@ def _exchanged(pair: Pair, exchange: Mapping[str, str]) -> Pair:
 
 
 class Slot(NamedTuple):
-    """Where a token stands in its tree."""
+    """A token's position in the program tree."""
 
-    parent: int  # index of the token that it is a part of; 0 for the first
-    part: int
+    parent: int  # index of the parent token; 0 for the first
+    argument: int  # index under the parent
 
 
-_ARITY = [0, *(token_arities()[text] for text in TOKENS.symbols)]  # by index
+_ARITY = [0, *(token_arities()[symbol] for symbol in TOKENS.symbols)]  # by token index
 
 
 def slots_of(tokens: Sequence[int]) -> Iterator[Slot]:
-    """Of each token of a whole program."""
+    """The slot of each token of a complete program."""
     open_slots = [Slot(0, 0)]
     for token in tokens:
         yield open_slots.pop()
-        open_slots.extend(parts_of(token))
+        open_slots.extend(open_slots_of(token))
 
 
-def parts_of(token: int) -> Iterable[Slot]:
-    """The slots that a token opens, the last part first, as a stack has them."""
-    return [Slot(token, part) for part in reversed(range(_ARITY[token]))]
+def open_slots_of(token: int) -> Iterable[Slot]:
+    """The argument slots a token opens, last argument first, to be pushed on a stack."""
+    return [Slot(token, argument) for argument in reversed(range(_ARITY[token]))]

@@ -1,4 +1,4 @@
-"""A trained parser: statements to their likely programs, with probabilities."""
+"""A trained parser: from statements to candidate programs with probabilities."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ from lilgym_mp.scene import Scene
 
 UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
-KEPT_CANDIDATES = 12
-PROBE_SCENES = 160  # on which candidates that agree are taken to mean the same
-LEAST_BADLY_TYPED = 0.1  # of the beam's probability, that a program without generated code must have: it is slow to try
-KEPT_STATEMENTS = 4096  # whose candidates are remembered
+MAX_CANDIDATES = 12
+PROBE_SCENES = 160  # candidates that agree on all of these count as equivalent
+MIN_ILL_TYPED = 0.1  # fraction of the beam's probability below which ill-typed programs, slow to evaluate, are dropped
+MAX_CACHED_STATEMENTS = 4096
 
 
 class ProgramCandidate(NamedTuple):
-    """A program that a statement may mean."""
+    """A possible program of a statement."""
 
     program: str
-    probability: float  # of the statement's candidates these add up to 1
-    alternatives: int  # programs of the beam that agree with it on all probes, itself included
+    probability: float  # normalised over the statement's candidates
+    alternatives: int  # programs in the beam equivalent to it on the probe scenes, itself included
 
 
 @dataclass(frozen=True)
 class Parse:
-    """What the parser makes of a statement."""
+    """The parser's result for a statement."""
 
-    words: tuple[str, ...]  # as read, misspelt ones repaired; the first tells the appearance
-    unknown: int  # words that the parser does not know
-    candidates: tuple[ProgramCandidate, ...]  # the likeliest first; none where the beam holds no program
+    words: tuple[str, ...]  # the appearance word, then the statement with misspellings repaired
+    unknown: int  # number of words outside the vocabulary
+    candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
 
     @property
     def is_guess(self) -> bool:
-        """Whether most of the statement's words are unknown, or there are none."""
+        """Whether at most half of the statement's words are known."""
         return self.known_share <= 0.5
 
     @property
     def known_share(self) -> float:
-        """Of the statement's words; 0 of none."""
+        """The fraction of known words; 0 for an empty statement."""
         count = len(self.words) - 1
         return 1 - self.unknown / count if count else 0.0
 
 
 @cache
 def probe_scenes(appearance: str) -> Sequence[Scene]:
-    """Scenes on which programs are compared: the same in every process."""
+    """Scenes on which programs are compared; identical in every process."""
     rng = random.Random(f"probes {appearance}")
     stock = ScenePool.sample(appearance, rng, 1 + PROBE_SCENES // 8)
     scenes = rng.sample(stock.scenes, min(PROBE_SCENES, len(stock.scenes)))
@@ -68,7 +68,7 @@ def probe_scenes(appearance: str) -> Sequence[Scene]:
 
 
 def truths(program: str, appearance: str) -> tuple[bool | None, ...]:
-    """The program's truth on the probes; None where it raises an error."""
+    """The program's truth on the probe scenes; None where it raises an error."""
     evaluate = compile_program(program).evaluate
 
     def truth(scene: Scene) -> bool | None:
@@ -82,11 +82,11 @@ def truths(program: str, appearance: str) -> tuple[bool | None, ...]:
 
 @dataclass
 class Parser:
-    """A network with the words it knows."""
+    """A network with its vocabulary."""
 
     network: ParserNetwork
     vocabulary: SymbolTable
-    temperature: float = 1.0  # by which log-probabilities are divided
+    temperature: float = 1.0  # divides log-probabilities
     _known: frozenset[str] = field(init=False, repr=False)
     _parses: dict[tuple[str, str, int], Parse] = field(init=False, repr=False, default_factory=dict)
 
@@ -94,11 +94,11 @@ class Parser:
         self._known = frozenset(self.vocabulary.symbols)
 
     def parse(self, statement: str, appearance: str, beam_width: int = BEAM_WIDTH) -> Parse:
-        """The likely programs of any text, such as an empty one: then they are what statements mean most often."""
+        """The candidate programs of any text; for an empty one, the most common programs."""
         key = (statement, appearance, beam_width)
         found = self._parses.get(key)
         if found is None:
-            if len(self._parses) >= KEPT_STATEMENTS:
+            if len(self._parses) >= MAX_CACHED_STATEMENTS:
                 self._parses.clear()
             with single_thread():
                 found = self._parse(statement, appearance, beam_width)
@@ -119,18 +119,18 @@ class Parser:
             except (PrefixError, ProgramError):
                 continue
             well_typed = compile_program(program).has_generated_code
-            if not well_typed and math.exp(candidate.log_probability) < LEAST_BADLY_TYPED * total:
+            if not well_typed and math.exp(candidate.log_probability) < MIN_ILL_TYPED * total:
                 continue
-            meaning = truths(program, appearance)
-            if all(truth is None for truth in meaning) or (len(set(meaning)) == 1 and not well_typed):
+            truth_vector = truths(program, appearance)
+            if all(truth is None for truth in truth_vector) or (len(set(truth_vector)) == 1 and not well_typed):
                 continue
-            programs.setdefault(meaning, program)  # the likeliest comes first
-            scores.setdefault(meaning, []).append(candidate.log_probability / self.temperature)
-        said = words_recoloured(normalised.words, inverse(normalised.exchange))
-        return Parse(tuple(said), words.count(unknown), _ranked(programs, scores))
+            programs.setdefault(truth_vector, program)  # keeps the most probable, which comes first
+            scores.setdefault(truth_vector, []).append(candidate.log_probability / self.temperature)
+        original_words = words_recoloured(normalised.words, inverse(normalised.exchange))
+        return Parse(tuple(original_words), words.count(unknown), _ranked(programs, scores))
 
     def to_details(self) -> dict[str, Any]:
-        """What `from_details` needs beside the tensors."""
+        """The part of a model description that `from_details` reads."""
         return {
             "words": list(self.vocabulary.symbols),
             "tokens": list(TOKENS.symbols),
@@ -140,12 +140,12 @@ class Parser:
 
     @classmethod
     def from_details(cls, details: Mapping[str, Any]) -> Parser:
-        """A parser whose network is still to be given its tensors. Raises ValueError, TypeError, KeyError."""
+        """A parser with an uninitialised network. Raises ValueError, TypeError, KeyError."""
         if tuple(details["tokens"]) != TOKENS.symbols:
             raise ValueError("its program tokens are not those of this version of the language")
         words = details["words"]
         if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or UNKNOWN not in words:
-            raise ValueError("its vocabulary is not a list of words with one for unknown ones")
+            raise ValueError(f"its vocabulary is not a list of words that includes {UNKNOWN!r}")
         vocabulary = SymbolTable(tuple(words))
         network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]))
@@ -154,15 +154,18 @@ class Parser:
 def _ranked(
     programs: Mapping[tuple[bool | None, ...], str], scores: Mapping[tuple[bool | None, ...], Sequence[float]]
 ) -> tuple[ProgramCandidate, ...]:
-    """The likeliest meanings with their shares of the probability."""
+    """The most probable candidates, one per equivalence class, with renormalised probabilities."""
     if not scores:
         return ()
     highest = max(max(values) for values in scores.values())
-    masses = {meaning: sum(math.exp(value - highest) for value in values) for meaning, values in scores.items()}
-    ranked = sorted(masses, key=lambda meaning: -masses[meaning])[:KEPT_CANDIDATES]
-    total = sum(masses[meaning] for meaning in ranked)
+    masses = {
+        truth_vector: sum(math.exp(value - highest) for value in values) for truth_vector, values in scores.items()
+    }
+    ranked = sorted(masses, key=lambda truth_vector: -masses[truth_vector])[:MAX_CANDIDATES]
+    total = sum(masses[truth_vector] for truth_vector in ranked)
     return tuple(
-        ProgramCandidate(programs[meaning], masses[meaning] / total, len(scores[meaning])) for meaning in ranked
+        ProgramCandidate(programs[truth_vector], masses[truth_vector] / total, len(scores[truth_vector]))
+        for truth_vector in ranked
     )
 
 

@@ -1,4 +1,4 @@
-"""From a scene, a statement and a target to a plan: what the likely programs have in common."""
+"""Plans that satisfy as much of the candidate programs' probability as possible."""
 
 from __future__ import annotations
 
@@ -14,20 +14,18 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, WeightedGoal
 from lilgym_mp.task import Task
 
-ALREADY_TRUE = 0.1  # by which the probability of a program that a Scratch start satisfies is multiplied
-AS_THEY_ARE = Calibration()
-LEAST_PROBABILITY = 0.0002  # that a program must have to be planned for
+ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
+IDENTITY = Calibration()
+MIN_PROBABILITY = 0.0002  # of a program to be planned for
 
 
 class Plan(NamedTuple):
-    """What is going to be done, and why."""
-
-    scene: Scene  # as it was read
+    scene: Scene  # the first one
     parse: Parse
-    goals: tuple[WeightedGoal, ...]  # programs that were planned for, the most probable first
-    actions: tuple[Action, ...]  # edits and STOP
-    satisfied: tuple[int, ...]  # which of the goals hold where it stops
-    success_probability: float  # stated: of the goals' mass, calibrated, times the share of words known
+    goals: tuple[WeightedGoal, ...]  # programs planned for, the most probable first
+    actions: tuple[Action, ...]  # edits, then STOP
+    satisfied: tuple[int, ...]  # indices of the goals that hold in the final scene
+    success_probability: float  # calibrated probability of the satisfied goals times the fraction of known words
 
 
 @dataclass
@@ -36,9 +34,9 @@ class Planner:
 
     parser: Parser
     dynamics: Dynamics
-    is_flipit: bool  # whether a start is known not to be a success
-    calibration: Calibration = AS_THEY_ARE
-    votes: bool = True  # plan for all candidates; else for the likeliest alone
+    is_flipit: bool  # a FlipIt start never satisfies the target
+    calibration: Calibration = IDENTITY
+    votes: bool = True  # plan for all candidates; else for the most probable one alone
     beam_width: int = BEAM_WIDTH
     _solver: Solver = field(init=False, repr=False)
 
@@ -46,7 +44,7 @@ class Planner:
         self._solver = Solver(self.dynamics)
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
-        """What to do in a scene after so many actions of the episode."""
+        """A plan from the scene; `steps`: actions taken so far in the episode."""
         parse = self.parser.parse(statement, self.dynamics.appearance.name, self.beam_width)
         goals = self._goals(parse, scene, target, steps)
         edits_left = self.dynamics.horizon - steps - 1
@@ -64,7 +62,7 @@ class Planner:
         )
 
     def outcome(self, plan: Plan, task: Task) -> Outcome:
-        """What comes of a plan for the task."""
+        """The outcome of executing the plan on the task."""
         state = self.dynamics.start(task)
         for action in plan.actions:
             transition = self.dynamics.step(state, action)
@@ -72,7 +70,7 @@ class Planner:
         return transition.outcome
 
     def _goals(self, parse: Parse, scene: Scene, target: bool, steps: int) -> tuple[WeightedGoal, ...]:
-        """The candidates with what the scene says of them: no start of FlipIt is a success, few of Scratch are."""
+        """The candidates reweighted by the start scene: no FlipIt start, and few Scratch starts, satisfy the target."""
         weights: list[tuple[str, float]] = []
         for program, probability, _ in parse.candidates:
             if steps == 0 and compile_program(program)(scene) == target:
@@ -81,4 +79,4 @@ class Planner:
                 weights.append((program, probability))
         total = sum(weight for _, weight in weights)
         ranked = sorted(((weight / total, program) for program, weight in weights), reverse=True)
-        return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= LEAST_PROBABILITY)
+        return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= MIN_PROBABILITY)

@@ -1,4 +1,4 @@
-"""How the parser learns: statements with programs, of a corpus and of the generator, in one loop."""
+"""Training of the parser on statement-program pairs from a corpus and the generator."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription
 from lilgym_mp.learning.parsing.batches import (
-    LAST_GENERATED,
+    FINAL_GENERATED,
     Batch,
     Example,
     ExamplePool,
     PairSources,
     evaluation_statements,
-    generated_share,
+    generated_fraction,
     sample_batches,
 )
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
@@ -48,30 +48,30 @@ from lilgym_mp.rules import Outcome
 
 KIND = "parse-and-plan"
 VERSION = 1
-RAREST_WORD = 2  # times that a word must occur to be in the vocabulary
+MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 REPORT_EVERY = 50  # steps
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
-MOST_STARTS = 2  # of a held-out statement and target, that are planned from for calibration
-LEAST_PROBABILITY = 1e-4  # of the right program, where the beam misses it
+MAX_STARTS = 2  # planned from per held-out statement and target, for calibration
+MIN_PROBABILITY = 1e-4  # of the correct program where the beam misses it
 
 
 class Progress(NamedTuple):
-    """How training stands."""
+    """A line of progress.jsonl."""
 
     step: int
-    steps: int  # in all
+    steps: int  # in total
     loss: float  # mean since the last report
-    cpu_seconds: float  # of this process since training began, preparation included
+    cpu_seconds: float  # of this process since training began, data preparation included
 
 
 class TrainingData(NamedTuple):
-    """What there is to learn from."""
+    """Training and held-out data."""
 
     corpus: ExamplePool
     generated: ExamplePool
     held_out: Sequence[Example]
     vocabulary: SymbolTable
-    sha256: str  # of the corpus's statements and programs
+    sha256: str  # over the corpus's statements and programs
 
 
 def train_parser(
@@ -84,30 +84,30 @@ def train_parser(
     save_every: int = 500,
     on_progress: Callable[[Progress], object] = lambda progress: None,
 ) -> TrainingRun:
-    """Trains a parser for every appearance that the corpus has, and writes its agent to `out`.
+    """Trains one parser for all appearances in the corpus, and saves its agent in `out`.
 
-    Ctrl-C ends it after the current step with a checkpoint; `resume` goes on from the last one. The same corpus,
-    recipe and number of threads give the same agent; a resumed run draws other random numbers.
-    Raises TrainingRunError for a directory that cannot be used, CorpusError for an unusable corpus, TrainingError
-    when the loss is not finite: the last checkpoint is left as it was.
+    Ctrl-C stops after the current step and saves a checkpoint; `resume` continues from the last one. Equal corpus,
+    recipe and number of threads give equal agents; a resumed run draws different random numbers.
+    Raises TrainingRunError for an unusable directory, CorpusError for an unusable corpus, TrainingError when the loss
+    is not finite; the last checkpoint is kept.
     """
-    began = time.process_time()
-    target = select_device(device)
+    start_cpu_seconds = time.process_time()
+    torch_device = select_device(device)
     data = load_training_data(corpus, recipe)
     identity = {"learner": KIND, "corpus": corpus, "corpus_sha256": data.sha256, "recipe": asdict(recipe)}
     run = begin_run(out, identity, resume=resume)
     torch.manual_seed(recipe.seed)
     sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
-    network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(target)
-    trainer = _Trainer(network, recipe, data, target)
+    network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(torch_device)
+    trainer = _Trainer(network, recipe, data, torch_device)
     if resume and run.has_checkpoint:
         trainer.restore(run)
     earlier = trainer.cpu_seconds
     losses: list[float] = []
     with stop_on_signals() as stop:
         while trainer.step < recipe.steps and not stop.requested:
-            losses.append(trainer.learn(run))
-            trainer.cpu_seconds = earlier + time.process_time() - began
+            losses.append(trainer.train_step(run))
+            trainer.cpu_seconds = earlier + time.process_time() - start_cpu_seconds
             if trainer.step % REPORT_EVERY == 0:
                 progress = Progress(trainer.step, recipe.steps, sum(losses) / len(losses), trainer.cpu_seconds)
                 losses.clear()
@@ -122,10 +122,10 @@ def train_parser(
 
 
 def _finish(run: TrainingRun, trainer: _Trainer, data: TrainingData, corpus: str, stop: StopRequest) -> None:
-    """Calibrates the parser and writes the agent."""
+    """Calibrates the parser and saves the agent."""
     parser = Parser(trainer.network.eval(), data.vocabulary)
     parser.temperature = calibrated_temperature(parser, data.held_out)
-    coverage = share_covered(parser, data.held_out)
+    coverage = beam_coverage(parser, data.held_out)
     calibration = fit_calibration(forecasts(parser, corpus, data.held_out))
     configurations = tuple(
         name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
@@ -148,7 +148,7 @@ def _finish(run: TrainingRun, trainer: _Trainer, data: TrainingData, corpus: str
 
 
 def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
-    """The pairs to learn from, those of the corpus that are held out, and the words."""
+    """Splits off the held-out examples, generates further ones and collects the vocabulary."""
     examples = corpus_examples(corpus)
     digest = hashlib.sha256(repr(examples).encode()).hexdigest()
     shuffled = random.Random(f"held out {recipe.seed}").sample(examples, len(examples))
@@ -159,13 +159,13 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
         _generated(recipe, sorted({example.appearance for example in examples}), evaluation_statements(corpus), rng)
     )
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
-    known = frozenset([*(word for word, count in counts.items() if count >= RAREST_WORD), *COLOURS])
+    known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
     return TrainingData(ExamplePool(kept, known), ExamplePool(generated, known), held_out, vocabulary, digest)
 
 
 def corpus_examples(corpus: str) -> list[Example]:
-    """Every training statement of the corpus with its program, once."""
+    """The distinct training examples of the corpus."""
     found: dict[Example, None] = {}
     for tasks in load_all_tasks(corpus, splits=("train",)):
         appearance = tasks.provenance.appearance
@@ -174,21 +174,21 @@ def corpus_examples(corpus: str) -> list[Example]:
 
 
 def _generated(
-    recipe: ParserRecipe, appearances: Sequence[str], left_out: set[str], rng: random.Random
+    recipe: ParserRecipe, appearances: Sequence[str], excluded: set[str], rng: random.Random
 ) -> Iterator[Example]:
-    needed = int(recipe.generated * (1 + LAST_GENERATED) / 2 * recipe.steps * recipe.batch_size)
+    needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.steps * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
         yield from (
             Example(pair.statement, pair.program, appearance)
             for pair in pairs
-            if normalised(pair.statement) not in left_out
+            if normalised(pair.statement) not in excluded
         )
 
 
 class _Trainer:
-    """The network, its optimiser, and where training stands."""
+    """Network, optimiser and training state."""
 
     def __init__(self, network: ParserNetwork, recipe: ParserRecipe, data: TrainingData, device: torch.device) -> None:
         self.network = network
@@ -203,8 +203,8 @@ class _Trainer:
         self._rng = random.Random(f"batches {recipe.seed}")
         self._batches = self._drawn()
 
-    def learn(self, run: TrainingRun) -> float:
-        """One step; gives the loss. Raises TrainingError when it is not finite."""
+    def train_step(self, run: TrainingRun) -> float:
+        """One optimiser step; returns the loss. Raises TrainingError when it is not finite."""
         self.network.train()
         for group in self._optimiser.param_groups:
             group["lr"] = self.recipe.learning_rate * self._schedule()
@@ -215,7 +215,7 @@ class _Trainer:
         )
         value = loss.item()
         if not math.isfinite(value):
-            kept = f"the checkpoint before it is kept in {run.path}" if run.has_checkpoint else "nothing was saved yet"
+            kept = f"the last checkpoint is kept in {run.path}" if run.has_checkpoint else "nothing was saved yet"
             raise TrainingError(f"the loss is {value} at step {self.step + 1}; {kept}; try a lower learning rate")
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -225,27 +225,27 @@ class _Trainer:
         return value
 
     def _schedule(self) -> float:
-        """The share of the learning rate: a linear rise, then half a cosine."""
-        left = 0.5 * (1 + math.cos(math.pi * self.step / self.recipe.steps))
-        return left * min(1.0, (self.step + 1) / self.recipe.warm_up)
+        """The learning rate relative to its peak: linear warm-up times cosine decay."""
+        decay = 0.5 * (1 + math.cos(math.pi * self.step / self.recipe.steps))
+        return decay * min(1.0, (self.step + 1) / self.recipe.warm_up)
 
-    def _generated_share(self) -> float:
-        return generated_share(self.recipe.generated, self.step / self.recipe.steps)
+    def _generated_fraction(self) -> float:
+        return generated_fraction(self.recipe.generated, self.step / self.recipe.steps)
 
     def _drawn(self) -> Iterator[Batch]:
         recipe, data = self.recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
         sources = PairSources(data.corpus, data.generated if len(data.generated) else None)
         return sample_batches(
-            sources, self._generated_share, variations, self._indices, recipe.batch_size, self._rng, self._device
+            sources, self._generated_fraction, variations, self._indices, recipe.batch_size, self._rng, self._device
         )
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         vocabulary, rng = self._data.vocabulary, self._rng
         unknown = vocabulary.index(UNKNOWN)
         words = [
-            unknown if place and rng.random() < self.recipe.unknown else vocabulary.index(word, unknown)
-            for place, word in enumerate(pair.words)
+            unknown if position and rng.random() < self.recipe.unknown else vocabulary.index(word, unknown)
+            for position, word in enumerate(pair.words)
         ]
         return words, [TOKENS.index(token) for token in pair.tokens]
 
@@ -258,59 +258,61 @@ class _Trainer:
         }
 
     def restore(self, run: TrainingRun) -> None:
-        """Goes on from the run's checkpoint. Raises TrainingRunError."""
+        """Restores the run's checkpoint. Raises TrainingRunError."""
         state = run.load_checkpoint()
         try:
             self.network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
             self.step, self.cpu_seconds = int(state["step"]), float(state["cpu_seconds"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as fault:
-            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {run.path} is not of this run: {reason}") from None
         self._rng.seed(f"batches {self.recipe.seed} {self.step}")
 
 
-# Calibration, on statements that were not learnt from
+# Calibration on held-out statements
 
 
 def calibrated_temperature(parser: Parser, examples: Sequence[Example]) -> float:
-    """The temperature under which the right programs of the examples are likeliest; 1 without examples."""
+    """The temperature that maximises the likelihood of the examples' programs; 1 without examples."""
     if not examples:
         return 1.0
-    shares = [_right_shares(parser, example) for example in examples]
+    predictions = [_candidate_probabilities(parser, example) for example in examples]
     scores = {
-        temperature: sum(math.log(max(LEAST_PROBABILITY, _tempered(*share, temperature))) for share in shares)
+        temperature: sum(
+            math.log(max(MIN_PROBABILITY, _tempered(*prediction, temperature))) for prediction in predictions
+        )
         for temperature in TEMPERATURES
     }
     return max(scores, key=lambda temperature: scores[temperature])
 
 
-def _right_shares(parser: Parser, example: Example) -> tuple[list[float], int | None]:
-    """The probabilities of the example's candidates, and which one means what its program does."""
+def _candidate_probabilities(parser: Parser, example: Example) -> tuple[list[float], int | None]:
+    """The candidates' probabilities, and the index of the one equivalent to the example's program."""
     candidates = parser.parse(example.statement, example.appearance).candidates
     right = truths(example.program, example.appearance)
-    places = [place for place, found in enumerate(candidates) if truths(found.program, example.appearance) == right]
-    return [candidate.probability for candidate in candidates], places[0] if places else None
+    correct = [index for index, found in enumerate(candidates) if truths(found.program, example.appearance) == right]
+    return [candidate.probability for candidate in candidates], correct[0] if correct else None
 
 
-def _tempered(probabilities: Sequence[float], place: int | None, temperature: float) -> float:
-    """The probability at a place, of which a temperature makes more or less of the differences."""
-    if place is None:
+def _tempered(probabilities: Sequence[float], index: int | None, temperature: float) -> float:
+    """The probability at `index` after scaling by the temperature; 0 for None."""
+    if index is None:
         return 0.0
     powers = [probability ** (1 / temperature) for probability in probabilities]
-    return powers[place] / sum(powers)
+    return powers[index] / sum(powers)
 
 
-def share_covered(parser: Parser, examples: Sequence[Example]) -> float:
-    """Share of the examples for which a right program is among the candidates; 1 without examples."""
+def beam_coverage(parser: Parser, examples: Sequence[Example]) -> float:
+    """The fraction of examples with a correct program among the candidates; 1 without examples."""
     if not examples:
         return 1.0
-    return sum(_right_shares(parser, example)[1] is not None for example in examples) / len(examples)
+    return sum(_candidate_probabilities(parser, example)[1] is not None for example in examples) / len(examples)
 
 
 def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
-    """For training tasks of the examples, the planner's probability, uncalibrated, and whether its plan succeeded."""
-    asked = {(example.statement, example.appearance) for example in examples}
+    """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
+    held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []
     for name, (appearance, _) in CONFIGURATIONS.items():
         settings = Settings(name, corpus=corpus)
@@ -319,10 +321,10 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[
         except NoTasksError:
             continue
         planner = Planner(parser, settings.dynamics(), settings.start == FLIPIT)
-        met = Counter[tuple[str, bool]]()
+        planned = Counter[tuple[str, bool]]()
         for task in tasks:
-            met[task.statement, task.target] += (task.statement, appearance) in asked
-            if 0 < met[task.statement, task.target] <= MOST_STARTS and (task.statement, appearance) in asked:
+            planned[task.statement, task.target] += (task.statement, appearance) in held_out
+            if 0 < planned[task.statement, task.target] <= MAX_STARTS and (task.statement, appearance) in held_out:
                 plan = planner.plan(task.start, task.statement, task.target)
                 success = planner.outcome(plan, task) is Outcome.SUCCESS
                 found.append(Forecast(plan.success_probability, success))

@@ -114,7 +114,7 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
         model = make_model(recipe, appearance, details=description.details["model"])
     except WeightsError:
         raise
-    except (KeyError, TypeError, ValueError, VocabularyError) as fault:
-        raise ModelFileError(f"{path}: its description cannot be used: {fault}") from None
+    except (KeyError, TypeError, ValueError, VocabularyError) as error:
+        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(model, tensors, path)
     return PPOAgent(description, settings, model.to(target).eval(), recipe.mask)

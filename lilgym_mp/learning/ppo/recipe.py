@@ -248,6 +248,6 @@ def _of_file(path: Path) -> dict[str, Any]:
             kind = type(setting.default)
             if setting.name in told and type(told[setting.name]) not in ({kind, int} if kind is float else {kind}):
                 raise ValueError(f"{setting.name} must be of type {kind.__name__}, not {told[setting.name]!r}")
-    except (OSError, ValueError) as fault:
-        raise ValueError(f"{path}: {fault}") from None
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
     return told

@@ -355,8 +355,8 @@ class Run:
             self._best = state["best"]
             self._rng.bit_generator.state = json.loads(state["random"])
             self._player.restore_episodes(state["episodes"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as fault:
-            reason = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
 
     def finish(self, stop: StopRequest) -> PPOAgent:
@@ -461,8 +461,8 @@ def saved_arguments(out: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
             "recipe_name": str(identity["recipe_name"]),
             "weights": None if weights is None else Path(weights),
         }
-    except (KeyError, TypeError, ValueError, AttributeError) as fault:
-        raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {fault}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None
 
 
 def _optimiser(model: Model, recipe: PPORecipe) -> torch.optim.Optimizer:

@@ -133,15 +133,16 @@ def test_network__decoding_step_by_step_gives_what_decoding_at_once_does():
     tokens = torch.tensor([[TOKENS.index(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
     rows = [list(slots_of(tokens[0].tolist()))] * 2
     slots = Slots(
-        torch.tensor([[s.parent for s in row] for row in rows]), torch.tensor([[s.part for s in row] for row in rows])
+        torch.tensor([[s.parent for s in row] for row in rows]),
+        torch.tensor([[s.argument for s in row] for row in rows]),
     )
     at_once = network(words, tokens, slots)
-    memories = network.read(words)
+    memories = network.encode(words)
     caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
     before = torch.zeros(2, 1, dtype=torch.long)
     for place in range(tokens.shape[1]):
-        here = Slots(slots.parents[:, place : place + 1], slots.parts[:, place : place + 1])
-        step = network.decoded(memories, before, here, first=place, caches=caches)
+        here = Slots(slots.parents[:, place : place + 1], slots.arguments[:, place : place + 1])
+        step = network.decode(memories, before, here, first=place, caches=caches)
         assert torch.allclose(step[:, 0], at_once[:, place], atol=1e-5)
         before = tokens[:, place : place + 1]
 
@@ -155,7 +156,10 @@ def test_beam__gives_whole_programs_with_their_probability_the_likeliest_first()
     assert scores == sorted(scores, reverse=True)
     for tokens, score in found:
         slots = list(slots_of(tokens))
-        parents, parts = torch.tensor([[slot.parent for slot in slots]]), torch.tensor([[slot.part for slot in slots]])
+        parents, parts = (
+            torch.tensor([[slot.parent for slot in slots]]),
+            torch.tensor([[slot.argument for slot in slots]]),
+        )
         logits = network(torch.tensor([words]), torch.tensor([tokens]), Slots(parents, parts))
         logits[..., 0] += 0.0
         chosen = logits.log_softmax(2)[0].gather(1, torch.tensor(tokens)[:, None]).sum().item()
@@ -291,7 +295,7 @@ def test_training__a_loss_that_is_no_number_stops_it_and_keeps_the_checkpoint(tm
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "ParserNetwork", remembered)
         patch.setattr(training, "REPORT_EVERY", 11)
-        with pytest.raises(TrainingError, match=r"the loss is nan at step 12; the checkpoint before it is kept"):
+        with pytest.raises(TrainingError, match=r"the loss is nan at step 12; the last checkpoint is kept"):
             train_parser(str(own), SMALL, tmp_path / "run", save_every=10, on_progress=spoil, device="cpu")
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
 
@@ -309,9 +313,9 @@ def test_training__no_tested_statement_is_among_the_generated_ones(monkeypatch: 
     ("changes", "said"),
     [
         ({"steps": 0}, "steps must be at least 1, not 0"),
-        ({"generated": 1.5}, "generated must be from 0 to 1, not 1.5"),
+        ({"generated": 1.5}, "generated must be at least 0 and at most 1, not 1.5"),
         ({"width": 30}, "width must be a multiple of 4, not 30"),
-        ({"seed": -1}, "seed and held-out must be at least 0"),
+        ({"seed": -1}, "seed must be at least 0, not -1"),
     ],
 )
 def test_recipe__refuses_what_cannot_be(changes: dict[str, float], said: str):

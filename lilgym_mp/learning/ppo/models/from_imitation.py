@@ -111,8 +111,8 @@ def from_run(appearance: Appearance, weights: Path | None) -> ImitationModel:
         )
     try:
         agent = load_agent(agent_file(weights), "cpu")
-    except (AgentError, ModelFileError) as fault:
-        raise WeightsError(str(fault)) from None
+    except (AgentError, ModelFileError) as error:
+        raise WeightsError(str(error)) from None
     if agent.architecture.appearance != appearance.name:
         raise WeightsError(f"{weights}: a network for {agent.architecture.appearance}, not for {appearance.name}")
     model = ImitationModel(

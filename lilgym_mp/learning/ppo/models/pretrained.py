@@ -85,12 +85,12 @@ def _pretrained(load: Any, place: Path, **options: Any) -> Any:
     try:
         with _quiet():
             network, found = load(place, **found_only, **options)
-    except (OSError, ValueError, RuntimeError, KeyError) as fault:
-        raise WeightsError(f"{place}: cannot be loaded: {str(fault).strip().splitlines()[0]}") from None
-    except Exception as fault:  # safetensors has an exception of its own, which is no OSError
-        if type(fault).__name__ != "SafetensorError":
+    except (OSError, ValueError, RuntimeError, KeyError) as error:
+        raise WeightsError(f"{place}: cannot be loaded: {str(error).strip().splitlines()[0]}") from None
+    except Exception as error:  # safetensors has an exception of its own, which is no OSError
+        if type(error).__name__ != "SafetensorError":
             raise
-        raise WeightsError(f"{place}: its safetensors file is damaged: {fault}") from None
+        raise WeightsError(f"{place}: its safetensors file is damaged: {error}") from None
     lacking = sorted(found["missing_keys"]) + sorted(map(str, found["mismatched_keys"]))
     if lacking:
         raise WeightsError(f"{place}: incomplete: {len(lacking)} tensors are missing, such as {lacking[0]}")
@@ -102,8 +102,8 @@ def _tokenizer(place: Path) -> Any:
 
     try:
         return AutoTokenizer.from_pretrained(place, local_files_only=True)
-    except Exception as fault:  # the library raises whatever its parsers raise
-        raise WeightsError(f"{place}: its tokenizer cannot be loaded: {fault}") from None
+    except Exception as error:  # the library raises whatever its parsers raise
+        raise WeightsError(f"{place}: its tokenizer cannot be loaded: {error}") from None
 
 
 # C3+BERT and C10+BERT

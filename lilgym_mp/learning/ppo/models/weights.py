@@ -22,7 +22,7 @@ class WeightsError(ValueError):
 
 
 def check_weights(place: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:
-    """The directory's config.json, once it can serve `model`. Raises WeightsError naming the place and the fault."""
+    """The directory's config.json, once it can serve `model`. Raises WeightsError naming the place and the error."""
     if place is None:
         raise WeightsError(
             f"the model {model!r} needs pretrained weights: name their directory with --weights, of the architecture"
@@ -52,8 +52,8 @@ def _config(file: Path) -> dict[str, Any]:
         config = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise WeightsError(f"{file.parent}: incomplete: it has no {CONFIG}") from None
-    except (OSError, ValueError, RecursionError) as fault:
-        raise WeightsError(f"{file}: cannot be read: {fault}") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise WeightsError(f"{file}: cannot be read: {error}") from None
     if not isinstance(config, dict):
         raise WeightsError(f"{file}: must be a JSON object")
     return config
