@@ -156,14 +156,14 @@ BREAKS = (
         f"{ENVS}/cores/kernels.py",
         "value = int(values[a] < values[b])",
         "value = int(values[a] <= values[b])",
-        ("tests/envs/test_truths.py",),
+        ("tests/envs/test_program_evaluator.py",),
     ),
     Break(
         "a compiled program's test of a place",
         f"{ENVS}/cores/kernels.py",
         "programs.places[item_type % SIZE_COUNT, x, y]",
         "programs.places[item_type % SIZE_COUNT, y, x]",
-        ("tests/envs/test_truths.py",),
+        ("tests/envs/test_program_evaluator.py",),
     ),
     Break(
         "a word's comparison",

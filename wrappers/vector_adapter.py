@@ -177,7 +177,7 @@ class VectorEnvState:
 
     @property
     def task_indices(self) -> Int64Array:
-        return self._base.task_numbers
+        return self._base.task_indices
 
     @property
     def steps(self) -> Int64Array:
@@ -215,7 +215,7 @@ class FinalEnvState(BaseEnvState):
 
     @property
     def task_indices(self) -> Int64Array:
-        return self._env.unwrapped.last_task_numbers[self._env_ids]
+        return self._env.unwrapped.last_task_indices[self._env_ids]
 
     @property
     def steps(self) -> Int64Array:

@@ -20,7 +20,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
-from lilgym_mp.envs.engine import NO_ACTION, Engine, Reset, Settings
+from lilgym_mp.envs.engine import NO_ACTION, BatchConfig, Engine, ResetRequest
 from lilgym_mp.envs.window import RENDER_FPS
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.render import text
@@ -37,12 +37,12 @@ Infos = dict[str, Any]
 
 
 class ResultTable(NamedTuple):
-    """What step results are, by index; the last row is NO_ACTION's."""
+    """The fields of step results as arrays, by index; the last entry is for NO_ACTION."""
 
     rewards: Float64Array  # (9,)
     terminated: BoolArray  # (9,)
     truncated: BoolArray  # (9,)
-    endings: NDArray[np.object_]  # (9,) names of outcomes that end the episode, None for the others
+    endings: NDArray[np.object_]  # (9,) the outcome's name if it ends the episode, else None
     successes: BoolArray  # (9,)
 
     @classmethod
@@ -60,7 +60,7 @@ class ResultTable(NamedTuple):
 
 
 class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
-    """What the batched and the worker environment have in common: all but who steps the environments."""
+    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which differ in how they step environments."""
 
     metadata: dict[str, Any] = {
         "render_modes": list(RENDER_MODES),
@@ -73,7 +73,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     single_action_space: spaces.Discrete
     single_observation_space: spaces.Dict
 
-    def __init__(self, settings: Settings, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
+    def __init__(self, settings: BatchConfig, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
         self.num_envs = settings.num_envs
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
@@ -89,43 +89,43 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
         self._evaluated = 0
-        self._play(settings.tasks())
+        self._set_tasks(settings.tasks())
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)
 
     def _check_open(self) -> None:
-        """Raises ClosedEnvironmentError when it is closed."""
+        """Raises ClosedEnvironmentError if the environment is closed."""
         check_open(closed=self.closed)
 
     @abstractmethod
-    def _reset(self, order: Reset) -> None: ...
+    def _reset(self, request: ResetRequest) -> None: ...
 
     @abstractmethod
     def _step(self) -> None: ...
 
     @abstractmethod
     def _write(self, what: str) -> None:
-        """Brings the buffers' "mask", "goal" or "items" up to date."""
+        """Updates the buffers' "mask", "goal" or "items"."""
 
     @abstractmethod
     def _states(self) -> list[State]: ...
 
     @abstractmethod
     def _change_tasks(self, change: TaskOperation) -> None:
-        """Has the environments draw from `change` of their tasks; `self.tasks` are those already."""
+        """Applies `change` to the tasks that environments draw from; `self.tasks` has changed already."""
 
     def change_tasks(self, change: TaskOperation) -> None:
-        """Plays `change(tasks)`, made of the present tasks, from the next reset on, which must be of all.
+        """Replaces the tasks by `change(tasks)` from the next reset on, which must reset all environments.
 
-        `change` must be importable by name, since workers apply it too. Statements and numbers of items must be such
-        as there were, since the spaces stay.
+        `change` must be importable by name, since workers apply it too. The observation space does not change, so
+        that statements and numbers of items must fit it.
         """
         self._check_open()
-        self._play(change(self.tasks))
+        self._set_tasks(change(self.tasks))
         self._change_tasks(change)
 
-    def _play(self, tasks: TaskSet) -> None:
+    def _set_tasks(self, tasks: TaskSet) -> None:
         self.tasks = tasks
         self._targets = np.array([task.target for task in tasks], np.int64)
         self._statements = np.array([task.statement for task in tasks], object)
@@ -133,29 +133,33 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         if self._arrays is not None:
             self._arrays.play(tasks)
         self._seeds: list[int | None] = [None] * self.num_envs
-        self._is_started = False  # whether a reset has begun an episode in every environment
+        self._is_started = False  # whether every environment has been reset
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observations, Infos]:
-        """Begins an episode in every environment, or where `options["reset_mask"]`, (N,) bool, is true.
+        """Resets every environment, or those where `options["reset_mask"]`, (N,) bool, is true.
 
-        `seed`: s gives environment i the seed s + i, a sequence gives each its own, None lets generators go on.
-        `options["task"]`: a task's id for all, or one for each environment (None: drawn).
-        Raises ValueError naming what is wrong with an option, a seed or a task id; all stays as it was then.
+        `seed`: an int s seeds environment i with s + i, a sequence seeds each, None keeps the generators.
+        `options["task"]`: a task id for all environments, or one for each (None: drawn at random).
+        Raises ValueError for a wrong option, seed or task id, before anything changes.
         """
         self._check_open()
         options = checked_options(options, RESET_OPTIONS)
         env_ids = self._chosen(options.get("reset_mask"))
-        tasks = self._task_numbers(options.get("task"))
-        everywhere = len(env_ids) == self.num_envs
-        if not everywhere and not self._is_started:
+        tasks = self._task_indices(options.get("task"))
+        all_envs = len(env_ids) == self.num_envs
+        if not all_envs and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, env_ids)
-        self._evaluated = 0 if everywhere else self._evaluated
-        self._reset(Reset(env_ids, [seeds[n] for n in env_ids], [tasks[n] for n in env_ids], everywhere))
-        for number in env_ids.tolist():
-            self._seeds[number] = self._seeds[number] if seeds[number] is None else seeds[number]
+        self._evaluated = 0 if all_envs else self._evaluated
+        self._reset(
+            ResetRequest(
+                env_ids, [seeds[env_id] for env_id in env_ids], [tasks[env_id] for env_id in env_ids], all_envs
+            )
+        )
+        for env_id in env_ids.tolist():
+            self._seeds[env_id] = self._seeds[env_id] if seeds[env_id] is None else seeds[env_id]
         self._is_started = True
         return self._observe(), self._infos()
 
@@ -168,7 +172,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError("reset_mask chooses no environment; leave it out to reset all")
         return np.flatnonzero(mask)
 
-    def _task_numbers(self, task: str | int | Sequence[str | int | None] | None) -> Sequence[int | None]:
+    def _task_indices(self, task: str | int | Sequence[str | int | None] | None) -> Sequence[int | None]:
         if task is None or isinstance(task, str | int | np.integer):
             task = [task] * self.num_envs
         if not is_list(task) or len(task) != self.num_envs:
@@ -177,7 +181,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return [None if name is None else self.tasks.number(name) for name in task]
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
-        """For each environment the seed of a generator to be made anew, or None."""
+        """For each environment the seed of a new generator, or None to keep the old one."""
         if is_list(seed):
             seed = cast("Sequence[int | None]", seed)
             if len(seed) != self.num_envs:
@@ -187,10 +191,10 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             seeds = [checked_seed(one) for one in seed]
         else:
             first = checked_seed(seed)
-            seeds = [None if first is None else first + number for number in range(self.num_envs)]
-        for number in env_ids.tolist():
-            if seeds[number] is None and self._seeds[number] is None:
-                seeds[number] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            seeds = [None if first is None else first + env_id for env_id in range(self.num_envs)]
+        for env_id in env_ids.tolist():
+            if seeds[env_id] is None and self._seeds[env_id] is None:
+                seeds[env_id] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
         return seeds
 
     @property
@@ -199,12 +203,12 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return tuple(self._seeds)
 
     def step(self, actions: Any) -> tuple[Observations, Float64Array, BoolArray, BoolArray, Infos]:
-        """One action number for each environment, (N,) integers; those about to be reset ignore theirs.
+        """`actions`: (N,) integers; environments about to be reset ignore theirs.
 
-        Raises ActionError for a wrong shape, type or number, ResetNeeded before the first reset and, without
-        autoreset, when an environment has ended.
+        Raises ActionError for a wrong shape, type or action, ResetNeeded before the first reset and, without
+        autoreset, when an episode has ended.
         """
-        self._check_started()  # and open: nothing is written before
+        self._check_started()  # and that it is open, before anything is written
         self._buffers.action[:] = self._checked(actions)
         self._step()
         result = self._buffers.result
@@ -232,16 +236,16 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             )
         ended = self._buffers.ended
         if self.autoreset_mode is AutoresetMode.DISABLED and ended.any():
-            numbers = ", ".join(map(str, np.flatnonzero(ended)))
-            raise gym.error.ResetNeeded(f"environments {numbers} have ended; reset them with a reset_mask first")
+            env_ids = ", ".join(map(str, np.flatnonzero(ended)))
+            raise gym.error.ResetNeeded(f"environments {env_ids} have ended; reset them with a reset_mask first")
         outside = (array < 0) | (array >= count)
         if np.count_nonzero(outside):
             if self.autoreset_mode is AutoresetMode.NEXT_STEP:
                 outside &= ~ended
                 array = np.where(ended, 0, array)
-            for number in np.flatnonzero(outside).tolist():
+            for env_id in np.flatnonzero(outside).tolist():
                 raise ActionError(
-                    f"action {array[number]} of environment {number} is out of range; choose from 0 .. {count - 1}"
+                    f"action {array[env_id]} of environment {env_id} is out of range; choose from 0 .. {count - 1}"
                 )
         return array
 
@@ -260,20 +264,20 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         }
 
     def _images(self) -> UInt8Array:
-        """(N, height, width, 3) what observations show; the caller's to keep if `copy`."""
+        """(N, height, width, 3) the images of observations; a copy if `copy`."""
         return self._buffers.image.copy() if self.copy else self._buffers.image
 
     def _infos(self) -> Infos:
-        """As Gymnasium's vector environments have them: arrays (N,), each with a mask `_name` of where it holds."""
+        """Infos in the format of Gymnasium's vector environments: arrays (N,), each with a mask `_name`."""
         buffers = self._buffers
         infos: Infos = {}
-        if np.count_nonzero(buffers.ended):  # in a fifth of the time of `any`, as `nonzero` is in one of `flatnonzero`
+        if np.count_nonzero(buffers.ended):  # five times as fast as `any`, and `nonzero` as `flatnonzero`
             infos = self._end_infos(buffers.ended.copy())
         if np.count_nonzero(buffers.started):
             started = buffers.started.copy()
-            numbers = started.nonzero()[0]
+            env_ids = started.nonzero()[0]
             task_ids = np.empty(self.num_envs, object)  # None at first
-            task_ids[numbers] = self._task_ids[buffers.task[numbers]]
+            task_ids[env_ids] = self._task_ids[buffers.task[env_ids]]
             infos |= {"task": task_ids, "_task": started}
         return infos
 
@@ -293,8 +297,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             self._evaluated += int((ended & ~buffers.repeated).sum())
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             final = np.empty(self.num_envs, object)  # None at first
-            for number in ended.nonzero()[0].tolist():
-                final[number] = self._last_observation(number)
+            for env_id in ended.nonzero()[0].tolist():
+                final[env_id] = self._last_observation(env_id)
             return {
                 "final_obs": final,
                 "_final_obs": ended.copy(),
@@ -303,27 +307,27 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             }
         return infos
 
-    def _last_action(self, number: int) -> LastAction | None:
+    def _last_action(self, env_id: int) -> LastAction | None:
         buffers = self._buffers
-        result = int(buffers.result[number])
-        if result == NO_ACTION or buffers.started[number]:
+        result = int(buffers.result[env_id])
+        if result == NO_ACTION or buffers.started[env_id]:
             return None
-        reason = int(buffers.invalid[number])
+        reason = int(buffers.invalid[env_id])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-        return LastAction(int(buffers.action[number]), self.dynamics.step_results[result], invalid)
+        return LastAction(int(buffers.action[env_id]), self.dynamics.step_results[result], invalid)
 
-    def _last_observation(self, number: int) -> Observation | dict[str, Any]:
-        task_number = int(self._buffers.last_task[number])
-        task = self.tasks[task_number]
-        image = self._buffers.last_image[number].copy()
+    def _last_observation(self, env_id: int) -> Observation | dict[str, Any]:
+        task_index = int(self._buffers.last_task[env_id])
+        task = self.tasks[task_index]
+        image = self._buffers.last_image[env_id].copy()
         if self._arrays is not None:
             target = np.array([task.target], np.int64)
-            return {"image": image, "statement": self._arrays.rows[task_number].copy(), "target": target}
+            return {"image": image, "statement": self._arrays.rows[task_index].copy(), "target": target}
         return {"image": image, "statement": task.statement, "target": int(task.target)}
 
     @property
     def evaluation_finished(self) -> bool:
-        """With `evaluation=True`: whether every task of the split has been played to its end since the last reset."""
+        """With `evaluation=True`: whether every task of the split has been completed since the last reset."""
         return self._evaluation and self._evaluated >= len(self.tasks)
 
     def evaluation_tasks(self) -> tuple[str, ...]:
@@ -331,8 +335,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return self.tasks.ids
 
     @property
-    def task_numbers(self) -> Int64Array:
-        """(N,) a new array: place in `tasks` of each current task."""
+    def task_indices(self) -> Int64Array:
+        """(N,) a new array: index in `tasks` of each current task."""
         return self._buffers.task.copy()
 
     @property
@@ -378,62 +382,62 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return self._states()
 
     @property
-    def last_task_numbers(self) -> Int64Array:
-        """(N,) a new array: as `task_numbers`, of the episodes that last ended (autoreset mode SAME_STEP)."""
+    def last_task_indices(self) -> Int64Array:
+        """(N,) a new array: `task_indices` of the episodes that ended last (autoreset mode SAME_STEP)."""
         return self._buffers.last_task.copy()
 
     @property
     def last_steps(self) -> Int64Array:
-        """(N,) a new array: as `steps`, of the episodes that last ended (autoreset mode SAME_STEP)."""
+        """(N,) a new array: `steps` of the episodes that ended last (autoreset mode SAME_STEP)."""
         return self._buffers.last_steps.copy()
 
     def last_scene_array(self) -> Int16Array:
-        """(N, 3, capacity, 5) a new array: as `scene_array`, at the end of the episodes that last ended (SAME_STEP)."""
+        """(N, 3, capacity, 5) a new array: `scene_array` at the end of the episodes that ended last (SAME_STEP)."""
         return self._buffers.last_items.copy()
 
     def encode_actions(self, actions: Any) -> Int64Array:
-        """(N,) numbers of N actions in the released array form, (N, slots). Raises ActionError."""
+        """(N,) indices of actions (N, slots) in the released array form. Raises ActionError."""
         if not is_list(actions):
             raise ActionError(f"actions must be arrays in the released form, one for each environment, not {actions!r}")
         appearance = self.dynamics.appearance
         return np.array([appearance.encode(appearance.from_array(action)) for action in actions], np.int64)
 
     def render(self) -> tuple[UInt8Array | str, ...] | None:
-        """A frame (304, 784, 3) or a text for each environment, by render mode."""
+        """A frame (304, 784, 3) or text for each environment, by render mode."""
         if self.render_mode is None:
             return None
         frames: list[UInt8Array | str] = []
-        for number, state in enumerate(self.states()):
-            lines = caption(state, self.dynamics, self._last_action(number))
+        for env_id, state in enumerate(self.states()):
+            lines = caption(state, self.dynamics, self._last_action(env_id))
             frames.append(text(state.scene, lines) if self.render_mode == "ansi" else frame(state.scene, lines))
         return tuple(frames)
 
 
 class BatchedEnv(LilGymVectorEnv):
-    """What `gymnasium.make_vec` gives: N environments in this process.
+    """N environments in this process: what `gymnasium.make_vec` returns.
 
-    Observations are {"image": uint8 (N, 50, 190, 3), "statement": a tuple of N texts, "target": int64 (N,)}; the
-    rest is as with N single environments under Gymnasium's SyncVectorEnv, infos included.
+    Observations are {"image": uint8 (N, 50, 190, 3), "statement": a tuple of N strings, "target": int64 (N,)}.
+    Rewards, flags and infos equal those of N single environments in Gymnasium's SyncVectorEnv.
     """
 
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the keywords of `engine.Settings.of`: those of a single environment, and two more.
+        """`settings`: the keywords of `engine.BatchConfig.of`: those of a single environment, and two more.
 
-        `copy`: whether images are the caller's to keep; without, they are valid until the next call.
+        `copy`: whether returned images are copies; otherwise they are valid until the next call.
         `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
-        `evaluation`: visit every task of the split once, in file order across the batch, instead of at random. An
-        environment without tasks left plays one again, with "repeated" true in its infos; see `evaluation_finished`.
+        `evaluation`: play every task of the split once, in file order across the batch, instead of random tasks. An
+        environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        checked = Settings.of(num_envs, **settings)
-        buffers = Buffers.new(checked.forms())
+        checked = BatchConfig.of(num_envs, **settings)
+        buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)
 
-    def _reset(self, order: Reset) -> None:
-        self._engine.reset(order)
+    def _reset(self, request: ResetRequest) -> None:
+        self._engine.reset(request)
 
     def _step(self) -> None:
         self._engine.step()
@@ -445,11 +449,11 @@ class BatchedEnv(LilGymVectorEnv):
         return self._engine.states()
 
     def _change_tasks(self, change: TaskOperation) -> None:
-        self._engine.play(self.tasks)
+        self._engine.set_tasks(self.tasks)
 
 
 def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
-    """Gymnasium's `batch_space`, but without what takes room: N equal Text spaces, and bounds for every pixel."""
+    """Gymnasium's `batch_space` in less memory: without N equal Text spaces and bounds for every pixel."""
     parts: dict[str, spaces.Space[Any]] = {}
     for name, space in single.spaces.items():
         if isinstance(space, spaces.Text):
@@ -462,7 +466,7 @@ def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
 
 
 def _batched_box(single: spaces.Box, count: int) -> spaces.Box:
-    """N of `single`, all with one and the same array of bounds; for 1,024 images that saves 117 MB."""
+    """`single` batched N times over one array of bounds; for 1,024 images that saves 117 MB."""
     box = cast("spaces.Box", batch_space(single, 1))
     shape = box._shape = (count, *single.shape)
     for name in ("low", "high", "bounded_below", "bounded_above"):

@@ -1,7 +1,4 @@
-"""The arrays that a batch of environments reads its actions from and writes its results into.
-
-They may lie anywhere: in this process, or in memory that processes share.
-"""
+"""The arrays from which a batch reads actions and into which it writes results, in private or shared memory."""
 
 from __future__ import annotations
 
@@ -18,10 +15,10 @@ from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.render import image_shape
 
-INVALID_REASONS = tuple(InvalidReason)  # by number in `Buffers.invalid`
-REASON_NUMBERS = {reason: number for number, reason in enumerate(INVALID_REASONS)}
+INVALID_REASONS = tuple(InvalidReason)  # by index in `Buffers.invalid`
+REASON_INDICES = {reason: index for index, reason in enumerate(INVALID_REASONS)}
 NO_REASON = -1
-ALIGNMENT = 64  # bytes: arrays start on cache lines of their own
+ALIGNMENT = 64  # bytes: each array starts on its own cache line
 
 
 class ArraySpec(NamedTuple):
@@ -40,14 +37,14 @@ class Buffers:
 
     action: Int64Array  # (N,)
     image: UInt8Array  # (N, height, width, 3)
-    task: Int64Array  # (N,) number of the current task
+    task: Int64Array  # (N,) index of the current task
     steps: Int64Array  # (N,) actions taken in the episode
     result: Int8Array  # (N,) index of the last action's `rules.StepResult`
-    invalid: Int8Array  # (N,) number in INVALID_REASONS, or NO_REASON
+    invalid: Int8Array  # (N,) index in INVALID_REASONS, or NO_REASON
     ended: BoolArray  # (N,) the last action ended the episode
-    started: BoolArray  # (N,) an episode was started in the last call
-    repeated: BoolArray  # (N,) the episode that ended was of a task that had been evaluated before
-    last_image: UInt8Array  # (N, height, width, 3) of the episode that ended, where it was reset in the same step
+    started: BoolArray  # (N,) the last call started an episode
+    repeated: BoolArray  # (N,) in evaluation: the task of the ended episode had been evaluated before
+    last_image: UInt8Array  # (N, height, width, 3) final image of the episode that ended (SAME_STEP)
     last_task: Int64Array  # (N,) likewise
     last_steps: Int64Array  # (N,) likewise
     last_items: Int16Array  # (N, 3, capacity, 5) likewise
@@ -55,40 +52,40 @@ class Buffers:
     goal: BoolArray  # (N,) on demand
     items: NDArray[np.int16]  # (N, 3, capacity, 5) on demand
 
-    def part(self, first: int, stop: int) -> Buffers:
-        """The arrays of environments first .. stop - 1, as views."""
+    def slice(self, first: int, stop: int) -> Buffers:
+        """Views of the arrays of environments first .. stop - 1."""
         return Buffers(**{name: array[first:stop] for name, array in self.arrays()})
 
     def arrays(self) -> Iterator[tuple[str, Any]]:
         return ((field.name, getattr(self, field.name)) for field in fields(self))
 
     @classmethod
-    def new(cls, forms: Mapping[str, ArraySpec]) -> Buffers:
-        """Arrays of their own, zero."""
-        arrays: dict[str, Any] = {name: np.zeros(form.shape, form.dtype) for name, form in forms.items()}
+    def new(cls, array_specs: Mapping[str, ArraySpec]) -> Buffers:
+        """New arrays of zeros."""
+        arrays: dict[str, Any] = {name: np.zeros(spec.shape, spec.dtype) for name, spec in array_specs.items()}
         return cls(**arrays)
 
     @classmethod
-    def over(cls, memory: memoryview, forms: Mapping[str, ArraySpec]) -> Buffers:
+    def from_memory(cls, memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> Buffers:
         """Arrays one after another in `memory`, which has `buffers_size(forms)` bytes."""
         arrays: dict[str, Any] = {}
         offset = 0
-        for name, (shape, dtype) in forms.items():
+        for name, (shape, dtype) in array_specs.items():
             arrays[name] = np.frombuffer(memory, dtype, math.prod(shape), offset).reshape(shape)
-            offset += forms[name].size
+            offset += array_specs[name].size
         return cls(**arrays)
 
 
 def refuse_copying(batch: object) -> NoReturn:
-    """Raises TypeError for an object over buffers, as its `__reduce__`: a copy's views would be of other arrays."""
+    """Raises TypeError: the `__reduce__` of objects with views of buffers, which a copy would not share."""
     name = type(batch).__name__
-    raise TypeError(f"a {name} can be neither pickled nor copied, since its parts share arrays; make another one")
+    raise TypeError(f"a {name} cannot be pickled or copied, because it shares arrays; make a new one")
 
 
 def buffer_specs(
     num_envs: int, image_size: str, actions: int, capacity: int, autoreset: AutoresetMode
 ) -> dict[str, ArraySpec]:
-    """The form of every array of Buffers."""
+    """Shape and dtype of every array of Buffers."""
     flags, numbers = ArraySpec((num_envs,), np.bool_), ArraySpec((num_envs,), np.int64)
     small = ArraySpec((num_envs,), np.int8)
     images = (num_envs, *image_shape(image_size))
@@ -113,6 +110,6 @@ def buffer_specs(
     }
 
 
-def buffers_size(forms: Mapping[str, ArraySpec]) -> int:
-    """Bytes of Buffers."""
-    return sum(form.size for form in forms.values())
+def buffers_size(array_specs: Mapping[str, ArraySpec]) -> int:
+    """Total size in bytes."""
+    return sum(spec.size for spec in array_specs.values())

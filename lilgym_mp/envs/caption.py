@@ -10,21 +10,21 @@ from lilgym_mp.rules import Dynamics, State, StepResult
 
 
 class LastAction(NamedTuple):
-    """What led to the state shown."""
+    """The action that led to the state shown."""
 
-    number: int
+    index: int
     result: StepResult
     invalid: InvalidReason | None
 
 
 def caption(state: State, dynamics: Dynamics, last: LastAction | None) -> list[str]:
-    """The statement, the target with the number of actions taken, and what came of the last one."""
+    """The statement, the target with the number of actions taken, and the result of the last action."""
     lines = [
         state.task.statement,
         f"Make it {state.task.target}.  Action {state.steps} of {dynamics.horizon}.",
     ]
     if last is not None:
-        name = describe(dynamics.appearance.decode(last.number))
+        name = describe(dynamics.appearance.decode(last.index))
         reason = f" ({last.invalid})" if last.invalid else ""
         lines.append(f"{name}: {last.result.outcome}{reason}, reward {last.result.reward:+.1f}")
     return lines

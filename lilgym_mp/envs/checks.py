@@ -1,4 +1,4 @@
-"""What callers hand to environments, checked before anything changes."""
+"""Validation of arguments, done before any state changes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def check_open(*, closed: bool) -> None:
 
 
 def checked_seed(seed: object) -> int | None:
-    """`seed` as a generator takes it. Raises ValueError unless it is None or a whole number that is not negative."""
+    """`seed` as an int or None. Raises ValueError for anything else, and for negative numbers."""
     if seed is None:
         return None
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
@@ -25,7 +25,7 @@ def checked_seed(seed: object) -> int | None:
 
 
 def checked_options(options: object, choices: Iterable[str]) -> Mapping[str, Any]:
-    """The options of a reset, none for None. Raises ValueError for what is no mapping, and for unknown options."""
+    """The reset options; {} for None. Raises ValueError unless they are a mapping with known keys."""
     if options is None:
         return {}
     if not isinstance(options, Mapping):
@@ -44,7 +44,7 @@ def checked_flag(name: str, value: object) -> bool:
 
 
 def is_list(value: object) -> bool:
-    """Whether `value` holds one thing after another: a sequence that is no text, or an array with an axis."""
+    """Whether `value` is a sequence other than a string, or an array of at least one dimension."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)

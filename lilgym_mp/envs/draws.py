@@ -1,12 +1,12 @@
-"""Which tasks an environment draws from its seeded generator: the same wherever the environment runs."""
+"""Random draws of tasks, the same for an environment in any process or batch."""
 
 from __future__ import annotations
 
 import numpy as np
 
-DRAWS = 16  # made at once: the same as one by one, in a quarter of the time
+DRAWS = 16  # per call of the generator: the same numbers as one by one, in a quarter of the time
 
 
 def next_draws(generator: np.random.Generator, task_count: int) -> list[int]:
-    """Numbers of the next tasks drawn uniformly, the first one last: `pop` gives one after the other."""
+    """Indices of the next uniformly drawn tasks, in reverse: `pop` gives them in order."""
     return generator.integers(task_count, size=DRAWS)[::-1].tolist()

@@ -1,7 +1,6 @@
-"""Episodes one after another in N environments: which task comes next, and when. A core plays them.
+"""The engine of a batch: draws tasks, resets environments as the autoreset mode says, and steps them with a core.
 
-What it does here is done alike in one process and in many: an environment's results depend on its own seed and
-actions only, wherever it is.
+It is the same in one process and in many: an environment's results depend only on its own seed and actions.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
-NO_ACTION = 2 * len(ActionStatus)  # number in `Buffers.result` where an episode was started instead of an action taken
+NO_ACTION = 2 * len(ActionStatus)  # in `Buffers.result`: the environment was reset and took no action
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What defines N environments; picklable. The keywords of `LilGymEnv`, and how the batch goes on."""
+class BatchConfig:
+    """The configuration of a batch: the keywords of `LilGymEnv` and of vector environments. Picklable."""
 
     appearance: str
     start: str
@@ -44,8 +43,8 @@ class Settings:
     image_size: str
     num_envs: int
     autoreset: AutoresetMode
-    evaluation: bool  # every task of the split once, instead of at random
-    observation: str  # its form: "text" or "arrays"
+    evaluation: bool  # plays every task of the split once instead of random tasks
+    observation: str  # "text" or "arrays"
 
     @classmethod
     def of(
@@ -63,7 +62,7 @@ class Settings:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         evaluation: bool = False,
         observation: str = TEXT,
-    ) -> Settings:
+    ) -> BatchConfig:
         """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, not {num_envs!r}")
@@ -83,7 +82,7 @@ class Settings:
             checked_flag("evaluation", evaluation),
             choose("observation", observation, FORMS),
         )
-        settings.forms()
+        settings.array_specs()
         return settings
 
     def dynamics(self) -> Dynamics:
@@ -92,30 +91,30 @@ class Settings:
     def tasks(self) -> TaskSet:
         return load_tasks(self.corpus, self.appearance, self.start, self.split)
 
-    def forms(self) -> dict[str, ArraySpec]:
-        """The form of the buffers' arrays."""
+    def array_specs(self) -> dict[str, ArraySpec]:
+        """Shape and dtype of each of the buffers' arrays."""
         dynamics = self.dynamics()
         capacity = item_capacity(self.tasks(), dynamics)
         return buffer_specs(self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset)
 
 
-class Reset(NamedTuple):
-    """An order to begin episodes."""
+class ResetRequest(NamedTuple):
+    """Which environments to reset, and how."""
 
     env_ids: Int64Array  # (k,) environments, ascending
-    seeds: Sequence[int | None]  # (k,) None: the generator goes on
-    tasks: Sequence[int | None]  # (k,) numbers of tasks; None: whichever comes next
-    everywhere: bool  # in the whole batch: evaluation begins anew
+    seeds: Sequence[int | None]  # (k,) None: keep the generator
+    tasks: Sequence[int | None]  # (k,) task indices; None: the next task
+    all_envs: bool  # whether the whole batch is reset, which restarts an evaluation
 
 
 class Engine:
-    """Environments `first` .. `first + N - 1` of a batch, over their part of its buffers."""
+    """Steps environments `first` .. `first + N - 1` of a batch, over their slice of its buffers."""
 
-    def __init__(self, settings: Settings, buffers: Buffers, first: int = 0) -> None:
+    def __init__(self, settings: BatchConfig, buffers: Buffers, first: int = 0) -> None:
         self.dynamics = settings.dynamics()
         self.buffers = buffers
         self._image_size = settings.image_size
-        self.play(settings.tasks())
+        self.set_tasks(settings.tasks())
         self._autoreset = settings.autoreset
         self._first = first
         self._stride = settings.num_envs
@@ -123,12 +122,12 @@ class Engine:
         count = len(buffers.action)
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
         self._generators: list[np.random.Generator | None] = [None] * count
-        self._drawn: list[list[int]] = [[] for _ in range(count)]  # tasks to come, the next one last
-        self._episodes = np.zeros(count, np.int64)  # begun in evaluation
+        self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
+        self._episodes = np.zeros(count, np.int64)  # started, in evaluation
         self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
 
-    def play(self, tasks: TaskSet) -> None:
-        """Draws from `tasks` henceforth; a reset of all environments must follow."""
+    def set_tasks(self, tasks: TaskSet) -> None:
+        """Replaces the tasks; all environments must be reset next."""
         self.tasks = tasks
         self._task_count = len(tasks)
         self.core = make_core(self.dynamics, tasks, self.buffers, self._image_size)
@@ -138,31 +137,34 @@ class Engine:
             "items": self.core.write_items,
         }
 
-    def reset(self, order: Reset) -> None:
-        """Begins episodes in some environments; the others stay as they are."""
-        env_ids, seeds, tasks, everywhere = order
+    def reset(self, request: ResetRequest) -> None:
+        """Starts episodes in some environments; the others keep their state."""
+        env_ids, seeds, tasks, all_envs = request
         buffers = self.buffers
         buffers.started[:] = False
-        for number, seed in zip(env_ids.tolist(), seeds, strict=True):
-            if seed is not None or self._generators[number] is None:
-                self._generators[number] = seeding.np_random(seed)[0]
-                self._drawn[number].clear()
-        if everywhere:
+        for env_id, seed in zip(env_ids.tolist(), seeds, strict=True):
+            if seed is not None or self._generators[env_id] is None:
+                self._generators[env_id] = seeding.np_random(seed)[0]
+                self._drawn[env_id].clear()
+        if all_envs:
             self._episodes[:] = 0
-        chosen = [self._next_task(n) if task is None else task for n, task in zip(env_ids.tolist(), tasks, strict=True)]
-        self._begin(env_ids, chosen)
+        task_indices = [
+            self._next_task(env_id) if task is None else task
+            for env_id, task in zip(env_ids.tolist(), tasks, strict=True)
+        ]
+        self._start_episodes(env_ids, task_indices)
         buffers.result[env_ids] = NO_ACTION
         buffers.invalid[env_ids] = NO_REASON
         buffers.ended[env_ids] = False
 
     def step(self) -> None:
-        """Takes `buffers.action`, and begins new episodes as the autoreset mode has it."""
+        """Takes `buffers.action` in every environment, and resets as the autoreset mode says."""
         buffers = self.buffers
         buffers.started[:] = False
         waiting = buffers.ended.nonzero()[0]
         if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):
             self.core.step((~buffers.ended).nonzero()[0])
-            self._begin_next(waiting)
+            self._start_next_episodes(waiting)
             buffers.result[waiting] = NO_ACTION
             buffers.invalid[waiting] = NO_REASON
         else:
@@ -172,40 +174,40 @@ class Engine:
             np.logical_and(buffers.ended, self._repeats, out=buffers.repeated)
         ended = buffers.ended.nonzero()[0]
         if self._autoreset is AutoresetMode.SAME_STEP and len(ended):
-            for number in ended.tolist():  # copied once, while an array of numbers would have it copied twice
-                buffers.last_image[number] = buffers.image[number]
+            for env_id in ended.tolist():  # fancy indexing would copy each image twice
+                buffers.last_image[env_id] = buffers.image[env_id]
             buffers.last_task[ended] = buffers.task[ended]
             buffers.last_steps[ended] = buffers.steps[ended]
             self.core.write_items()
             buffers.last_items[ended] = buffers.items[ended]
-            self._begin_next(ended)
+            self._start_next_episodes(ended)
 
-    def _begin_next(self, env_ids: Int64Array) -> None:
-        self._begin(env_ids, [self._next_task(number) for number in env_ids.tolist()])
+    def _start_next_episodes(self, env_ids: Int64Array) -> None:
+        self._start_episodes(env_ids, [self._next_task(env_id) for env_id in env_ids.tolist()])
 
-    def _begin(self, env_ids: Int64Array, tasks: Sequence[int]) -> None:
+    def _start_episodes(self, env_ids: Int64Array, tasks: Sequence[int]) -> None:
         self.core.start(env_ids, np.array(tasks, np.int64))
         self.buffers.started[env_ids] = True
 
-    def _next_task(self, number: int) -> int:
-        """At random, or in evaluation the tasks `g`, `g + stride`, ... for the batch's environment `g`."""
+    def _next_task(self, env_id: int) -> int:
+        """A random task; in evaluation tasks `g`, `g + stride`, ... for environment `g` of the batch."""
         if not self._evaluation:
-            drawn = self._drawn[number]
+            drawn = self._drawn[env_id]
             if not drawn:
-                generator = self._generators[number]
+                generator = self._generators[env_id]
                 assert generator is not None
                 drawn.extend(next_draws(generator, self._task_count))
             return drawn.pop()
-        place = self._first + number
-        task = place + self._stride * int(self._episodes[number])
-        self._episodes[number] += 1
-        self._repeats[number] = task >= len(self.tasks)
-        return task if task < len(self.tasks) else place % len(self.tasks)
+        global_id = self._first + env_id
+        task = global_id + self._stride * int(self._episodes[env_id])
+        self._episodes[env_id] += 1
+        self._repeats[env_id] = task >= len(self.tasks)
+        return task if task < len(self.tasks) else global_id % len(self.tasks)
 
     def write(self, what: str) -> None:
-        """Brings the buffers' "mask", "goal" or "items" up to date."""
+        """Updates the buffers' "mask", "goal" or "items"."""
         self._writers[what]()
 
     def states(self) -> list[State]:
         """The current state of each environment."""
-        return [self.core.state(number) for number in range(len(self.buffers.action))]
+        return [self.core.state(env_id) for env_id in range(len(self.buffers.action))]

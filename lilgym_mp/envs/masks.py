@@ -1,4 +1,4 @@
-"""The mask of legal actions of whatever `gymnasium.make` and `gymnasium.make_vec` give, for type checkers too."""
+"""`action_masks` for any environment made by `gymnasium.make` or `gymnasium.make_vec`, with types."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from lilgym_mp.arrays import BoolArray
 
 
 def action_masks(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> BoolArray:
-    """(actions,) or, of a vector environment, (N, actions): the legal actions, as the wrappers of `env` leave them.
+    """(actions,), or (N, actions) for a vector environment: which actions are legal, after any masking by wrappers.
 
-    Raises TypeError for an environment that has no such mask.
+    Raises TypeError for an environment without masks.
     """
     masked: Any = env
     while not hasattr(type(masked), "action_masks") and isinstance(masked, gym.Wrapper | VectorWrapper):

@@ -1,4 +1,4 @@
-"""Memory that a process and its children see, without a name: nothing is left behind, however they end."""
+"""Anonymous shared memory for a process and its children: nothing is left behind, however they exit."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 
 
 class SharedMemoryError(MemoryError):
-    """Not enough room for what processes are to share; names the size."""
+    """There is not enough memory to share; the message names the size."""
 
 
 class SharedMemory:
-    """`size` bytes, zero; handed to a child as an argument of its process, whatever the start method.
+    """`size` zero bytes that can be passed to a child process as an argument, with any start method.
 
-    Linux keeps them in anonymous memory, not in /dev/shm, which containers often make small; elsewhere they lie in
-    a temporary file without a name.
+    On Linux an anonymous file (memfd) rather than /dev/shm, which is often small in containers; elsewhere an unlinked
+    temporary file.
     """
 
     _fd = -1
 
     def __init__(self, size: int) -> None:
-        """Raises SharedMemoryError when there is no room."""
+        """Raises SharedMemoryError if there is not enough memory."""
         self._fd = _anonymous_file(size)
         self._size = size
         self.memory = memoryview(mmap.mmap(self._fd, size))
@@ -32,7 +32,7 @@ class SharedMemory:
         return _attached, (DupFd(self._fd), self._size)
 
     def has_room_for(self, descriptors: int) -> bool:
-        """Whether this process may open so many more files."""
+        """Whether this process can open this many more files."""
         spare: list[int] = []
         try:
             for _ in range(descriptors):
@@ -45,7 +45,7 @@ class SharedMemory:
         return True
 
     def release(self) -> None:
-        """Forgets the file; the memory goes when the last array over it does."""
+        """Closes the file; the memory is freed with the last array that uses it."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -55,7 +55,7 @@ class SharedMemory:
 
 
 def _anonymous_file(size: int) -> int:
-    """The descriptor of a file of `size` bytes in no directory."""
+    """The descriptor of an unlinked file of `size` bytes."""
     available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if size > available:
         raise SharedMemoryError(f"{_megabytes(size)} to share, and this machine has {_megabytes(available)} of memory")
@@ -70,7 +70,7 @@ def _anonymous_file(size: int) -> int:
     try:
         os.ftruncate(fd, size)
         if not hasattr(os, "memfd_create"):
-            os.posix_fallocate(fd, 0, size)  # a full disk is told here, not by a signal later
+            os.posix_fallocate(fd, 0, size)  # reports a full disk now instead of by a signal later
     except OSError as fault:
         os.close(fd)
         raise SharedMemoryError(f"no room for {_megabytes(size)} to share: {fault.strerror}") from None

@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.extras import install
 
-RENDER_FPS = 4  # frames a second of every environment
+RENDER_FPS = 4  # of every environment
 
 
 class Window:
@@ -29,7 +29,7 @@ class Window:
         self._clock: Any = None
 
     def __reduce__(self) -> tuple[type[Window], tuple[int]]:
-        """A copy opens a window of its own."""
+        """A copy opens its own window."""
         return Window, (self._fps,)
 
     def show(self, frame: UInt8Array) -> None:

@@ -1,9 +1,9 @@
 """Environments in several processes that share one block of memory.
 
-The calling process steps the first part of the environments itself, a worker process each other part. The caller
-announces a command by a counter in shared memory. Whoever waits for a counter spins briefly, then yields, then blocks
-on a pipe. Only resets, states and tracebacks go through pipes. A worker exits when its caller exits, or when
-nobody holds the other ends of its pipes.
+The calling process steps the first slice of the batch itself, each worker process another slice. The caller sends a
+command by increasing a counter in shared memory. A process that waits for a counter spins briefly, then yields, then
+blocks on a pipe. Only resets, states and tracebacks go through pipes. A worker exits when its caller exits, or when
+no process holds the other ends of its pipes.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
-from lilgym_mp.envs.engine import Engine, Reset, Settings
+from lilgym_mp.envs.engine import BatchConfig, Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.render import image_shape
 from lilgym_mp.rules import State
 
 AUTO = "auto"
-ENVS_WORTH_A_PROCESS = 64  # "auto" gives each process at least so many
+ENVS_WORTH_A_PROCESS = 64  # fewest environments per process with "auto"
 SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
-PAGES = 3  # copies of all images that the caller can hold before it has to copy them itself
+PAGES = 3  # copies of the images in shared memory that the caller can hold at a time; beyond, it copies them itself
 NO_PAGE = -1
 POLL_SECONDS = 0.2  # between checks that the other processes are alive
-START_SECONDS = 120.0  # for a worker to import what it needs and load its tasks
+START_SECONDS = 120.0  # for a worker's imports and tasks
 JOIN_SECONDS = 1.0
-LONGEST_WAIT = 1e6  # seconds that the system can be asked to wait
-DESCRIPTORS = 12  # a worker takes while it is started; Python loses some when they run out half-way
+LONGEST_WAIT = 1e6  # seconds; the system accepts no longer wait
+DESCRIPTORS = 12  # file descriptors that starting a worker takes; Python leaks some if they run out half-way
 
 
 class WorkerError(RuntimeError):
-    """A worker cannot be started, died, hung or raised; names it, with exit code or traceback. The environment is
-    closed then."""
+    """A worker could not be started, died, hung or raised. Names it, with exit code or traceback; the environment has
+    been closed."""
 
 
 class Command(IntEnum):
@@ -69,72 +69,72 @@ class Command(IntEnum):
     CLOSE = 7
 
 
-COPIED = (Command.RESET, Command.STEP)  # commands after which observations are given out
+COPIED = (Command.RESET, Command.STEP)  # commands that return observations
 _WRITES = {"mask": Command.MASK, "goal": Command.GOAL, "items": Command.ITEMS}
 _WRITTEN = {command: what for what, command in _WRITES.items()}
 
 _WORDS = ALIGNMENT // 8  # 64-bit words of a cache line
-# Held while workers are started, and by whoever forks: no process then begins amid another thread's imports here.
+# Held while workers are started and by any fork: no process is forked while another thread imports something here.
 _starting = threading.RLock()
 os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
 
 
 class WorkerControl:
-    """Command and acknowledgement counters of one worker, in shared memory, on a cache line each."""
+    """Command and reply counters of one worker in shared memory, each on its own cache line."""
 
     LINES = 2
 
-    def __init__(self, words: memoryview, number: int) -> None:
+    def __init__(self, words: memoryview, index: int) -> None:
         self._words = words
         self._lock = threading.RLock()
-        self._asked = (number * self.LINES) * _WORDS
-        self._answered = self._asked + _WORDS
+        self._command_word = (index * self.LINES) * _WORDS
+        self._reply_word = self._command_word + _WORDS
 
     def _fence(self) -> None:
-        """Orders what this process wrote before what it reads next, on any processor."""
+        """A memory fence: orders this process's writes before its next reads."""
         with self._lock:
             pass
 
-    def ask(self, count: int, command: Command, page: int = NO_PAGE) -> None:
-        self._words[self._asked + 1] = command
-        self._words[self._asked + 3] = page
+    def send(self, count: int, command: Command, page: int = NO_PAGE) -> None:
+        self._words[self._command_word + 1] = command
+        self._words[self._command_word + 3] = page
         self._fence()
-        self._words[self._asked] = count
+        self._words[self._command_word] = count
 
     @property
-    def asked(self) -> int:
-        """How many commands have been given."""
-        return self._words[self._asked]
+    def sent(self) -> int:
+        """Number of commands sent."""
+        return self._words[self._command_word]
 
     @property
     def command(self) -> Command:
-        return Command(self._words[self._asked + 1])
+        return Command(self._words[self._command_word + 1])
 
     @property
     def page(self) -> int:
-        """Where the images are to be copied to, or NO_PAGE."""
-        return self._words[self._asked + 3]
+        """The page that images are copied to, or NO_PAGE."""
+        return self._words[self._command_word + 3]
 
-    def answer(self, count: int) -> None:
+    def acknowledge(self, count: int) -> None:
         self._fence()
-        self._words[self._answered] = count
+        self._words[self._reply_word] = count
 
     @property
-    def answered(self) -> int:
-        """How many commands have been carried out."""
-        return self._words[self._answered]
+    def acknowledged(self) -> int:
+        """Number of commands carried out."""
+        return self._words[self._reply_word]
 
     def set_asleep(self, *, worker: bool, asleep: bool) -> None:
-        self._words[(self._asked if worker else self._answered) + 2] = asleep
+        self._words[(self._command_word if worker else self._reply_word) + 2] = asleep
         self._fence()
 
     def is_asleep(self, *, worker: bool) -> bool:
         self._fence()
-        return bool(self._words[(self._asked if worker else self._answered) + 2])
+        return bool(self._words[(self._command_word if worker else self._reply_word) + 2])
 
 
-def _spun(ready: Callable[[], bool], spin_seconds: float) -> bool:
-    """Whether `ready` came true within a short time."""
+def _spin_until(ready: Callable[[], bool], spin_seconds: float) -> bool:
+    """Waits briefly for `ready`; whether it became true."""
     end = perf_counter() + spin_seconds
     while perf_counter() < end:
         if ready():
@@ -149,11 +149,11 @@ def _spun(ready: Callable[[], bool], spin_seconds: float) -> bool:
 
 @dataclass(frozen=True)
 class Assignment:
-    """What a worker process is told at its start; picklable."""
+    """The arguments of a worker process. Picklable."""
 
-    settings: Settings
+    settings: BatchConfig
     shared: SharedMemory
-    number: int
+    index: int
     first: int
     stop: int
     pages: int
@@ -161,23 +161,23 @@ class Assignment:
 
 
 def _control_size(workers: int) -> int:
-    """Bytes before the buffers' arrays."""
+    """Bytes of the control words, which precede the buffers."""
     return workers * WorkerControl.LINES * ALIGNMENT
 
 
-def _pages_form(settings: Settings, pages: int) -> ArraySpec:
+def _pages_spec(settings: BatchConfig, pages: int) -> ArraySpec:
     return ArraySpec((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
 
 
-def _laid_out(
-    shared: SharedMemory, settings: Settings, workers: int, pages: int
+def _map_memory(
+    shared: SharedMemory, settings: BatchConfig, workers: int, pages: int
 ) -> tuple[memoryview, Buffers, UInt8Array]:
-    """The words of the posts, the buffers, and the pages (pages, N, height, width, 3) for copies of its images."""
+    """The control words, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
     control = _control_size(workers)
-    forms, form = settings.forms(), _pages_form(settings, pages)
+    array_specs, form = settings.array_specs(), _pages_spec(settings, pages)
     memory = shared.memory[control:]
-    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), buffers_size(forms)).reshape(form.shape)
-    return shared.memory[:control].cast("q"), Buffers.over(memory, forms), copies
+    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), buffers_size(array_specs)).reshape(form.shape)
+    return shared.memory[:control].cast("q"), Buffers.from_memory(memory, array_specs), copies
 
 
 def _worker_main(
@@ -188,73 +188,73 @@ def _worker_main(
     caller_wake_pipe: Connection,
     inherited: Sequence[Connection],
 ) -> None:
-    """Main loop of a worker: carries out commands until it is told to close or the caller is gone.
+    """Main loop of a worker: executes commands until it is closed or the caller is gone.
 
-    `inherited`: the caller's ends of pipes, which a forked worker has open as well.
+    `inherited`: the caller's ends of pipes, which are open in a forked worker.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
     for connection in inherited:
         connection.close()
     try:
-        ends = _ends_of_caller()
-        words, buffers, pages = _laid_out(assignment.shared, assignment.settings, workers, assignment.pages)
+        exit_fds = _exit_fds_of_caller()
+        words, buffers, pages = _map_memory(assignment.shared, assignment.settings, workers, assignment.pages)
         part = slice(assignment.first, assignment.stop)
-        engine = Engine(assignment.settings, buffers.part(part.start, part.stop), part.start)
+        engine = Engine(assignment.settings, buffers.slice(part.start, part.stop), part.start)
         messages.send(None)
-        control = WorkerControl(words, assignment.number)
+        control = WorkerControl(words, assignment.index)
         count = 0
-        while _wait_for_command(control, count, wake_pipe, ends, assignment.spin_seconds):
+        while _wait_for_command(control, count, wake_pipe, exit_fds, assignment.spin_seconds):
             count += 1
             command = control.command
             if command is Command.CLOSE:
                 break
-            _carry_out(engine, command, messages)
+            _execute(engine, command, messages)
             if control.page != NO_PAGE:
                 pages[control.page, part] = engine.buffers.image
-            control.answer(count)
+            control.acknowledge(count)
             if control.is_asleep(worker=False):
                 caller_wake_pipe.send_bytes(b"!")
     except (BrokenPipeError, ConnectionResetError, EOFError):
         return  # the caller is gone
     except Exception:
-        _send_fault(traceback.format_exc(), messages, caller_wake_pipe)
+        _send_error(traceback.format_exc(), messages, caller_wake_pipe)
 
 
-def _send_fault(fault: str, messages: Connection, caller_wake_pipe: Connection) -> None:
+def _send_error(fault: str, messages: Connection, caller_wake_pipe: Connection) -> None:
     with suppress(OSError):  # the caller is gone
         messages.send(fault)
         caller_wake_pipe.send_bytes(b"!")
 
 
-def _ends_of_caller() -> list[int]:
-    """Descriptors that can be read once the caller has ended. Raises EOFError when it has.
+def _exit_fds_of_caller() -> list[int]:
+    """Descriptors that become readable when the caller exits. Raises EOFError if it has exited.
 
-    The pipe that Python gives a process for this is not enough: whoever the caller forked holds its other end too.
+    Python's own sentinel pipe is not enough: other children forked from the caller hold its other end too.
     """
     caller = multiprocessing.parent_process()
     assert caller is not None
-    ends = [caller.sentinel]
+    exit_fds = [caller.sentinel]
     if hasattr(os, "pidfd_open") and caller.pid is not None:  # Linux
         try:
-            ends.append(os.pidfd_open(caller.pid))
+            exit_fds.append(os.pidfd_open(caller.pid))
         except ProcessLookupError:
             raise EOFError from None
-        except OSError:  # forbidden, or no descriptor is left
+        except OSError:  # forbidden, or out of descriptors
             pass
-    return ends
+    return exit_fds
 
 
 def _wait_for_command(
-    control: WorkerControl, count: int, wake_pipe: Connection, ends: Sequence[int], spin_seconds: float
+    control: WorkerControl, count: int, wake_pipe: Connection, exit_fds: Sequence[int], spin_seconds: float
 ) -> bool:
     """Waits for the next command; False when the caller is gone, one of whose `ends` can be read then."""
 
-    def asked() -> bool:
-        return control.asked > count
+    def sent() -> bool:
+        return control.sent > count
 
-    while not _spun(asked, spin_seconds):
+    while not _spin_until(sent, spin_seconds):
         control.set_asleep(worker=True, asleep=True)
-        readable = [] if asked() else wait([wake_pipe, *ends])
+        readable = [] if sent() else wait([wake_pipe, *exit_fds])
         control.set_asleep(worker=True, asleep=False)
         if wake_pipe in readable:
             wake_pipe.recv_bytes()
@@ -263,7 +263,7 @@ def _wait_for_command(
     return True
 
 
-def _carry_out(engine: Engine, command: Command, messages: Connection) -> None:
+def _execute(engine: Engine, command: Command, messages: Connection) -> None:
     if command is Command.STEP:
         engine.step()
     elif command is Command.RESET:
@@ -272,7 +272,7 @@ def _carry_out(engine: Engine, command: Command, messages: Connection) -> None:
         messages.send(engine.states())
     elif command is Command.TASKS:
         change: TaskOperation = messages.recv()
-        engine.play(change(engine.tasks))
+        engine.set_tasks(change(engine.tasks))
     else:
         engine.write(_WRITTEN[command])
 
@@ -281,7 +281,7 @@ def _carry_out(engine: Engine, command: Command, messages: Connection) -> None:
 class _Worker:
     """The caller's handle of a worker."""
 
-    number: int
+    index: int
     first: int
     stop: int
     process: BaseProcess
@@ -296,7 +296,7 @@ class _Worker:
 
 
 class WorkerVectorEnv(LilGymVectorEnv):
-    """N environments in `num_workers` processes, the calling one among them; otherwise as `BatchedEnv`.
+    """As `BatchedEnv`, with N environments in `num_workers` processes, including the calling one.
 
     Results equal `BatchedEnv`'s bit for bit. Below about 128 environments one process is faster.
     """
@@ -313,39 +313,41 @@ class WorkerVectorEnv(LilGymVectorEnv):
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        """`id`: such as "lilgym_mp/TowerScratch-v0"; `settings`: the keywords of `engine.Settings.of` beside it.
+        """`id`: such as "lilgym_mp/TowerScratch-v0"; `settings`: the other keywords of `BatchedEnv`.
 
-        `num_workers`: processes that step environments, this one included (1: no other process); "auto": as many
-        as there are cores, if each gets 64 environments or more. `start_method`: "fork", "forkserver" or "spawn",
-        None for Python's default. `timeout_seconds`: a worker that takes longer over a call counts as hung.
-        Raises ValueError for unusable settings, SharedMemoryError without room, WorkerError when a worker fails or
-        cannot be started, as in a daemonic process. Belongs to the process that made it: a child that was forked from
-        it can only `close` its own hold on it.
+        `num_workers`: processes that step environments, including this one (1: no others); "auto": one for each
+        core, but at least 64 environments per process. `start_method`: "fork", "forkserver" or "spawn",
+        None for Python's default. `timeout_seconds`: a worker that takes longer for a call counts as hung.
+        Raises ValueError for unusable settings, SharedMemoryError without enough memory, WorkerError if a worker fails
+        or cannot be started, as in a daemonic process. Only the process that made it can use it: a child forked from
+        that process can only `close` it, which releases the child's own resources.
         """
-        # First, as Gymnasium before 1.3 closes what could not be made, too.
+        # First, because Gymnasium before 1.3 also closes environments whose constructor failed.
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
-        self._finalizer: weakref.finalize[Any, Any] | None = None  # set once there are processes or memory to release
-        checked = Settings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
+        self._finalizer: weakref.finalize[Any, Any] | None = None  # set when there are processes or memory to release
+        checked = BatchConfig.of(num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)
         self._count = 0
         pages = PAGES if copy and count > 1 else 0
-        size = _control_size(count) + buffers_size(checked.forms()) + _pages_form(checked, pages).size
+        size = _control_size(count) + buffers_size(checked.array_specs()) + _pages_spec(checked, pages).size
         self._shared = SharedMemory(size)
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, self._shared, self._owner)
-        words, buffers, self._pages = _laid_out(self._shared, checked, count, pages)
-        self._page_start = size - _pages_form(checked, pages).size
-        self._lent: list[weakref.ref[Any] | None] = [None] * pages  # to whom each page was given
+        words, buffers, self._pages = _map_memory(self._shared, checked, count, pages)
+        self._page_start = size - _pages_spec(checked, pages).size
+        self._page_users: list[weakref.ref[Any] | None] = [
+            None
+        ] * pages  # the array over each page that the caller may hold
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
         self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
         self._own = slice(0, bounds[1])
         assignments = [
-            Assignment(checked, self._shared, number, bounds[number], bounds[number + 1], pages, self._spin_seconds)
-            for number in range(1, count)
+            Assignment(checked, self._shared, index, bounds[index], bounds[index + 1], pages, self._spin_seconds)
+            for index in range(1, count)
         ]
         try:
             self._start(context, checked, assignments, words)
@@ -353,12 +355,12 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self.close()
             raise
 
-    def _start(self, context: Any, settings: Settings, assignments: Sequence[Assignment], words: memoryview) -> None:
+    def _start(self, context: Any, settings: BatchConfig, assignments: Sequence[Assignment], words: memoryview) -> None:
         with _starting:
             _check_room(len(assignments), self._shared)
             if assignments and context.get_start_method() == "fork":
                 _warm_up(settings)
-            self._engine = Engine(settings, self._buffers.part(0, self._own.stop))
+            self._engine = Engine(settings, self._buffers.slice(0, self._own.stop))
             for assignment in assignments:
                 _start_worker(context, assignment, len(assignments) + 1, words, self._workers)
         for worker in self._workers:
@@ -366,19 +368,19 @@ class WorkerVectorEnv(LilGymVectorEnv):
 
     @property
     def num_workers(self) -> int:
-        """Processes that step environments, this one included."""
+        """Processes that step environments, including this one."""
         return len(self._workers) + 1
 
     @property
     def worker_pids(self) -> tuple[int, ...]:
-        """Process numbers of workers 1, 2, ...; worker 0 is the calling process."""
+        """Process ids of workers 1, 2, ...; worker 0 is the calling process."""
         return tuple(worker.process.pid or 0 for worker in self._workers)
 
-    def _reset(self, order: Reset) -> None:
-        payloads = [_part(order, worker.first, worker.stop) for worker in self._workers]
+    def _reset(self, request: ResetRequest) -> None:
+        payloads = [_slice_request(request, worker.first, worker.stop) for worker in self._workers]
 
         def own_part() -> None:
-            self._engine.reset(_part(order, 0, self._own.stop))
+            self._engine.reset(_slice_request(request, 0, self._own.stop))
             self._copy_own_images()
 
         self._page = self._free_page()
@@ -397,20 +399,20 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self._pages[self._page, self._own] = self._engine.buffers.image
 
     def _free_page(self) -> int:
-        """A page that nobody holds any more, or NO_PAGE."""
-        for page, lent in enumerate(self._lent):
-            if lent is None or lent() is None:
+        """A page that the caller no longer holds, or NO_PAGE."""
+        for page, user in enumerate(self._page_users):
+            if user is None or user() is None:
                 return page
         return NO_PAGE
 
     def _images(self) -> UInt8Array:
         if self._page == NO_PAGE:
             return super()._images()
-        # An array of its own over the page: whatever view of it the caller keeps, keeps it alive.
+        # A new array over the page: any view that the caller keeps keeps this array alive.
         shape = self._pages.shape[1:]
         start = self._page_start + self._page * math.prod(shape)
         root = np.frombuffer(self._shared.memory, np.uint8, math.prod(shape), start)
-        self._lent[self._page] = weakref.ref(root)
+        self._page_users[self._page] = weakref.ref(root)
         return root.reshape(shape)
 
     def _write(self, what: str) -> None:
@@ -428,10 +430,10 @@ class WorkerVectorEnv(LilGymVectorEnv):
         return states
 
     def _change_tasks(self, change: TaskOperation) -> None:
-        self._run_everywhere(Command.TASKS, lambda: self._engine.play(self.tasks), [change] * len(self._workers))
+        self._run_everywhere(Command.TASKS, lambda: self._engine.set_tasks(self.tasks), [change] * len(self._workers))
 
     def _run_everywhere(self, command: Command, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
-        """Has a command carried out in every process. On any failure all workers are stopped."""
+        """Executes a command in every process. Stops all workers on any failure."""
         self._check_open()
         try:
             self._send_command(command, payloads)
@@ -448,32 +450,32 @@ class WorkerVectorEnv(LilGymVectorEnv):
             for worker, payload in zip(self._workers, payloads, strict=False):
                 worker.messages.send(payload)
             for worker in self._workers:
-                worker.control.ask(self._count, command, self._page if command in COPIED else NO_PAGE)
+                worker.control.send(self._count, command, self._page if command in COPIED else NO_PAGE)
                 if worker.control.is_asleep(worker=True):
                     worker.wake_pipe.send_bytes(b"!")
         except OSError:  # the worker is gone
             self._raise_worker_failure()
 
     def _wait_for_worker(self, worker: _Worker) -> None:
-        """Returns when the worker has carried out the last command. Raises WorkerError when it will not."""
+        """Waits until the worker has executed the last command. Raises WorkerError if it fails."""
         control, count = worker.control, self._count
 
-        def answered() -> bool:
-            return control.answered >= count
+        def acknowledged() -> bool:
+            return control.acknowledged >= count
 
-        if _spun(answered, self._spin_seconds):
+        if _spin_until(acknowledged, self._spin_seconds):
             return
         end = perf_counter() + self._timeout
-        while not answered():
+        while not acknowledged():
             control.set_asleep(worker=False, asleep=True)
-            if not answered():
+            if not acknowledged():
                 self._wait_for_wake_up(worker)
             control.set_asleep(worker=False, asleep=False)
-            if perf_counter() > end and not answered():
-                raise WorkerError(f"worker {worker.number} has not answered for {self._timeout:g} seconds")
+            if perf_counter() > end and not acknowledged():
+                raise WorkerError(f"worker {worker.index} has not responded for {self._timeout:g} seconds")
 
     def _wait_for_wake_up(self, worker: _Worker) -> None:
-        """Blocks until the worker wakes this process, POLL_SECONDS at most. Raises WorkerError if it failed."""
+        """Blocks until the worker wakes this process, at most POLL_SECONDS. Raises WorkerError if it failed."""
         readable = wait([worker.caller_wake_pipe, worker.messages, worker.process.sentinel], POLL_SECONDS)
         if worker.caller_wake_pipe in readable:
             try:
@@ -484,19 +486,19 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self._raise_worker_failure()
 
     def _receive(self, worker: _Worker, seconds: float) -> Any:
-        """The worker's next message. Raises WorkerError when that is a traceback or when none comes."""
+        """The worker's next message. Raises WorkerError if it is a traceback or none comes."""
         readable = wait([worker.messages, worker.process.sentinel], min(seconds, LONGEST_WAIT))
         if worker.messages in readable:
             try:
                 message = worker.messages.recv()
-            except (EOFError, OSError):  # it has died, be it in the middle of a message
+            except (EOFError, OSError):  # it died, perhaps while sending
                 raise WorkerError(_exit_message(worker)) from None
             if isinstance(message, str):
-                raise WorkerError(f"worker {worker.number} raised:\n{message}")
+                raise WorkerError(f"worker {worker.index} raised:\n{message}")
             return message
         if readable:
             raise WorkerError(_exit_message(worker))
-        raise WorkerError(f"worker {worker.number} has not answered for {seconds:g} seconds")
+        raise WorkerError(f"worker {worker.index} has not responded for {seconds:g} seconds")
 
     def _raise_worker_failure(self) -> NoReturn:
         """Raises WorkerError for the worker that raised or died."""
@@ -508,30 +510,30 @@ class WorkerVectorEnv(LilGymVectorEnv):
                         self._receive(worker, 0)
                 if not worker.process.is_alive():
                     raise WorkerError(_exit_message(worker))
-        raise WorkerError("a worker broke off, but none has died")
+        raise WorkerError("a worker closed its pipe, but none has died")
 
     def _check_open(self) -> None:
         super()._check_open()
         if os.getpid() != self._owner:
             raise gym.error.ClosedEnvironmentError(
-                f"this environment belongs to process {self._owner}, of which this one is a fork; make a new one"
+                f"this environment belongs to process {self._owner}, from which this one was forked; make a new one"
             )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the workers and gives the memory back."""
+        """Stops the workers and releases the memory."""
         if self._finalizer is not None:
             _stop_workers(self._workers, self._shared, self._owner)
             self._finalizer.detach()
 
 
 def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
-    """Ends the workers and empties their list; in a child forked from their owner, only lets go of them.
+    """Stops the workers and empties their list; in a child forked from their owner, only closes its connections.
 
-    May be interrupted and begun again. A worker of which nothing is known but its connections ends with these.
+    Can be interrupted and called again. A worker whose process was not recorded stops when its connections close.
     """
     started = [worker for worker in workers if os.getpid() == owner and worker.process.pid is not None]
     for worker in started:
-        worker.control.ask(worker.control.asked + 1, Command.CLOSE)
+        worker.control.send(worker.control.sent + 1, Command.CLOSE)
         with suppress(OSError):  # it has ended already
             worker.wake_pipe.send_bytes(b"!")
     end = perf_counter() + JOIN_SECONDS
@@ -553,29 +555,29 @@ def _exit_message(worker: _Worker) -> str:
     worker.process.join(JOIN_SECONDS)
     code = worker.process.exitcode
     how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with exit code {code}"
-    return f"worker {worker.number} (environments {worker.first} to {worker.stop - 1}) died {how}"
+    return f"worker {worker.index} (environments {worker.first} to {worker.stop - 1}) died {how}"
 
 
 def _check_room(workers: int, shared: SharedMemory) -> None:
-    """Raises WorkerError where this process may not start so many workers."""
+    """Raises WorkerError if this process cannot start this many workers."""
     if workers and multiprocessing.current_process().daemon:
-        raise WorkerError("a daemonic process may not start workers; use num_workers=1, or gymnasium.make_vec")
+        raise WorkerError("a daemonic process cannot start workers; use num_workers=1, or gymnasium.make_vec")
     if not shared.has_room_for(workers * DESCRIPTORS):
         raise WorkerError(
-            f"{workers} workers take up to {workers * DESCRIPTORS} file descriptors, and this process may not open so"
+            f"{workers} workers take up to {workers * DESCRIPTORS} file descriptors, and this process cannot open that"
             " many more; close some, raise the limit (ulimit -n), or use fewer workers"
         )
 
 
-def _warm_up(settings: Settings) -> None:
-    """Steps a few environments, so that forked processes inherit everything imported, loaded and compiled.
+def _warm_up(settings: BatchConfig) -> None:
+    """Steps a few environments, so that forked processes inherit all imports, data and compiled code.
 
     A process forked while another thread imports a module could wait for that module forever.
     """
     few = min(settings.num_envs, FEWEST_COMPILED)
     settings = replace(settings, num_envs=few)
-    engine = Engine(settings, Buffers.new(settings.forms()))
-    engine.reset(Reset(np.arange(few), [0] * few, [None] * few, everywhere=True))
+    engine = Engine(settings, Buffers.new(settings.array_specs()))
+    engine.reset(ResetRequest(np.arange(few), [0] * few, [None] * few, all_envs=True))
     engine.step()
     for what in _WRITES:
         engine.write(what)
@@ -583,7 +585,7 @@ def _warm_up(settings: Settings) -> None:
 
 
 def _start_worker(context: Any, assignment: Assignment, workers: int, words: memoryview, listed: list[_Worker]) -> None:
-    """Starts a worker. It is added to `listed` first: closing those ends one whose start was interrupted as well."""
+    """Starts a worker. It is added to `listed` first, so that a worker whose start was interrupted is stopped too."""
     ours, theirs = context.Pipe()
     wake_receiver, wake_pipe = context.Pipe(duplex=False)
     caller_wake_pipe, caller_wake_sender = context.Pipe(duplex=False)
@@ -591,13 +593,13 @@ def _start_worker(context: Any, assignment: Assignment, workers: int, words: mem
     process = context.Process(
         target=_worker_main,
         args=(assignment, workers, theirs, wake_receiver, caller_wake_sender, inherited),
-        name=f"lilgym_mp worker {assignment.number}",
+        name=f"lilgym_mp worker {assignment.index}",
         daemon=True,
     )
-    control = WorkerControl(words, assignment.number)
+    control = WorkerControl(words, assignment.index)
     listed.append(
         _Worker(
-            assignment.number, assignment.first, assignment.stop, process, control, ours, wake_pipe, caller_wake_pipe
+            assignment.index, assignment.first, assignment.stop, process, control, ours, wake_pipe, caller_wake_pipe
         )
     )
     if context.get_start_method() == "fork":
@@ -606,7 +608,7 @@ def _start_worker(context: Any, assignment: Assignment, workers: int, words: mem
         with _compiler_lock_held(), _interrupts_blocked(context):
             process.start()
     except OSError as fault:
-        raise WorkerError(f"worker {assignment.number} cannot be started: {fault}") from fault
+        raise WorkerError(f"worker {assignment.index} cannot be started: {fault}") from fault
     finally:
         inherited.clear()
         for connection in (theirs, wake_receiver, caller_wake_sender):
@@ -614,15 +616,15 @@ def _start_worker(context: Any, assignment: Assignment, workers: int, words: mem
 
 
 def _compiler_lock_held() -> AbstractContextManager[object]:
-    """Holds numba's lock, if it is loaded: a process forked while another thread compiles could never compile."""
+    """Holds numba's lock, if numba is loaded: a process forked while another thread compiles could never compile."""
     module = sys.modules.get("numba.core.compiler_lock")
     return nullcontext() if module is None else module.global_compiler_lock
 
 
 @contextmanager
 def _interrupts_blocked(context: Any) -> Iterator[None]:
-    """Blocks SIGINT while a process is started, so that Ctrl-C never reaches it; the caller receives it afterwards."""
-    if context.get_start_method() != "fork":  # these servers must not inherit the block
+    """Blocks SIGINT while a process starts, so that Ctrl-C never reaches it; the caller receives it afterwards."""
+    if context.get_start_method() != "fork":  # these helper processes must not inherit the block
         resource_tracker.ensure_running()
     if context.get_start_method() == "forkserver":
         forkserver.ensure_running()
@@ -633,27 +635,29 @@ def _interrupts_blocked(context: Any) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _part(order: Reset, first: int, stop: int) -> Reset:
-    """What of an command concerns environments first .. stop - 1, numbered from 0."""
-    low, high = np.searchsorted(order.env_ids, [first, stop]).tolist()
-    return Reset(order.env_ids[low:high] - first, order.seeds[low:high], order.tasks[low:high], order.everywhere)
+def _slice_request(request: ResetRequest, first: int, stop: int) -> ResetRequest:
+    """The part of a request for environments first .. stop - 1, with env ids relative to `first`."""
+    low, high = np.searchsorted(request.env_ids, [first, stop]).tolist()
+    return ResetRequest(
+        request.env_ids[low:high] - first, request.seeds[low:high], request.tasks[low:high], request.all_envs
+    )
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """CPU cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def checked_worker_count(num_workers: int | str, num_envs: int) -> int:
-    """`num_workers`, or what "auto" stands for. Raises ValueError."""
+    """`num_workers` as an int, with "auto" resolved. Raises ValueError."""
     if isinstance(num_workers, str) and num_workers == AUTO:
-        if multiprocessing.current_process().daemon:  # which may have no children
+        if multiprocessing.current_process().daemon:  # cannot have children
             return 1
         return max(1, min(usable_cores(), num_envs // ENVS_WORTH_A_PROCESS))
     if isinstance(num_workers, bool) or not isinstance(num_workers, int | np.integer) or num_workers < 1:
         raise ValueError(f"num_workers must be {AUTO!r} or a positive whole number, not {num_workers!r}")
     if num_workers > num_envs:
-        raise ValueError(f"{num_workers} workers for {num_envs} environments; choose at most one for each")
+        raise ValueError(f"{num_workers} workers for {num_envs} environments; use at most one per environment")
     return int(num_workers)
 
 

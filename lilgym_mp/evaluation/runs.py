@@ -162,7 +162,7 @@ def _states(policy: Policy, envs: BatchedEnv, active: np.ndarray) -> tuple[list[
 
 
 def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:
-    task = envs.tasks[int(envs.task_numbers[env_index])]
+    task = envs.tasks[int(envs.task_indices[env_index])]
     reasons = infos.get("invalid_reason")
     return Episode(
         task.id,

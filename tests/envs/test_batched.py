@@ -106,7 +106,7 @@ def test_reset__takes_one_task_for_all_or_one_each() -> None:
     env.reset(options={"task": ids[4]})
     assert [state.task.id for state in env.states()] == [ids[4]] * 3
     env.reset(options={"task": [ids[2], ids[0], ids[1]]})
-    assert env.task_numbers.tolist() == [2, 0, 1]
+    assert env.task_indices.tolist() == [2, 0, 1]
     assert len({state.task.id for state in env.states()}) == 3
 
 
@@ -145,7 +145,7 @@ def test_seeds__a_bad_one_changes_nothing_and_starts_nothing(seed: object) -> No
 def test_copies__are_refused_since_their_arrays_would_part(id: str, copied: Callable[[object], object]) -> None:
     env = batch(id, 3)
     env.reset(seed=0)
-    with pytest.raises(TypeError, match="a BatchedEnv can be neither pickled nor copied"):
+    with pytest.raises(TypeError, match="a BatchedEnv cannot be pickled or copied"):
         copied(env)
 
 
@@ -163,9 +163,9 @@ def test_close__ends_all_play() -> None:
 def test_seeds__generators_go_on_without_a_seed() -> None:
     env = batch(TOWER, 4)
     env.reset(seed=3)
-    first = env.task_numbers
+    first = env.task_indices
     env.reset()
-    assert first.tolist() != env.task_numbers.tolist()
+    assert first.tolist() != env.task_indices.tolist()
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
@@ -191,7 +191,7 @@ def test_evaluation__begins_anew_with_a_reset_of_all() -> None:
     first = env.reset()[1]["task"].tolist()
     env.step(np.zeros(2, np.int64))
     env.step(np.zeros(2, np.int64))
-    assert env.task_numbers.tolist() == [2, 3]
+    assert env.task_indices.tolist() == [2, 3]
     assert env.reset()[1]["task"].tolist() == first == list(env.evaluation_tasks()[:2])
 
 

@@ -225,10 +225,10 @@ def test_touching_items__look_the_same_in_any_order() -> None:
 @pytest.fixture
 def fresh_choice() -> Iterator[None]:
     """Has compiled cores and numba looked for again, in the test and after it."""
-    for function in (cores._compiled, cores._warn_of_slowness):
+    for function in (cores._compiled, cores._warn_once):
         function.cache_clear()
     yield
-    for function in (cores._compiled, cores._warn_of_slowness):
+    for function in (cores._compiled, cores._warn_once):
         function.cache_clear()
 
 
@@ -281,7 +281,7 @@ def test_compiling__says_so_when_it_takes_long(
     seconds: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernels, "LONG_WAIT", 0.05)
-    kernels._say_so.cache_clear()
+    kernels._log_compiling.cache_clear()
     with kernels.compiling(SimpleNamespace(signatures=[])):
         time.sleep(seconds)
     time.sleep(0.1)

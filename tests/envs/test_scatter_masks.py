@@ -56,7 +56,7 @@ def test_masks__are_exact_of_literal_boxes(grid: tuple[int, int], rules: str) ->
 
 
 def test_masks__are_exact_where_those_of_starts_would_take_too_much_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scatter, "MOST_BYTES_OF_START_MASKS", 1)
+    monkeypatch.setattr(scatter, "MAX_START_MASK_BYTES", 1)
     assert_masks_are_exact([scene([square(0, 0, LARGE)]), scene()], (19, 5), "paper")
 
 

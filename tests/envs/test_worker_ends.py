@@ -104,7 +104,7 @@ def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> N
 def test_copies__are_refused_since_processes_are_shared() -> None:
     env = make()
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(TypeError, match="a WorkerVectorEnv can be neither pickled nor copied"):
+        with pytest.raises(TypeError, match="a WorkerVectorEnv cannot be pickled or copied"):
             copied(env)
     env.step(np.zeros(6, np.int64))
     env.close()
@@ -249,7 +249,7 @@ def _make_in_daemon(num_workers: int | str, answers: Connection) -> None:
         answers.send(f"{type(fault).__name__}: {fault}")
 
 
-@pytest.mark.parametrize(("num_workers", "answer"), [(2, "WorkerError: a daemonic process may not"), ("auto", "1")])
+@pytest.mark.parametrize(("num_workers", "answer"), [(2, "WorkerError: a daemonic process cannot"), ("auto", "1")])
 def test_a_daemonic_process__is_told_that_it_may_start_none(num_workers: int | str, answer: str) -> None:
     answers, theirs = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")
@@ -282,7 +282,7 @@ if __name__ == "__main__":
 """
     script = [sys.executable, "-c", program]
     done = subprocess.run(script, capture_output=True, text=True, timeout=60)
-    assert "3 workers take up to 36 file descriptors, and this process may not open so many more" in done.stdout, done
+    assert "3 workers take up to 36 file descriptors, and this process cannot open that many more" in done.stdout, done
     assert done.stdout.strip().endswith("True")
 
 

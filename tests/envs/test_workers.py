@@ -15,7 +15,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.envs import shared_memory
-from lilgym_mp.envs.engine import Reset
+from lilgym_mp.envs.engine import ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv, checked_worker_count, usable_cores
 from tests.envs.alike import assert_alike
@@ -142,7 +142,7 @@ def test_workers__tell_states_items_and_tasks_of_all_environments() -> None:
         env.step(np.zeros(5, np.int64))
     assert ours.states() == theirs.states()
     assert np.array_equal(ours.scene_array(), theirs.scene_array())
-    assert ours.task_numbers.tolist() == theirs.task_numbers.tolist()
+    assert ours.task_indices.tolist() == theirs.task_indices.tolist()
     ours.close()
 
 
@@ -172,7 +172,7 @@ def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None
     pids = workers.worker_pids
     os.kill(pids[0], signal.SIGSTOP)
     begun = time.monotonic()
-    with pytest.raises(WorkerError, match="worker 1 has not answered for 2 seconds"):
+    with pytest.raises(WorkerError, match="worker 1 has not responded for 2 seconds"):
         workers.step(np.zeros(8, np.int64))
     assert time.monotonic() - begun < 10
     assert_gone(pids)
@@ -183,7 +183,7 @@ def test_a_worker_that_raises__hands_on_its_traceback(workers: WorkerVectorEnv) 
     no_such_task = len(workers.tasks)
     workers._buffers.action[:] = 0
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
-        workers._reset(Reset(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], everywhere=True))
+        workers._reset(ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], all_envs=True))
     assert_gone(pids)
 
 
@@ -307,7 +307,7 @@ def test_workers__give_back_their_descriptors() -> None:
         ({"num_workers": 0}, "num_workers must be 'auto' or a positive whole number, not 0"),
         ({"num_workers": -1}, "not -1"),
         ({"num_workers": "two"}, "not 'two'"),
-        ({"num_workers": 5}, "5 workers for 4 environments; choose at most one for each"),
+        ({"num_workers": 5}, "5 workers for 4 environments; use at most one per environment"),
         ({"num_envs": 0}, "num_envs must be a positive whole number, not 0"),
         ({"start_method": "thread"}, "unknown start_method 'thread'; choose from fork, forkserver, spawn"),
         ({"timeout_seconds": 0}, "timeout_seconds must be a positive number, not 0"),

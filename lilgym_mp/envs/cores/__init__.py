@@ -1,7 +1,7 @@
-"""Cores: many episodes of one MDP, stepped together over the arrays of `Buffers`.
+"""Cores step a batch of environments over the arrays of `Buffers`.
 
-`ScalarCore` asks `rules` about one scene after another and serves every appearance. `TowerCore` and `ScatterCore` do
-the same in compiled code, for batches; they are imported, and with them numba, when a batch first needs one.
+`ScalarCore` applies `rules` to one scene after another, for any appearance. `TowerCore` and `ScatterCore` are compiled
+with numba; they are imported, and numba with them, when a batch first needs them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lilgym_mp.rules import Dynamics
 
 __all__ = ["FEWEST_COMPILED", "Core", "ScalarCore", "make_core"]
 
-FEWEST_COMPILED = 8  # environments; calling compiled code costs more than it saves for fewer
+FEWEST_COMPILED = 8  # environments; for fewer, calling compiled code costs more than it saves
 _COMPILED: Mapping[type[Appearance], tuple[str, str]] = {
     Tower: ("lilgym_mp.envs.cores.tower", "TowerCore"),
     Scatter: ("lilgym_mp.envs.cores.scatter", "ScatterCore"),
@@ -36,18 +36,18 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: 
 
 @cache
 def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Buffers, str], Core] | None:
-    """The compiled core of an appearance. None where there is none and, with a warning, where numba cannot be used."""
+    """The compiled core of an appearance; None if it has none or, with a warning, if numba cannot be imported."""
     if appearance not in _COMPILED:
         return None
     module, name = _COMPILED[appearance]
     try:
         return getattr(import_module(module), name)
     except ImportError as fault:
-        _warn_of_slowness(str(fault))
+        _warn_once(str(fault))
         return None
 
 
 @cache
-def _warn_of_slowness(fault: str) -> None:
-    message = f"batches run several times slower than they could, because numba cannot be imported: {fault}"
+def _warn_once(fault: str) -> None:
+    message = f"batches run several times slower because numba cannot be imported: {fault}"
     warnings.warn(message, RuntimeWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""What all cores have in common: how an array of actions is judged and recorded."""
+"""The base class of cores: one step over arrays of actions and results."""
 
 from __future__ import annotations
 
@@ -13,38 +13,37 @@ from lilgym_mp.envs.buffers import NO_REASON, Buffers
 from lilgym_mp.rules import ActionStatus, Dynamics, State, result_index
 from lilgym_mp.scene import Scene
 
-# Plain numbers for arrays: NumPy asks an enum's member for attributes through Python code, which takes microseconds and
-# in which a Ctrl-C would be lost.
+# Plain ints for arrays: with enum members NumPy runs Python code, which takes microseconds and can swallow a Ctrl-C.
 CORRECT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(status) for status in ActionStatus)
 _EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether the edit is valid
 _STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # by whether the target is reached
 
 
 class Core(ABC):
-    """N episodes. Results go to the buffers, but for what `engine.Engine` records of ends and starts of episodes.
+    """Holds the scenes of N environments and steps them. Reads actions from the buffers and writes results there.
 
-    The number of actions taken is kept in the buffers alone.
+    `engine.Engine` decides when episodes start, and records starts and ends. Step counts are kept in the buffers.
     """
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers) -> None:
         self.dynamics = dynamics
         self._tasks = tasks
         self._buffers = buffers
-        self._every = np.arange(len(buffers.action))
+        self._all_env_ids = np.arange(len(buffers.action))
         results = dynamics.step_results
         self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
 
     def start(self, env_ids: Int64Array, tasks: Int64Array) -> None:
-        """Begins tasks (k,), by index, in environments (k,)."""
+        """Starts episodes of tasks (k,), by index, in environments (k,)."""
         self._buffers.task[env_ids] = tasks
         self._buffers.steps[env_ids] = 0
-        self._begin(env_ids, tasks)
+        self._start_episodes(env_ids, tasks)
 
     def step(self, env_ids: Int64Array | None) -> None:
-        """Takes `buffers.action` in environments (k,), ascending, or in all: `rules.Dynamics.step` over arrays."""
+        """Takes `buffers.action` in environments (k,), ascending, or in all; `rules.Dynamics.step` for arrays."""
         buffers = self._buffers
         chosen = slice(None) if env_ids is None else env_ids
-        env_ids = self._every if env_ids is None else env_ids
+        env_ids = self._all_env_ids if env_ids is None else env_ids
         actions = buffers.action[chosen]
         steps = buffers.steps[chosen] + 1
         last = steps >= self.dynamics.horizon
@@ -58,7 +57,7 @@ class Core(ABC):
         buffers.invalid[chosen] = reasons
 
     def wait(self, env_ids: Int64Array) -> None:
-        """`rules.Dynamics.wait` in environments (k,)."""
+        """`rules.Dynamics.wait` for environments (k,)."""
         buffers = self._buffers
         steps = buffers.steps[env_ids] + 1
         buffers.steps[env_ids] = steps
@@ -71,26 +70,26 @@ class Core(ABC):
         return State(self._tasks[buffers.task[env_id]], scene, int(buffers.steps[env_id]))
 
     def write_goals(self) -> None:
-        """`buffers.goal` of all environments."""
-        self._buffers.goal[:] = self._solved(self._every)
+        """Updates `buffers.goal` of all environments."""
+        self._buffers.goal[:] = self._solved(self._all_env_ids)
 
     @abstractmethod
     def write_masks(self) -> None:
-        """`buffers.mask` of all environments."""
+        """Updates `buffers.mask` of all environments."""
 
     @abstractmethod
     def write_items(self) -> None:
-        """`buffers.items` of all environments."""
+        """Updates `buffers.items` of all environments."""
 
     @abstractmethod
-    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
-        """Makes scenes and images those of the start of tasks (k,)."""
+    def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+        """Sets scenes and images of environments (k,) to the start scenes of tasks (k,)."""
 
     @abstractmethod
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        """(k,) why actions are invalid, as in `buffers.invalid`; NO_REASON for valid edits and for STOP.
+        """Makes valid edits where `applies` (k,).
 
-        Valid edits are made where `applies` (k,).
+        Returns (k,) why actions are invalid, as in `buffers.invalid`; NO_REASON for valid edits and STOP.
         """
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""What the compiled cores of Tower and Scatter share: scenes as arrays of item numbers, and their images."""
+"""The base class of compiled cores: scenes as arrays of encoded items, and their images."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
-from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, Painting, Scenes, Starts, compiling
-from lilgym_mp.envs.cores.truths import Boxes, Truths
+from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, DrawingTables, Scenes, StartScenes, compiling
+from lilgym_mp.envs.cores.program_evaluator import BoxLowering, ProgramEvaluator
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.render import draw, image_shape, shrink_of
 from lilgym_mp.render.canvas import LARGEST_PATCH
@@ -24,56 +24,56 @@ from lilgym_mp.render.drawing import palette, stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 
-NEVER_SEEN = -2  # a version from which no box comes by one added item
+NO_VERSION = -2  # older than any version, and by more than one added item
 _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 
 
 class CompiledCore(Core):
-    """A core whose scenes are `kernels.Scenes`; subclasses make the edits of their appearance."""
+    """A core whose scenes are `kernels.Scenes`; subclasses implement the edits of an appearance."""
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
         rows, capacity = BOX_COUNT * len(buffers.action), buffers.items.shape[2]
         side = BOX_SIDE // shrink_of(image_size)
         self._image_size = image_size
-        self._painting = _painting(image_size)
+        self._drawing = _drawing(image_size)
         self._current = Scenes(
             items=np.full((rows, capacity), NO_ITEM),
             counts=np.zeros(rows, np.int64),
             versions=np.zeros(rows, np.int64),
             weighted=np.zeros((rows, side, side), np.uint8),
             images=buffers.image.reshape(len(buffers.image), -1),
-            outside=np.zeros(len(buffers.image), np.bool_),
+            uses_fallback=np.zeros(len(buffers.image), np.bool_),
         )
-        self._starts = Starts(
+        self._starts = StartScenes(
             items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
             counts=np.zeros(BOX_COUNT * len(tasks), np.int64),
         )
-        self._has_start = [False] * len(tasks)  # whether `_starts` holds the task's start scene
-        self._written_items = np.full(rows, NEVER_SEEN)  # versions that `buffers.items` shows
-        self._stacks = np.zeros(rows, np.int64)  # of a tower, by row
-        self._truths = Truths(tasks, self._boxes())
+        self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
+        self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
+        self._stacks = np.zeros(rows, np.int64)  # Tower: stack index by row
+        self._evaluator = ProgramEvaluator(tasks, self._lowering())
         self._targets = np.array([task.target for task in tasks], np.int64)
-        none = self._every[:0]
-        with compiling(kernels.begin):
-            kernels.begin(self._painting, self._current, self._starts, none, none)
-        with compiling(kernels.write_truths):
-            self._truths.write(self._current, self._stacks, none, none, none)
+        none = self._all_env_ids[:0]
+        with compiling(kernels.start_episodes):
+            kernels.start_episodes(self._drawing, self._current, self._starts, none, none)
+        with compiling(kernels.evaluate_programs):
+            self._evaluator.evaluate(self._current, self._stacks, none, none, none)
 
-    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+    def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for task in tasks.tolist():
             if not self._has_start[task]:
                 self._add_start(task)
-        kernels.begin(self._painting, self._current, self._starts, env_ids, tasks)
+        kernels.start_episodes(self._drawing, self._current, self._starts, env_ids, tasks)
 
     def _add_start(self, task: int) -> None:
         for row, box in enumerate(self._start_scene(task).boxes, BOX_COUNT * task):
             self._starts.counts[row] = len(box.items)
-            self._starts.items[row, : len(box.items)] = [number_of(item) for item in box.items]
+            self._starts.items[row, : len(box.items)] = [item_code(item) for item in box.items]
         self._has_start[task] = True
 
     def _start_scene(self, task: int) -> Scene:
-        """The start scene that the arrays can hold of a task."""
+        """The start scene that is put into the arrays."""
         return self._tasks[task].start
 
     def write_items(self) -> None:
@@ -84,7 +84,7 @@ class CompiledCore(Core):
     def _solved(self, env_ids: Int64Array) -> BoolArray:
         tasks = self._buffers.task.take(env_ids)
         truths = np.empty(len(env_ids), np.int64)
-        unknown = self._truths.write(self._current, self._stacks, env_ids, tasks, truths)
+        unknown = self._evaluator.evaluate(self._current, self._stacks, env_ids, tasks, truths)
         solved = truths == self._targets.take(tasks)
         if unknown:
             by_scene = truths == UNKNOWN
@@ -92,27 +92,27 @@ class CompiledCore(Core):
         return solved
 
     @abstractmethod
-    def _boxes(self) -> Boxes:
-        """How the boxes answer what programs ask of them."""
+    def _lowering(self) -> BoxLowering:
+        """How functions of a box are compiled to instructions."""
 
     @abstractmethod
     def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]: ...
 
 
-def number_of(item: Item) -> int:
-    """`kernels.item_number` of an item."""
+def item_code(item: Item) -> int:
+    """The item encoded by `kernels.encode_item`."""
     x, y, shape, colour, size = item
-    return kernels.item_number.py_func(x, y, item_type_of(shape, colour, size))
+    return kernels.encode_item.py_func(x, y, item_type_of(shape, colour, size))
 
 
-def item_of(number: int) -> Item:
-    """The item with that `kernels.item_number`."""
-    x, y, item_type = kernels.item_fields.py_func(number)
+def item_from_code(code: int) -> Item:
+    """The item that `kernels.encode_item` encoded."""
+    x, y, item_type = kernels.decode_item.py_func(code)
     return Item(x, y, *ITEM_TYPES[item_type])
 
 
 @cache
-def _painting(image_size: str) -> Painting:
+def _drawing(image_size: str) -> DrawingTables:
     shrink = shrink_of(image_size)
     side = LARGEST_PATCH // shrink
     runs, run_counts = np.zeros((ITEM_TYPE_COUNT, 2, 2, side, 2), np.int64), np.zeros((ITEM_TYPE_COUNT, 2, 2), np.int64)
@@ -136,7 +136,7 @@ def _painting(image_size: str) -> Painting:
             ys, xs = ((counts > 0) & (counts < whole)).nonzero()
             edge_counts[at] = len(ys)
             edges[*at, : len(ys)] = np.stack([ys, xs, counts[ys, xs]], axis=1)
-    return Painting(
+    return DrawingTables(
         runs=runs,
         run_counts=run_counts,
         edges=edges[:, :, :, : int(edge_counts.max())].copy(),

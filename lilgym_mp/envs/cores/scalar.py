@@ -1,4 +1,4 @@
-"""The reference core: one scene after another, by the rules that single environments follow."""
+"""The reference core: applies the rules of single environments to one scene after another."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS, Buffers
+from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
@@ -15,14 +15,14 @@ from lilgym_mp.scene import Scene
 
 
 class ScalarCore(Core):
-    """Serves every appearance: a scene and a canvas for each environment."""
+    """A scene and a canvas for each environment, for any appearance."""
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
         self._scenes = [tasks[0].start] * len(buffers.action)
         self._canvases = [Canvas(image_size, image) for image in buffers.image]
 
-    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+    def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for env_id, task in zip(env_ids.tolist(), tasks.tolist(), strict=True):
             self._scenes[env_id] = self._tasks[task].start
             self._canvases[env_id].show(self._scenes[env_id])
@@ -36,7 +36,7 @@ class ScalarCore(Core):
             if action != 0:
                 scene, invalid = apply(scenes[env_id], decode(action), placement)
                 if invalid is not None:
-                    reason = REASON_NUMBERS[invalid]
+                    reason = REASON_INDICES[invalid]
                 elif done:
                     scenes[env_id] = scene
                     self._canvases[env_id].show(scene)

@@ -1,4 +1,4 @@
-"""The rules of Scatter edits as arrays for compiled code, made of the tables that the scalar rules read."""
+"""Lookup tables of Scatter's edits for compiled code, derived from the tables of the scalar rules."""
 
 from __future__ import annotations
 
@@ -18,39 +18,41 @@ from lilgym_mp.appearances.placement import (
     search_offsets,
 )
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.envs.buffers import NO_REASON, REASON_NUMBERS
+from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 
-MOST_ROWS = 50  # of a cell that fit into one number as bits; higher cells are divided into parts
+MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
 MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
 TIED = 0  # sentinel instead of a move: several pairs of points are nearest, to be resolved by `tied_move`
 
 
 class GridTables(NamedTuple):
-    """The rules for one grid and one rule set. Places in a cell are bits, by column and row from its top-left pixel.
+    """Tables for one grid and one rule set. Positions in a cell are relative to its top-left pixel.
 
-    A column's bits are its rows, the first the lowest, in parts of `part_height` rows.
+    A bitmask covers the rows of one column, the first row being the lowest bit, in parts of `part_height` rows.
     """
 
     clearance: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.clearance`
     moves: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.moves`, or TIED
-    overlaps: Int64Array  # (9, 9, 61) by item's footprint, new footprint, x of new less item + 30: bits of y likewise
-    areas: NDArray[np.uint16]  # by footprint and offset as `cell_areas`: ranks of the areas, 0 for none
+    overlaps: (
+        Int64Array  # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
+    )
+    areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
     cell_count: int  # of the grid
     cell_width: int
     cell_height: int
     part_height: int
-    first_cells: Int64Array  # (3,) the first of a box's cells
-    boxes: Int64Array  # (cells,) box of each cell; any for a separator's
-    xs: Int64Array  # (cells,) of the cell's top-left pixel in the box
+    first_cells: Int64Array  # (3,) index of the first cell of each box
+    boxes: Int64Array  # (cells,) box of each cell; arbitrary on separators
+    xs: Int64Array  # (cells,) top-left pixel in the box
     ys: Int64Array  # (cells,)
-    add_reasons: Int64Array  # (9, cells) by footprint: why an ADD is invalid whatever the box holds, or NO_REASON
-    remove_reasons: Int64Array  # (cells,) likewise
-    searched: Int64Array  # (9, cell width, parts) by footprint: places that a search may take
+    add_reasons: Int64Array  # (9, cells) by footprint: why an ADD is invalid in any scene, or NO_REASON
+    remove_reasons: Int64Array  # (cells,) likewise for a REMOVE
+    searched: Int64Array  # (9, cell width, parts) by footprint: bitmask of positions that a search may choose
     snaps: bool
     keeps_unfit_snaps: bool
-    overlap: int  # InvalidReason.OVERLAP and NOTHING_TO_REMOVE by index
+    overlap: int  # index of InvalidReason.OVERLAP
     nothing_to_remove: int
 
 
@@ -62,7 +64,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     on_separator = xs >= BOX_SIDE
     last = np.array(LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
-    separator, out_of_box = REASON_NUMBERS[InvalidReason.SEPARATOR], REASON_NUMBERS[InvalidReason.OUT_OF_BOX]
+    separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
     part_height = height if height <= MOST_ROWS else MOST_ROWS
     searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
     if appearance.searches(rules):
@@ -87,8 +89,8 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
         searched=_as_bits(searched.reshape(FOOTPRINT_COUNT, width, -1, part_height)),
         snaps=not appearance.is_native,
         keeps_unfit_snaps=rules.keeps_unfit_snaps,
-        overlap=REASON_NUMBERS[InvalidReason.OVERLAP],
-        nothing_to_remove=REASON_NUMBERS[InvalidReason.NOTHING_TO_REMOVE],
+        overlap=REASON_INDICES[InvalidReason.OVERLAP],
+        nothing_to_remove=REASON_INDICES[InvalidReason.NOTHING_TO_REMOVE],
     )
 
 
@@ -103,7 +105,7 @@ def _placement_codes() -> tuple[UInt8Array, UInt8Array]:
 
 
 def _as_bits(flags: BoolArray) -> Int64Array:
-    """The flags of the last axis as one number each, the first the lowest bit."""
+    """Packs the flags of the last axis into bitmasks, the first flag being the lowest bit."""
     return (flags << np.arange(flags.shape[-1])).sum(axis=-1)
 
 
@@ -114,7 +116,7 @@ def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
 
 
 def tied_move(footprint: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
-    """The snap move, as in `GridTables.moves`, of a new item whose nearest points to `other` are tied."""
+    """The snap move, encoded as in `GridTables.moves`, if several pairs of points are nearest to each other."""
     frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
     move_x, move_y = placement_tables().move(footprint, x, y, other, frame_x)
     return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE

@@ -7,17 +7,17 @@ import numpy as np
 from lilgym_mp.appearances.tower import EDIT_REASONS, tower_tables
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.buffers import REASON_NUMBERS, Buffers
+from lilgym_mp.envs.buffers import REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
-from lilgym_mp.envs.cores.compiled import CompiledCore, number_of
+from lilgym_mp.envs.cores.compiled import CompiledCore, item_code
 from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
-from lilgym_mp.envs.cores.truths import StackBoxes
+from lilgym_mp.envs.cores.program_evaluator import StackBoxLowering
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
 
 
 class TowerCore(CompiledCore):
-    """Scenes are made of the appearance's shared boxes."""
+    """A core that keeps the stack index of each box, and takes `Scene` objects from the appearance's shared boxes."""
 
     def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
         tables = self._tables = tower_tables()
@@ -26,23 +26,23 @@ class TowerCore(CompiledCore):
             boxes=tables.action_box,
             edits=tables.action_edit,
             after=tables.after,
-            tops=np.array([number_of(box.items[-1]) if box.items else NO_ITEM for box in tables.boxes]),
+            tops=np.array([item_code(box.items[-1]) if box.items else NO_ITEM for box in tables.boxes]),
             heights=tables.heights,
-            reasons=np.array([REASON_NUMBERS[reason] for reason in EDIT_REASONS]),
+            reasons=np.array([REASON_INDICES[reason] for reason in EDIT_REASONS]),
         )
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
         self._start_stacks = np.array([[tables.numbers[box.items] for box in task.start.boxes] for task in tasks])
-        with compiling(kernels.edit_towers):
-            self._edit(self._every[:0], self._every[:0], np.zeros(0, np.bool_))
+        with compiling(kernels.edit_tower_scenes):
+            self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
 
-    def _begin(self, env_ids: Int64Array, tasks: Int64Array) -> None:
-        super()._begin(env_ids, tasks)
+    def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
+        super()._start_episodes(env_ids, tasks)
         self._by_env[env_ids] = self._start_stacks[tasks]
 
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
         reasons = np.empty(len(env_ids), np.int64)
-        kernels.edit_towers(
-            self._edits, self._painting, self._current, self._stacks, env_ids, actions, applies, reasons
+        kernels.edit_tower_scenes(
+            self._edits, self._drawing, self._current, self._stacks, env_ids, actions, applies, reasons
         )
         return reasons
 
@@ -51,8 +51,8 @@ class TowerCore(CompiledCore):
         stacks = self._by_env[env_ids].tolist()
         return [Scene((boxes[left], boxes[middle], boxes[right])) for left, middle, right in stacks]
 
-    def _boxes(self) -> StackBoxes:
-        return StackBoxes(self._tables.boxes)
+    def _lowering(self) -> StackBoxLowering:
+        return StackBoxLowering(self._tables.boxes)
 
     def write_masks(self) -> None:
         left, middle, right = self._tables.heights[self._by_env].T

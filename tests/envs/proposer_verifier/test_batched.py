@@ -138,7 +138,7 @@ def test_reset__that_fails_starts_no_game(arguments: dict[str, Any]):
 def test_copies__are_refused_since_their_arrays_would_part(copied: Callable[[object], object]):
     batch = BatchedGames(GAMES)
     batch.reset(seed=0)
-    with pytest.raises(TypeError, match="a BatchedGames can be neither pickled nor copied"):
+    with pytest.raises(TypeError, match="a BatchedGames cannot be pickled or copied"):
         copied(batch)
 
 

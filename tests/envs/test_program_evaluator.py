@@ -14,9 +14,9 @@ from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs.buffers import Buffers, buffer_specs
 from lilgym_mp.envs.cores.base import Core
+from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering, StackBoxLowering
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
-from lilgym_mp.envs.cores.truths import ItemBoxes, StackBoxes
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.programs import Program, compile_program
 from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
@@ -118,7 +118,7 @@ OPERATIONS = {
 @pytest.mark.parametrize("source", OPERATIONS)
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__are_those_of_each_operation(appearance: str, source: str) -> None:
-    boxes = StackBoxes(tower_tables().boxes) if appearance == "tower" else ItemBoxes()
+    boxes = StackBoxLowering(tower_tables().boxes) if appearance == "tower" else ItemBoxLowering()
     written = instructions(compile_program(source).tree, boxes.lower_box_function)
     assert written is not None
     expected = OPERATIONS[source] if appearance == "scatter" else set[Operation]()  # a tower's boxes are tables
@@ -193,8 +193,8 @@ def test_word__depends_on_nothing_else(name: str) -> None:
 
 
 def test_place_tests__beyond_what_a_number_holds_are_the_programs() -> None:
-    boxes = ItemBoxes()
+    boxes = ItemBoxLowering()
     boxes._place_tests = {lambda box, n=n: n: n for n in range(62)}
     source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"
     assert instructions(compile_program(source).tree, boxes.lower_box_function) is None
-    assert instructions(compile_program(source).tree, ItemBoxes().lower_box_function) is not None
+    assert instructions(compile_program(source).tree, ItemBoxLowering().lower_box_function) is not None

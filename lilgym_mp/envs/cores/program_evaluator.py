@@ -1,4 +1,4 @@
-"""Whether tasks' programs are true of the scenes in a compiled core's arrays, without making the scenes."""
+"""Evaluates tasks' programs on the arrays of a compiled core, without making `Scene` objects."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lilgym_mp.programs.instructions import MAX_INSTRUCTIONS, Instruction, Opera
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 from lilgym_mp.task import Task
 
-NOT_MET, NONE = -1, -2  # instead of the index of a task's program: not asked for yet, without instructions
+NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 
 
-class Boxes(Protocol):
-    """How a core's boxes answer functions of a box."""
+class BoxLowering(Protocol):
+    """Compiles functions of a box to instructions for a core's representation of boxes."""
 
     places: Int64Array  # `kernels.Programs.places`
     tables: Int64Array  # `kernels.Programs.tables`
@@ -32,55 +32,55 @@ class Boxes(Protocol):
         ...
 
 
-class Truths:
-    """The truths of the tasks' programs; instructions are written when a program is first asked for."""
+class ProgramEvaluator:
+    """Evaluates the programs of tasks; compiles each to instructions on first use."""
 
-    def __init__(self, tasks: TaskSet, boxes: Boxes) -> None:
+    def __init__(self, tasks: TaskSet, boxes: BoxLowering) -> None:
         self._tasks = tasks
-        self._boxes = boxes
-        self._by_task = np.full(len(tasks), NOT_MET)  # indices of programs
+        self._lowering = boxes
+        self._by_task = np.full(len(tasks), NOT_COMPILED)  # indices of programs
         self._by_source: dict[str, int] = {}
         self._values = np.empty(MAX_INSTRUCTIONS, np.int64)
         self._programs = Programs(np.empty((0, 3), np.int64), np.zeros(1, np.int64), boxes.places, boxes.tables)
 
-    def write(
+    def evaluate(
         self, scenes: Scenes, stacks: Int64Array, env_ids: Int64Array, tasks: Int64Array, truths: Int64Array
     ) -> int:
-        """Writes into `truths` (k,) 0, 1 or UNKNOWN for programs of tasks (k,) in environments (k,).
+        """Writes 0, 1 or UNKNOWN into `truths` (k,) for the programs of tasks (k,) in environments (k,).
 
-        Gives the number of UNKNOWN.
+        Returns the number of UNKNOWN.
         """
-        chosen = self._by_task.take(tasks)
-        unknown = kernels.write_truths(self._programs, scenes, stacks, env_ids, chosen, self._values, truths)
-        if unknown and NOT_MET in chosen:
-            self._meet(tasks[chosen == NOT_MET].tolist())
-            chosen = self._by_task.take(tasks)
-            unknown = kernels.write_truths(self._programs, scenes, stacks, env_ids, chosen, self._values, truths)
+        programs = self._by_task.take(tasks)
+        unknown = kernels.evaluate_programs(self._programs, scenes, stacks, env_ids, programs, self._values, truths)
+        if unknown and NOT_COMPILED in programs:
+            self._compile_tasks(tasks[programs == NOT_COMPILED].tolist())
+            programs = self._by_task.take(tasks)
+            unknown = kernels.evaluate_programs(self._programs, scenes, stacks, env_ids, programs, self._values, truths)
         return unknown
 
-    def _meet(self, tasks: list[int]) -> None:
+    def _compile_tasks(self, tasks: list[int]) -> None:
         for index in tasks:
             task = self._tasks[index]
-            if type(task).solved_by is not Task.solved_by:  # success is no matter of the program alone
-                self._by_task[index] = NONE
+            if type(task).solved_by is not Task.solved_by:  # success does not depend on the program alone
+                self._by_task[index] = UNSUPPORTED
                 continue
             if task.program not in self._by_source:
-                self._by_source[task.program] = self._write_instructions(task.program)
+                self._by_source[task.program] = self._compile(task.program)
             self._by_task[index] = self._by_source[task.program]
 
-    def _write_instructions(self, source: str) -> int:
-        """The index of the program in `_programs`, or NONE."""
-        written = instructions(compile_program(source).tree, self._boxes.lower_box_function)
+    def _compile(self, source: str) -> int:
+        """Appends a program's instructions to `_programs`; returns its index, or UNSUPPORTED."""
+        written = instructions(compile_program(source).tree, self._lowering.lower_box_function)
         if written is None:
-            return NONE
+            return UNSUPPORTED
         rows = np.concatenate([self._programs.rows, np.array(written, np.int64)])
         ends = np.append(self._programs.ends, len(rows))
-        self._programs = Programs(rows, ends, self._boxes.places, self._boxes.tables)
+        self._programs = Programs(rows, ends, self._lowering.places, self._lowering.tables)
         return len(ends) - 2
 
 
-class ItemBoxes:
-    """Boxes that are rows of items: they answer what is asked of each item by itself."""
+class ItemBoxLowering:
+    """For boxes stored as rows of items: supports tests of single items."""
 
     def __init__(self) -> None:
         self.places = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)
@@ -111,18 +111,18 @@ class ItemBoxes:
         self._place_tests[function] = bit
 
 
-class StackBoxes:
-    """Boxes that are stacks of a tower: every function of a box is a table of them."""
+class StackBoxLowering:
+    """For boxes stored as stacks of Tower: tabulates any function of a box over the 121 stacks."""
 
     def __init__(self, boxes: Sequence[Box]) -> None:
         self.places = np.zeros((0, 0, 0), np.int64)
         self.tables = np.empty((0, len(boxes)), np.int64)
-        self._boxes = boxes
+        self._lowering = boxes
         self._indices: dict[BoxFunction, int] = {}  # in `tables`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:
-            values = [_value(function, each) for each in self._boxes]
+            values = [_value(function, each) for each in self._lowering]
             self.tables = np.concatenate([self.tables, np.array([values], np.int64)])
             self._indices[function] = len(self._indices)
         return Instruction(Operation.BOX_TABLE, self._indices[function], box)
