@@ -84,8 +84,8 @@ BREAKS = (
     Break(
         "items that touch do not overlap",
         f"{APPEARANCES}/placement.py",
-        "closest(kind, x, y, items)[0] != OVERLAPPING",
-        "closest(kind, x, y, items)[0] > OVERLAPPING + 1",
+        "closest(footprint, x, y, items)[0] != OVERLAPPING",
+        "closest(footprint, x, y, items)[0] > OVERLAPPING + 1",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
@@ -140,15 +140,15 @@ BREAKS = (
     Break(
         "the last observation of an episode",
         f"{ENVS}/engine.py",
-        "buffers.last_image[number] = buffers.image[number]",
-        "buffers.last_image[number] = buffers.image[0]",
+        "buffers.last_image[env_id] = buffers.image[env_id]",
+        "buffers.last_image[env_id] = buffers.image[0]",
         ("tests/envs/test_batched.py",),
     ),
     Break(
         "tasks that an environment of a worker evaluates",
         f"{ENVS}/engine.py",
-        "place = self._first + number",
-        "place = number",
+        "global_id = self._first + env_id",
+        "global_id = env_id",
         ("tests/envs/test_workers.py",),
     ),
     Break(
