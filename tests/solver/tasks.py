@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 
 from lilgym_mp.actions import Action
@@ -31,19 +32,28 @@ def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outc
     return dynamics.step(state, last).outcome
 
 
-def edits_by_trial(dynamics: Dynamics, state: State, max_edits: int) -> tuple[int | None, set[int]]:
+def after_random_edits(dynamics: Dynamics, state: State, edits: int, seed: int) -> State:
+    """The state after `edits` random legal edits."""
+    rng = random.Random(seed)
+    for _ in range(edits):
+        action = rng.choice(dynamics.legal_mask(state).nonzero()[0][1:].tolist())
+        state = dynamics.step(state, dynamics.appearance.decode(action)).state
+    return state
+
+
+def optimal_by_trial(dynamics: Dynamics, state: State, max_edits: int) -> tuple[int | None, set[int]]:
     """The distance to the nearest goal and the optimal first actions, breadth-first over all legal actions."""
     if dynamics.goal_reached(state):
         return 0, {0}
-    layer: dict[Scene, tuple[State, set[int]]] = {state.scene: (state, set())}
+    layer: dict[Scene, tuple[State, set[int]]] = {state.scene: (state, set())}  # with the first actions to each
     for edits in range(1, max_edits + 1):
-        following: dict[Scene, tuple[State, set[int]]] = {}
-        for here, firsts in layer.values():
-            for number in dynamics.legal_mask(here).nonzero()[0][1:].tolist():
-                after = dynamics.step(here, dynamics.appearance.decode(number)).state
-                following.setdefault(after.scene, (after, set()))[1].update(firsts or {number})
-        reached = [firsts for after, firsts in following.values() if dynamics.goal_reached(after)]
+        next_layer: dict[Scene, tuple[State, set[int]]] = {}
+        for before, firsts in layer.values():
+            for action in dynamics.legal_mask(before).nonzero()[0][1:].tolist():
+                after = dynamics.step(before, dynamics.appearance.decode(action)).state
+                next_layer.setdefault(after.scene, (after, set()))[1].update(firsts or {action})
+        reached = [firsts for after, firsts in next_layer.values() if dynamics.goal_reached(after)]
         if reached:
             return edits, set().union(*reached)
-        layer = following
+        layer = next_layer
     return None, set()

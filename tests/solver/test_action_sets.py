@@ -45,7 +45,7 @@ def test_explore__consecutive_states_are_linked_by_legal_actions(appearance: str
         assert after.found == solver.optimal_actions(after.state)
         if after.origin is Origin.PATH:
             legal = dynamics.legal_mask(before.state).nonzero()[0].tolist()
-            reached = (dynamics.step(before.state, dynamics.appearance.decode(number)).state for number in legal)
+            reached = (dynamics.step(before.state, dynamics.appearance.decode(action)).state for action in legal)
             assert any(state == after.state for state in reached)
 
 
@@ -155,8 +155,8 @@ def test_bad_input__is_named():
 @pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
 def test_command__writes_sets(configuration: str, corpus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "sets.npz"
-    asked = ["demos", configuration, "--corpus", corpus, "--sets", "--out", str(path), "--jobs", "1", "--seed", "2"]
-    assert main(asked) == 0
+    command = ["demos", configuration, "--corpus", corpus, "--sets", "--out", str(path), "--jobs", "1", "--seed", "2"]
+    assert main(command) == 0
     read = load_action_sets(path)
     assert f"{len(read):,} states of {len(read.task):,} tasks" in capsys.readouterr().out
     assert read.about["settings"]["configuration"] == configuration

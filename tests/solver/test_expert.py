@@ -41,7 +41,7 @@ def test_expert__replans_after_other_actions():
     expert = Expert(env)
     env.reset(seed=3)
     expert.act()
-    env.step(next(number for number in range(1, 13) if env.unwrapped.action_masks()[number]))
+    env.step(next(action for action in range(1, 13) if env.unwrapped.action_masks()[action]))
     assert play(env, expert)[1]["is_success"]
 
 

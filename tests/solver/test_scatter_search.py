@@ -13,7 +13,7 @@ from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
-from tests.solver.tasks import edits_by_trial, mdp, outcome, task
+from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
 
 BLUE_CIRCLE = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))"
 SMALL_AT_THE_FLOOR = "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_wall(x, Side.BOTTOM)))"
@@ -116,7 +116,7 @@ def test_proof__agrees_with_trying_every_single_edit():
     solver = Solver(dynamics)
     far = (one for one in load_tasks("builtin", "scatter", "flipit", "dev") if solver.solve(one).least_edits > 1)
     for given in itertools.islice(far, 6):
-        assert edits_by_trial(dynamics, dynamics.start(given), 1) == (None, set()), given.id
+        assert optimal_by_trial(dynamics, dynamics.start(given), 1) == (None, set()), given.id
 
 
 def test_solutions__are_the_same_every_time():
@@ -130,7 +130,7 @@ def test_solutions__are_the_same_every_time():
 def test_optimal_actions__agree_with_trying_every_action(program: str, start: Scene):
     dynamics = mdp("scatter")
     state = dynamics.start(task(program, start, target=not task(program).truth(start)))
-    edits, firsts = edits_by_trial(dynamics, state, 1)
+    edits, firsts = optimal_by_trial(dynamics, state, 1)
     found = Solver(dynamics).optimal_actions(state)
     if edits == 1:
         assert (set(found.actions), found.complete, found.steps) == (firsts, True, 2)
@@ -144,10 +144,10 @@ def test_optimal_actions__start_shortest_solutions():
     solver = Solver(dynamics)
     found = solver.optimal_actions(state)
     assert found.complete
-    for number in range(1, dynamics.appearance.action_count, 97):
-        transition = dynamics.step(state, dynamics.appearance.decode(number))
+    for action in range(1, dynamics.appearance.action_count, 97):
+        transition = dynamics.step(state, dynamics.appearance.decode(action))
         if transition.outcome is Outcome.CONTINUES:
-            assert (solver.solve_from(transition.state).steps == 2) == (number in found.actions)
+            assert (solver.solve_from(transition.state).steps == 2) == (action in found.actions)
 
 
 def test_optimal_actions__of_a_relational_program_are_not_called_complete_beyond_one_edit():

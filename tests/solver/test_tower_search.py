@@ -11,7 +11,7 @@ from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Box, Colour, Scene
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import B, K, Y, scene, tower, tower_boxes
-from tests.solver.tasks import edits_by_trial, mdp, outcome, task
+from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
 
 PROGRAMS = (
     "exist(filter_color(all_items, Color.BLUE))",
@@ -50,7 +50,7 @@ def test_solution__makes_a_true_statement_false():
 def test_solution__is_as_short_as_exhaustive_trial_finds(boxes: tuple[Box, Box, Box], program: str, target: bool):
     dynamics = mdp("tower", horizon=4)
     state = dynamics.start(task(program, dynamics.appearance.check_scene(Scene(boxes)), target=target))
-    edits, firsts = edits_by_trial(dynamics, state, 3)
+    edits, firsts = optimal_by_trial(dynamics, state, 3)
     solver = Solver(dynamics)
     solution, actions = solver.solve_from(state), solver.optimal_actions(state)
     if edits is None:

@@ -63,8 +63,8 @@ def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[Weighte
         following: set[Scene] = set()
         for here in layer:
             state = State(task("True"), here, 0)
-            for number in dynamics.legal_mask(state).nonzero()[0][1:].tolist():
-                following.add(dynamics.step(state, dynamics.appearance.decode(number)).state.scene)
+            for action in dynamics.legal_mask(state).nonzero()[0][1:].tolist():
+                following.add(dynamics.step(state, dynamics.appearance.decode(action)).state.scene)
         layer = following
         best.append(max(best[-1], *(mass_of(given, at) for at in layer)))
     return best
@@ -94,9 +94,9 @@ MIXES = [
 
 
 @pytest.mark.parametrize("mix", range(len(MIXES)))
-@pytest.mark.parametrize("number", range(3))
-def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, number: int):
-    given, start = MIXES[mix], STARTS["tower"][number]
+@pytest.mark.parametrize("start_index", range(3))
+def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, start_index: int):
+    given, start = MIXES[mix], STARTS["tower"][start_index]
     dynamics = mdp("tower")
     best = best_mass_by_trial(dynamics, start, given, 3)
     plan = Solver(dynamics).plan_for(given, start, 3)
@@ -105,9 +105,9 @@ def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, number: int
 
 
 @pytest.mark.parametrize("mix", range(len(MIXES)))
-@pytest.mark.parametrize("number", range(3))
-def test_mass__is_the_highest_within_one_edit_in_scatter(mix: int, number: int):
-    given, start = MIXES[mix], STARTS["scatter"][number]
+@pytest.mark.parametrize("start_index", range(3))
+def test_mass__is_the_highest_within_one_edit_in_scatter(mix: int, start_index: int):
+    given, start = MIXES[mix], STARTS["scatter"][start_index]
     dynamics = mdp("scatter")
     plan = Solver(dynamics).plan_for(given, start, 1)
     assert plan.mass == pytest.approx(best_mass_by_trial(dynamics, start, given, 1)[-1])

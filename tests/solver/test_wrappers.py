@@ -80,7 +80,7 @@ def test_shaping__penalises_a_detour_immediately(make: Make):
     env = PotentialShaping(make("TowerFlipIt"))
     env.reset(options={"task": "train-0-2"})
     good = set(Expert(env).optimal_actions().actions)
-    bad = next(number for number in range(1, 13) if env.unwrapped.action_masks()[number] and number not in good)
+    bad = next(action for action in range(1, 13) if env.unwrapped.action_masks()[action] and action not in good)
     assert env.step(bad)[1] < -0.05
 
 
@@ -114,8 +114,8 @@ def test_shaping__of_a_batch_rewards_as_single_environments_do(corpus: str, conf
                 continue
             _, reward, *_, info = env.step(int(actions[place]))
             assert rewards[place] == reward
-            told = infos["final_info"] if autoreset == "SameStep" and ended[place] else infos
-            assert told["unshaped_reward"][place] == info["unshaped_reward"]
+            step_infos = infos["final_info"] if autoreset == "SameStep" and ended[place] else infos
+            assert step_infos["unshaped_reward"][place] == info["unshaped_reward"]
             if ended[place]:
                 waiting[place] = autoreset == "NextStep"
                 if not waiting[place]:
@@ -135,10 +135,15 @@ def test_shaping__works_with_sb3(corpus: str):
         venv.reset()
     for action in (ADD_LEFT_YELLOW, STOP, ADD_LEFT_YELLOW):
         actions = np.array([action, ADD_LEFT_YELLOW])
-        (_, rewards, dones, infos), (_, expected, ends, told) = batched.step(actions), dummy.step(actions)
+        (_, rewards, dones, infos), (_, expected, expected_dones, expected_infos) = (
+            batched.step(actions),
+            dummy.step(actions),
+        )
         assert rewards.tolist() == expected.tolist()
-        assert dones.tolist() == ends.tolist()
-        assert [info["unshaped_reward"] for info in infos] == pytest.approx([info["unshaped_reward"] for info in told])
+        assert dones.tolist() == expected_dones.tolist()
+        assert [info["unshaped_reward"] for info in infos] == pytest.approx(
+            [info["unshaped_reward"] for info in expected_infos]
+        )
 
 
 def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list[float]:
@@ -160,7 +165,7 @@ def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list
     gained, unshaped = dict.fromkeys(agents, 0.0), dict.fromkeys(agents, 0.0)
 
     def chosen(agent: str) -> int:
-        """The proposer's next action, or the verifier's 1; the last number is "wait"."""
+        """The proposer's next action, or the verifier's 1; the last index is "wait"."""
         turn = AGENTS.index(agent) in game.unwrapped.engine.state.movers
         waits = game.action_space(agent).n - 1
         return waits if not turn else 1 if agent == agents[1] else next(to_come, STOP)

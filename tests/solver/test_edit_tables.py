@@ -1,0 +1,62 @@
+"""The tables of all edits of a box agree with the rules."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.scene import Box
+from lilgym_mp.solver.canonical_items import canonical_index
+from lilgym_mp.solver.edit_tables import (
+    addable_item_types,
+    addition_actions,
+    addition_table,
+    frame_x_of,
+    removal_actions,
+    removal_table,
+)
+from tests.scenes import B, K, tower
+from tests.solver.tasks import after_random_edits, mdp
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("grid", [(19, 5), (38, 10), (19, 1)])
+def test_tables__agree_with_the_rules(rules: str, grid: tuple[int, int]):
+    dynamics = mdp("scatter", rules, grid=grid)
+    scatter, placement = dynamics.appearance, dynamics.rules.placement
+    assert isinstance(scatter, Scatter)
+    rng = random.Random(0)
+    for seed, one in enumerate(load_tasks("builtin", "scatter", "flipit", "train")[:160:20]):
+        state = after_random_edits(dynamics, dynamics.start(one), seed % 5, seed)
+        for index, box in enumerate(state.scene.boxes):
+            table = addition_table(scatter, placement, frame_x_of(placement, index), box.items)
+            removed = removal_table(scatter.cell, box.items)
+            addable = addable_item_types(scatter, placement, box.items).ravel()
+            adds = addition_actions(scatter, index, np.arange(len(addable))).tolist()
+            removals = removal_actions(scatter, index, np.arange(len(removed))).tolist()
+            for action in rng.sample(adds, 60):
+                after, invalid = scatter.apply(state.scene, scatter.decode(action), placement)
+                canonical = table.canonical[action - adds[0]]
+                assert addable[action - adds[0]] == (invalid is None)
+                if invalid:
+                    assert canonical == -1
+                else:
+                    item = after.boxes[index].items[-1]
+                    assert (table.item(action - adds[0]), canonical) == (item, canonical_index(item))
+            for action in rng.sample(removals, 5):
+                after, invalid = scatter.apply(state.scene, scatter.decode(action), placement)
+                position = removed[action - removals[0]]
+                assert (after.boxes[index] if not invalid else None) == (
+                    box.without(int(position)) if position >= 0 else None
+                )
+
+
+def test_removal_table__takes_stacks_of_blocks():
+    scatter = mdp("scatter").appearance
+    assert isinstance(scatter, Scatter)
+    box = Box(tuple(tower(B, K)))
+    assert set(removal_table(scatter.cell, box.items).tolist()) == {-1, 0, 1}

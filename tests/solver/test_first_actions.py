@@ -1,0 +1,91 @@
+"""Sets of optimal first actions agree with exhaustive trial."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
+from tests.solver.tasks import after_random_edits, mdp, optimal_by_trial, task
+
+CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for start in ("scratch", "flipit")]
+
+
+def least_steps(dynamics: Dynamics, state: State) -> int:
+    """Steps of a shortest solution, from a new solver with an empty cache."""
+    return Solver(dynamics).solve_from(state).steps
+
+
+@pytest.mark.parametrize(("appearance", "start"), CONFIGURATIONS)
+def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
+    dynamics = mdp(appearance)
+    solver = Solver(dynamics)
+    max_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
+    checked = 0
+    for index, one in enumerate(load_tasks("builtin", appearance, start, "train")[: 20 * stride : stride]):
+        state = after_random_edits(dynamics, dynamics.start(one), index % 4, index)
+        edits, firsts = optimal_by_trial(dynamics, state, max_edits)
+        found = solver.optimal_actions(state)
+        if edits is None:
+            assert found.steps == 0 or found.steps > max_edits + 1, one.id
+        else:
+            checked += 1
+            assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1), one.id
+    assert checked > 5
+
+
+NO_WALL = "count(filter_obj(all_items, lambda x: is_black(x) and not is_touching_wall(x))) == 2"
+CROWDED_BOX = "exist(filter_obj(all_boxes, lambda b: count(filter_obj(b, is_blue)) >= 3))"
+CORNERS = "count(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x))) == 2"
+FEWER = "exist(filter_obj(all_boxes, lambda b: count(b) == 1)) and count(all_items) >= 5"
+FULL = scene(
+    left=[circle(0, 0, LARGE, B), square(40, 0, LARGE, K), triangle(0, 40, LARGE, Y), square(70, 70, LARGE, B)],
+    middle=[circle(20, 20, SMALL, B), square(60, 60, colour=K), circle(61, 5, colour=B)],
+    right=[triangle(70, 70, LARGE, B), square(0, 80, colour=Y)],
+)
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
+@pytest.mark.parametrize("start", [scene(), FULL], ids=["empty", "full"])
+def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules: str, program: str, start: Scene):
+    """On a sample of the actions in the set and of the others."""
+    dynamics = mdp("scatter", rules)
+    state = dynamics.start(task(program, start, target=not task(program).truth(start)))
+    found = Solver(dynamics).optimal_actions(state)
+    assert found.steps == least_steps(dynamics, state)
+    if found.steps < 2:
+        return
+    legal: list[int] = dynamics.legal_mask(state).nonzero()[0][1:].tolist()
+    assert set(found.actions) <= set(legal)
+    others = [action for action in legal if action not in found.actions]
+    rng = random.Random(0)
+    for action in [*rng.sample(found.actions, min(12, len(found.actions))), *rng.sample(others, min(12, len(others)))]:
+        transition = dynamics.step(state, dynamics.appearance.decode(action))
+        assert transition.outcome is Outcome.CONTINUES
+        shorter = least_steps(dynamics, transition.state) == found.steps - 1
+        assert shorter == (action in found.actions) or (shorter and not found.complete), action
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_optimal_sets__equal_single_calls(appearance: str):
+    dynamics = mdp(appearance)
+    tasks = load_tasks("builtin", appearance, "flipit", "dev")[:12]
+    states = [after_random_edits(dynamics, dynamics.start(one), seed, seed) for seed in range(3) for one in tasks]
+    assert Solver(dynamics).optimal_sets(states) == [Solver(dynamics).optimal_actions(state) for state in states]
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_sets__depend_on_the_edits_left(appearance: str):
+    dynamics = mdp(appearance)
+    solver = Solver(dynamics)
+    far = dynamics.start(task("count(all_items) == 5"))
+    assert solver.optimal_actions(far).steps == 6
+    assert solver.optimal_actions(far._replace(steps=6)).steps == 6
+    found = solver.optimal_actions(far._replace(steps=7))
+    assert (found.actions, found.complete, found.steps) == ((), True, 0)
