@@ -1,4 +1,4 @@
-"""Servers on loopback that lie, drip, loop and babble: a download ends in bounded time with one clear error.
+"""Downloads from misbehaving servers on loopback: each must end in bounded time with one clear error.
 
 Run: python -m checks.hostile_servers
 """
@@ -17,12 +17,12 @@ from pathlib import Path
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.official.fetching import Patience, fetch, fetch_text
 
-SECONDS = 20.0  # a download may take with the patience below
+MAX_SECONDS = 20.0  # for a download with the patience below
 PATIENCE = Patience(tries=3, first_pause=0.01, longest_pause=0.02, timeout=0.5, least_rate=2_000.0)
 OK = b"HTTP/1.1 200 OK\r\n"
 
 
-def _dripped(head: bytes, piece: bytes) -> Iterator[bytes]:
+def _drip(head: bytes, piece: bytes) -> Iterator[bytes]:
     yield head
     while True:
         time.sleep(0.02)
@@ -38,26 +38,26 @@ def _answer(*pieces: bytes) -> Callable[[], Iterator[bytes]]:
 
 
 SERVERS: dict[str, Callable[[], Iterator[bytes]]] = {
-    "drips a body": lambda: _dripped(OK + b"Content-Length: 9999999\r\n\r\n", b"x"),
-    "drips a body of unknown length": lambda: _dripped(OK + b"\r\n", b"x"),
-    "drips a status line": lambda: _dripped(b"HTTP/1.1 ", b"2"),
-    "drips headers": lambda: _dripped(OK, b"X-A: b\r\n"),
-    "drips one header": lambda: _dripped(OK + b"X: ", b"a"),
-    "drips chunk extensions": lambda: _dripped(OK + b"Transfer-Encoding: chunked\r\n\r\n1;", b"a"),
-    "drips chunks": lambda: _dripped(OK + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\nx\r\n"),
-    "says nothing": lambda: _dripped(b"", b""),
+    "drips a body": lambda: _drip(OK + b"Content-Length: 9999999\r\n\r\n", b"x"),
+    "drips a body of unknown length": lambda: _drip(OK + b"\r\n", b"x"),
+    "drips a status line": lambda: _drip(b"HTTP/1.1 ", b"2"),
+    "drips headers": lambda: _drip(OK, b"X-A: b\r\n"),
+    "drips one header": lambda: _drip(OK + b"X: ", b"a"),
+    "drips chunk extensions": lambda: _drip(OK + b"Transfer-Encoding: chunked\r\n\r\n1;", b"a"),
+    "drips chunks": lambda: _drip(OK + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\nx\r\n"),
+    "sends nothing": lambda: _drip(b"", b""),
     "hangs up": _answer(),
-    "babbles": _answer(b"\x00\xff\x1b[31m" * 100),
+    "sends garbage": _answer(b"\x00\xff\x1b[31m" * 100),
     "an endless status line": _answer(b"HTTP/1.1 200 " + b"a" * 200_000),
     "an endless header": _answer(OK + b"X: " + b"a" * 200_000),
     "many headers": _answer(OK + b"X: a\r\n" * 5_000 + b"\r\n"),
-    "a status of words": _answer(b"HTTP/1.1 two hundred\r\n\r\n"),
-    "a status of colours": _answer(b"HTTP/1.1 404 \x1b[31mred\x07\r\nContent-Length: 0\r\n\r\n"),
-    "a length of words": _answer(OK + b"Content-Length: many\r\n\r\nbody"),
-    "a length of other digits": _answer(OK + b"Content-Length: \xb2\r\n\r\nbody"),
+    "a status in words": _answer(b"HTTP/1.1 two hundred\r\n\r\n"),
+    "a status with escape codes": _answer(b"HTTP/1.1 404 \x1b[31mred\x07\r\nContent-Length: 0\r\n\r\n"),
+    "a length in words": _answer(OK + b"Content-Length: many\r\n\r\nbody"),
+    "a length in superscript digits": _answer(OK + b"Content-Length: \xb2\r\n\r\nbody"),
     "a negative length": _answer(OK + b"Content-Length: -5\r\n\r\nbody"),
     "a huge length": _answer(OK + b"Content-Length: " + b"9" * 5_000 + b"\r\n\r\nbody"),
-    "too short a body": _answer(OK + b"Content-Length: 100\r\n\r\nbody"),
+    "a body that is too short": _answer(OK + b"Content-Length: 100\r\n\r\nbody"),
     "chunks of nonsense": _answer(OK + b"Transfer-Encoding: chunked\r\n\r\nzz\r\nbody"),
     "a huge chunk": _answer(OK + b"Transfer-Encoding: chunked\r\n\r\n" + b"f" * 60 + b"\r\nbody"),
     "a first answer of 206": _answer(b"HTTP/1.1 206 P\r\nContent-Range: bytes 5-8/9\r\nContent-Length: 4\r\n\r\nbody"),
@@ -66,26 +66,23 @@ SERVERS: dict[str, Callable[[], Iterator[bytes]]] = {
     "a range of huge numbers": _answer(
         b"HTTP/1.1 206 P\r\nContent-Range: bytes " + b"9" * 5_000 + b"-1/2\r\nContent-Length: 4\r\n\r\nbody"
     ),
-    "an odd pause": _answer(b"HTTP/1.1 503 S\r\nRetry-After: \xb2\r\nContent-Length: 0\r\n\r\n"),
+    "an invalid pause": _answer(b"HTTP/1.1 503 S\r\nRetry-After: \xb2\r\nContent-Length: 0\r\n\r\n"),
     "a long pause": _answer(b"HTTP/1.1 503 S\r\nRetry-After: 99999999\r\nContent-Length: 0\r\n\r\n"),
     "a redirect to itself": lambda: _redirect(b"/file"),
     "a redirect to ftp": lambda: _redirect(b"ftp://127.0.0.1/file"),
     "a redirect to a file": lambda: _redirect(b"file:///etc/passwd"),
-    "a redirect nowhere": lambda: _redirect(b""),
-    "a redirect to half an address": lambda: _redirect(b"http://[::1/file"),
-    "a redirect to an odd port": lambda: _redirect(b"http://127.0.0.1:port/file"),
+    "an empty redirect": lambda: _redirect(b""),
+    "a redirect to an invalid address": lambda: _redirect(b"http://[::1/file"),
+    "a redirect to an invalid port": lambda: _redirect(b"http://127.0.0.1:port/file"),
     "a redirect to a long name": lambda: _redirect(b"http://" + b"a" * 300 + b"/file"),
-    "a redirect to colours": lambda: _redirect(b"http://\x1b[31m/\x07"),
+    "a redirect with escape codes": lambda: _redirect(b"http://\x1b[31m/\x07"),
     "a redirect without an address": _answer(b"HTTP/1.1 302 Found\r\nContent-Length: 0\r\n\r\n"),
 }
-SUCCESSES = frozenset(
-    {"a length of words", "a length of other digits", "a negative length"}
-)  # of text: read to the end
 
 
 @contextmanager
 def hostile(answer: Callable[[], Iterator[bytes]]) -> Generator[str, None, None]:
-    """The URL of a server that answers every request so."""
+    """The URL of a server that gives every request this answer."""
     over = threading.Event()
     server = socket.create_server(("127.0.0.1", 0))
     server.settimeout(0.05)
@@ -116,9 +113,9 @@ def hostile(answer: Callable[[], Iterator[bytes]]) -> Generator[str, None, None]
 
 
 def outcome(name: str, *, text: bool) -> tuple[str, float]:
-    """What a download from a server said, and how many seconds it took. Anything but CorpusError is raised."""
+    """The message of a download from a server, and its seconds. Errors other than CorpusError are raised."""
     begun = time.monotonic()
-    said = "success"
+    message = "success"
     with hostile(SERVERS[name]) as url, tempfile.TemporaryDirectory() as directory:
         try:
             if text:
@@ -126,10 +123,10 @@ def outcome(name: str, *, text: bool) -> tuple[str, float]:
             else:
                 fetch(url, Path(directory) / "part", lambda have, total: None, PATIENCE)
         except CorpusError as error:
-            said = str(error)
-            if url not in said:
-                raise AssertionError(f"{name}: {said!r} does not name {url}") from None
-    return said, time.monotonic() - begun
+            message = str(error)
+            if url not in message:
+                raise AssertionError(f"{name}: {message!r} does not name {url}") from None
+    return message, time.monotonic() - begun
 
 
 def main() -> None:
@@ -137,12 +134,12 @@ def main() -> None:
     count = 0
     for name in SERVERS:
         for text in (False, True):
-            said, seconds = outcome(name, text=text)
+            message, seconds = outcome(name, text=text)
             count += 1
-            print(f"{name}, {'text' if text else 'file'}: {seconds:.1f} s: {said}", flush=True)
-            assert seconds < SECONDS, name
-            assert said.isprintable(), name
-    print(f"{count} downloads from hostile servers, each ended with a clear error or all that the server sent")
+            print(f"{name}, {'text' if text else 'file'}: {seconds:.1f} s: {message}", flush=True)
+            assert seconds < MAX_SECONDS, name
+            assert message.isprintable(), name
+    print(f"{count} downloads from hostile servers, each ended with a clear error or with everything the server sent")
 
 
 if __name__ == "__main__":

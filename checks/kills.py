@@ -1,4 +1,4 @@
-"""Kills, stops and interrupts of worker environments at random moments: one clear error, and nobody is left behind.
+"""Kills, stops and interrupts workers at random moments: the caller gets one clear error, and no process survives.
 
 Run: python -m checks.kills --count 40
 """
@@ -21,8 +21,8 @@ import numpy as np
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 
 ID, ENVS, WORKERS = "lilgym_mp/TowerFlipIt-v0", 6, 3
-TIMEOUT = 2.0  # seconds for a worker that is stopped
-SECONDS = 20.0  # for everybody to be gone
+TIMEOUT = 2.0  # seconds until a stopped worker counts as hung
+EXIT_SECONDS = 20.0  # within which all processes must have ended
 CALLS = ("step", "reset", "states", "masks", "goals")
 INTERRUPTED = """
 import os, signal, sys
@@ -46,10 +46,10 @@ def is_running(pid: int) -> bool:
     return state != "Z"
 
 
-def left_behind(pids: tuple[int, ...]) -> list[int]:
-    """Those that still run after SECONDS."""
-    end = time.monotonic() + SECONDS
-    while any(map(is_running, pids)) and time.monotonic() < end:
+def survivors(pids: tuple[int, ...]) -> list[int]:
+    """The processes that still run after EXIT_SECONDS."""
+    deadline = time.monotonic() + EXIT_SECONDS
+    while any(map(is_running, pids)) and time.monotonic() < deadline:
         time.sleep(0.02)
     return [pid for pid in pids if is_running(pid)]
 
@@ -68,48 +68,48 @@ def call(env: WorkerVectorEnv, name: str) -> object:
             return env.goal_reached()
 
 
-def kill_one(chance: random.Random, sent: signal.Signals) -> str:
-    """Sends a worker a signal at a random moment of random calls; gives what the caller was told."""
+def kill_one(rng: random.Random, sent: signal.Signals) -> str:
+    """Sends a signal to a worker during random calls and returns the error that the caller gets."""
     env = WorkerVectorEnv(ID, ENVS, WORKERS, start_method="fork", timeout_seconds=TIMEOUT)
     env.reset(seed=0)
     pids = env.worker_pids
-    moment = chance.randrange(12)
-    said = "nothing"
+    target_call = rng.randrange(12)
+    message = "nothing"
     try:
-        for number in range(16):
-            if number == moment:
-                time.sleep(chance.choice((0.0, 0.0005, 0.003)))
-                os.kill(chance.choice(pids), sent)
-            call(env, chance.choice(CALLS))
+        for index in range(16):
+            if index == target_call:
+                time.sleep(rng.choice((0.0, 0.0005, 0.003)))
+                os.kill(rng.choice(pids), sent)
+            call(env, rng.choice(CALLS))
     except WorkerError as error:
-        said = "died" if "died by signal" in str(error) else "hung" if "not answered" in str(error) else str(error)
+        message = "died" if "died by signal" in str(error) else "hung" if "not answered" in str(error) else str(error)
     env.close()
-    if still := left_behind(pids):
-        raise AssertionError(f"workers {still} are left behind after {sent.name}")
+    if running := survivors(pids):
+        raise AssertionError(f"workers {running} still run after {sent.name}")
     try:
         env.reset()
     except gym.error.ClosedEnvironmentError:
-        return f"{sent.name}: {said}"
-    raise AssertionError("a closed environment goes on")
+        return f"{sent.name}: {message}"
+    raise AssertionError("a closed environment still works")
 
 
 def interrupt(start_method: str, seconds: float) -> str:
-    """Interrupts a process group that starts and steps workers; gives how it ended."""
+    """Interrupts a process group that starts and steps workers, and returns how it ended."""
     command = [sys.executable, "-c", INTERRUPTED, start_method, str(seconds)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True) as caller:
         try:
-            _, said = caller.communicate(timeout=120)
+            _, errors = caller.communicate(timeout=120)
         finally:
             group = caller.pid
-            end = time.monotonic() + SECONDS
-            while (still := _members(group)) and time.monotonic() < end:
+            deadline = time.monotonic() + EXIT_SECONDS
+            while (running := _members(group)) and time.monotonic() < deadline:
                 time.sleep(0.05)
-            if still:
+            if running:
                 os.killpg(group, signal.SIGKILL)
-                raise AssertionError(f"{start_method} {seconds}: processes {still} are left behind")
+                raise AssertionError(f"{start_method} {seconds}: processes {running} still run")
     if caller.returncode not in (-signal.SIGINT, 130):
-        raise AssertionError(f"{start_method} {seconds}: {said.decode()[-500:]}")
-    return f"Ctrl-C, {start_method}: {said.count(b'Traceback')} traceback"
+        raise AssertionError(f"{start_method} {seconds}: {errors.decode()[-500:]}")
+    return f"Ctrl-C, {start_method}: {errors.count(b'Traceback')} traceback"
 
 
 def _members(group: int) -> list[int]:
@@ -126,25 +126,25 @@ def _members(group: int) -> list[int]:
 
 
 def matrix(count: int, interrupts: int, seed: int) -> dict[str, int]:
-    """`count` kills and stops, and `interrupts` for each start method; how often each end came."""
-    chance = random.Random(seed)
-    ends: Counter[str] = Counter()
-    for number in range(count):
-        ends[kill_one(chance, signal.SIGSTOP if number % 8 == 7 else signal.SIGKILL)] += 1
+    """Runs `count` kills and stops, and `interrupts` per start method; returns how often each result occurred."""
+    rng = random.Random(seed)
+    results: Counter[str] = Counter()
+    for index in range(count):
+        results[kill_one(rng, signal.SIGSTOP if index % 8 == 7 else signal.SIGKILL)] += 1
     for start_method in ("fork", "forkserver", "spawn"):
         for _ in range(interrupts):
-            ends[interrupt(start_method, chance.uniform(0.02, 2.5))] += 1
-    return dict(ends)
+            results[interrupt(start_method, rng.uniform(0.02, 2.5))] += 1
+    return dict(results)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=40, help="kills and stops")
-    parser.add_argument("--interrupts", type=int, default=10, help="for each start method")
+    parser.add_argument("--count", type=int, default=40, help="number of kills and stops")
+    parser.add_argument("--interrupts", type=int, default=10, help="number of interrupts per start method")
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    for end, count in sorted(matrix(arguments.count, arguments.interrupts, arguments.seed).items()):
-        print(f"{count:4} {end}")
+    args = parser.parse_args()
+    for result, count in sorted(matrix(args.count, args.interrupts, args.seed).items()):
+        print(f"{count:4} {result}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""How many actions the mask is wrong about: every action of many scenes is tried with `Dynamics.step`.
+"""Compares the action mask with `Dynamics.step` for every action in many scenes, and counts errors.
 
 Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA, of the official one; the others come
-from random play of valid edits, from such start scenes and from the empty one.
+from random valid edits of these and of the empty scene.
 Run: python checks/mask_exactness.py [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
 """
 
@@ -21,12 +21,12 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 TASK = Task("any", "There is something.", "exist(all_items)", True, Scene.empty())
-LONGEST_PLAY = 12
-REMOVE_SHARE = 0.3  # of the edits tried in play, so that boxes do not only fill up
+MAX_EDITS = 12
+REMOVE_SHARE = 0.3  # of the edits tried, so that boxes do not just fill up
 
 
 def start_scenes(appearance: str) -> list[Scene]:
-    """Every different start scene of the corpora at hand, the empty one first."""
+    """The distinct start scenes of the available corpora, after the empty scene."""
     corpora = [("builtin", split) for split in ("train", "dev", "test")]
     if os.environ.get("LILGYM_DATA"):
         corpora += [("lilgym", split) for split in ("train", "dev")]
@@ -35,23 +35,23 @@ def start_scenes(appearance: str) -> list[Scene]:
     return [APPEARANCES[appearance].check_scene(Scene.empty()), *scenes.values()]
 
 
-def played_scenes(dynamics: Dynamics, starts: list[Scene], count: int, chance: random.Random) -> list[Scene]:
-    """The scenes after each valid edit of random episodes, without the start scenes."""
+def played_scenes(dynamics: Dynamics, starts: list[Scene], count: int, rng: random.Random) -> list[Scene]:
+    """The scenes after each valid edit of random episodes, start scenes excluded."""
     found: list[Scene] = []
     while len(found) < count:
-        scene = chance.choice(starts) if chance.random() < 0.7 else starts[0]
-        for _ in range(LONGEST_PLAY):
-            scene = _after_valid_edit(dynamics, scene, chance)
+        scene = rng.choice(starts) if rng.random() < 0.7 else starts[0]
+        for _ in range(MAX_EDITS):
+            scene = _after_valid_edit(dynamics, scene, rng)
             found.append(scene)
     return found[:count]
 
 
-def _after_valid_edit(dynamics: Dynamics, scene: Scene, chance: random.Random) -> Scene:
-    """The scene after a random edit that `apply`, not the mask, finds valid."""
+def _after_valid_edit(dynamics: Dynamics, scene: Scene, rng: random.Random) -> Scene:
+    """The scene after a random edit that is valid according to `apply`, not the mask."""
     appearance, placement = dynamics.appearance, dynamics.rules.placement
     while True:
-        adds = chance.random() >= REMOVE_SHARE
-        action = appearance.decode(chance.randrange(1, appearance.action_count))
+        adds = rng.random() >= REMOVE_SHARE
+        action = appearance.decode(rng.randrange(1, appearance.action_count))
         if isinstance(action, AddBlock | AddItem) == adds:
             edit = appearance.apply(scene, action, placement)
             if edit.invalid is None:
@@ -59,22 +59,22 @@ def _after_valid_edit(dynamics: Dynamics, scene: Scene, chance: random.Random) -
 
 
 def scenes_of(dynamics: Dynamics, count: int, *, start_share: float = 0.5, seed: int = 0) -> list[Scene]:
-    """Scenes to try a mask on: the empty one, a share of start scenes if there are as many, the others from play."""
-    chance = random.Random(seed)
+    """Scenes to check: the empty one, up to `start_share` start scenes, and the others from random play."""
+    rng = random.Random(seed)
     starts = start_scenes(dynamics.appearance.name)
-    chosen = [starts[0], *chance.sample(starts[1:], min(int(start_share * count), len(starts)) - 1)]
-    return chosen + played_scenes(dynamics, starts, count - len(chosen), chance)
+    chosen = [starts[0], *rng.sample(starts[1:], min(int(start_share * count), len(starts)) - 1)]
+    return chosen + played_scenes(dynamics, starts, count - len(chosen), rng)
 
 
 def wrong_actions(dynamics: Dynamics, scene: Scene, actions: Iterable[int] | None = None) -> list[int]:
-    """Of the given actions, or all, those that the mask calls valid and a step invalid, or the other way round."""
+    """The actions, of those args or all, about which the mask and a step disagree."""
     state = State(TASK, scene, 0)
     mask = dynamics.legal_mask(state).tolist()
     decode, step = dynamics.appearance.decode, dynamics.step
     return [
-        number
-        for number in (range(len(mask)) if actions is None else actions)
-        if (step(state, decode(number)).outcome is not Outcome.INVALID_ACTION) != mask[number]
+        index
+        for index in (range(len(mask)) if actions is None else actions)
+        if (step(state, decode(index)).outcome is not Outcome.INVALID_ACTION) != mask[index]
     ]
 
 
@@ -85,26 +85,28 @@ def _grid(text: str) -> tuple[int, int]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=2000, help="scenes for each appearance and rule set")
-    parser.add_argument("--appearance", choices=sorted(APPEARANCES), action="append", help="default: each")
-    parser.add_argument("--rules", choices=sorted(RULE_SETS), action="append", help="default: each")
-    parser.add_argument("--grid", type=_grid, default=RELEASED_GRID, help="of scatter, COLUMNSxROWS (default 19x5)")
+    parser.add_argument("--scenes", type=int, default=2000, help="number of scenes per appearance and rule set")
+    parser.add_argument("--appearance", choices=sorted(APPEARANCES), action="append", help="default: all")
+    parser.add_argument("--rules", choices=sorted(RULE_SETS), action="append", help="default: all")
+    parser.add_argument(
+        "--grid", type=_grid, default=RELEASED_GRID, help="Scatter grid as COLUMNSxROWS (default: 19x5)"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    for appearance in given.appearance or sorted(APPEARANCES):
-        for rules in given.rules or sorted(RULE_SETS):
-            dynamics = make_dynamics(make_appearance(appearance, given.grid), rules)
+    args = parser.parse_args()
+    for appearance in args.appearance or sorted(APPEARANCES):
+        for rules in args.rules or sorted(RULE_SETS):
+            dynamics = make_dynamics(make_appearance(appearance, args.grid), rules)
             start = perf_counter()
-            scenes = scenes_of(dynamics, given.scenes, seed=given.seed)
-            wrong = [(scene, number) for scene in scenes for number in wrong_actions(dynamics, scene)]
+            scenes = scenes_of(dynamics, args.scenes, seed=args.seed)
+            wrong = [(scene, index) for scene in scenes for index in wrong_actions(dynamics, scene)]
             tried = len(scenes) * dynamics.appearance.action_count
             print(
                 f"{appearance:8} {rules:8} {len(scenes):,} scenes, {tried:,} actions tried:"
                 f" the mask is wrong about {len(wrong):,} ({perf_counter() - start:.0f} s)",
                 flush=True,
             )
-            for scene, number in wrong[:3]:
-                print(f"  {dynamics.appearance.decode(number)} in {scene.to_json()}")
+            for scene, index in wrong[:3]:
+                print(f"  {dynamics.appearance.decode(index)} in {scene.to_json()}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Runs every quickstart line of README and site from the built wheel, in fresh environments.
 
 Each environment has only the extra that the README section names, as in "Needs the extra `sb3`"; tutorials/index.md
-names those of the tutorials. Lines that train for minutes are shortened unless --full is given; with it, lines that
+names those of the tutorials. Lines that train for minutes are shortened unless --full is args; with it, lines that
 name the official data need LILGYM_DATA.
 Run from the root of a checkout: python -m checks.quickstart [--full] [--python python3.12] [--torch-index URL]
 """
@@ -23,7 +23,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parent.parent
 README, INDEX, TUTORIALS = ROOT / "README.md", ROOT / "docs" / "index.md", ROOT / "docs" / "tutorials"
 NO_EXTRA = ""
-SHORTER: Mapping[str, str] = {  # parts of commands that take long, and what is run instead
+SHORTER: Mapping[str, str] = {  # long-running parts of commands, and their replacements
     "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --steps 2",
     "--corpus lilgym --policy expert random-legal": "--configuration TowerScratch --policy random-legal",
     "--corpus lilgym": "--corpus builtin",
@@ -58,19 +58,19 @@ for kind, code in json.load(sys.stdin):
         traceback.print_exc()
         sys.exit(f"failed: {code}")
 import lilgym_mp
-print("all of it ran, from", lilgym_mp.__file__)
+print("all lines ran, from", lilgym_mp.__file__)
 """
 
 
 class Line(NamedTuple):
-    """What a document shows to be run."""
+    """Code or a command that a document shows."""
 
-    kind: str  # "python", "command", or "raises": Python whose error the document shows
+    kind: str  # "python", "command", or "raises": Python that must raise an error
     code: str
 
 
 class Quickstart(NamedTuple):
-    """Lines that are run one after another in one process."""
+    """Lines that run in order in one process."""
 
     document: str
     extra: str
@@ -78,14 +78,14 @@ class Quickstart(NamedTuple):
 
 
 def quickstarts(*, full: bool) -> Iterator[Quickstart]:
-    """Every document's lines, by the extra that they need. Parts without an extra run before those with one."""
+    """The lines of every document by the extra they need; lines without an extra run before those with one."""
     parts = [(_named_extra(part), list(_readme_lines(part))) for part in _HEADING.split(README.read_text())]
     for extra in dict.fromkeys(extra for extra, _ in parts):
         lines = [line for needed, found in parts if needed in (NO_EXTRA, extra) for line in found]
-        yield Quickstart("README.md", extra, _lengthened(lines, full=full))
-    yield Quickstart("index.md", NO_EXTRA, _lengthened(_page_lines(INDEX), full=full))
+        yield Quickstart("README.md", extra, _with_length(lines, full=full))
+    yield Quickstart("index.md", NO_EXTRA, _with_length(_page_lines(INDEX), full=full))
     for name, needs in _ROW.findall((TUTORIALS / "index.md").read_text()):
-        yield Quickstart(name, _named_extra(needs), _lengthened(_page_lines(TUTORIALS / name), full=full))
+        yield Quickstart(name, _named_extra(needs), _with_length(_page_lines(TUTORIALS / name), full=full))
 
 
 def _named_extra(text: str) -> str:
@@ -106,7 +106,7 @@ def _page_lines(path: Path) -> Iterator[Line]:
             yield Line("command", command)
 
 
-def _lengthened(lines: Iterator[Line] | Sequence[Line], *, full: bool) -> tuple[Line, ...]:
+def _with_length(lines: Iterator[Line] | Sequence[Line], *, full: bool) -> tuple[Line, ...]:
     if full:
         return tuple(lines)
     return tuple(Line(line.kind, _shorter(line.code)) if line.kind == "command" else line for line in lines)
@@ -119,7 +119,7 @@ def _shorter(code: str) -> str:
 
 
 def environment(place: Path, python: str, wheel: Path, extra: str, torch_index: str | None) -> Path:
-    """A fresh virtual environment with the wheel and an extra; gives its Python."""
+    """Creates a virtual environment with the wheel and an extra, and returns its Python."""
     subprocess.run([python, "-m", "venv", place], check=True)
     made = place / "bin" / "python"
     install = [made, "-m", "pip", "install", "--quiet"]
@@ -133,30 +133,32 @@ def environment(place: Path, python: str, wheel: Path, extra: str, torch_index: 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--full", action="store_true", help="trainings at the length that the documents show")
-    parser.add_argument("--python", default=sys.executable, help="makes the environments")
-    parser.add_argument("--torch-index", metavar="URL", help="where torch comes from (default: where all comes from)")
-    parser.add_argument("--only", nargs="+", metavar="DOCUMENT", help="such as README.md")
-    given = parser.parse_args()
+    parser.add_argument("--full", action="store_true", help="train for as long as the documents show")
+    parser.add_argument("--python", default=sys.executable, help="the Python that creates the environments")
+    parser.add_argument(
+        "--torch-index", metavar="URL", help="package index for torch (default: the same as for everything else)"
+    )
+    parser.add_argument("--only", nargs="+", metavar="DOCUMENT", help="run only these, such as README.md")
+    args = parser.parse_args()
     failures = 0
     with tempfile.TemporaryDirectory() as kept:
         scratch = Path(kept)
-        build = [given.python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", scratch, ROOT]
+        build = [args.python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", scratch, ROOT]
         subprocess.run(build, check=True)
         (wheel,) = scratch.glob("*.whl")
         pythons: dict[str, Path] = {}
-        for index, quick in enumerate(quickstarts(full=given.full)):
-            if not quick.lines or (given.only and quick.document not in given.only):
+        for index, quick in enumerate(quickstarts(full=args.full)):
+            if not quick.lines or (args.only and quick.document not in args.only):
                 continue
             if quick.extra not in pythons:
                 place = scratch / f"venv-{quick.extra or 'none'}"
-                pythons[quick.extra] = environment(place, given.python, wheel, quick.extra, given.torch_index)
+                pythons[quick.extra] = environment(place, args.python, wheel, quick.extra, args.torch_index)
             failures += not run(quick, pythons[quick.extra], scratch / str(index))
     return int(failures > 0)
 
 
 def run(quick: Quickstart, python: Path, place: Path) -> bool:
-    """Runs the lines in an empty directory, says how it went, and gives whether all did."""
+    """Runs the lines in an empty directory, prints the result, and returns whether they succeeded."""
     place.mkdir()
     began = perf_counter()
     environ = {**os.environ, "XDG_CACHE_HOME": str(place), "PYTHONPATH": ""}

@@ -1,8 +1,8 @@
-"""Whether memory stays constant: millions of steps of batched random legal play, with resident memory over time.
+"""Checks that memory stays constant during millions of steps of batched random legal play.
 
-Every step draws, for each environment, one of the legal actions, STOP among them, with images, masks and the truth of
-programs. Memory is read after the garbage collector has run. The last line compares the second half's mean with that
-of the quarter before it, as caches fill at the beginning.
+Every step takes a random legal action in each environment, STOP included, and computes images, masks and the truth of
+programs. Resident memory is read after garbage collection. The last line compares the mean of the second half with
+that of the second quarter, because caches fill at the beginning.
 Run: python checks/soak.py [--steps 5000000] [--configuration ScatterFlipIt] [--num-envs 256]
 """
 
@@ -29,29 +29,29 @@ ALLOWED_GROWTH = 0.02  # of resident memory, from the second quarter to the seco
 
 
 def resident_megabytes() -> float:
-    """Of this process, from Linux's account of it."""
+    """Resident memory of this process, from Linux's /proc."""
     gc.collect()
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * PAGE_BYTES / MEGABYTE
 
 
-def legal_actions(env: Any, chance: np.random.Generator) -> np.ndarray[Any, Any]:
-    """(N,) for each environment one of its legal actions, all alike likely."""
+def legal_actions(env: Any, rng: np.random.Generator) -> np.ndarray[Any, Any]:
+    """(N,) a uniformly random legal action for each environment."""
     masks = env.action_masks()
-    drawn = (chance.random(len(masks)) * masks.sum(1)).astype(np.int64)
+    drawn = (rng.random(len(masks)) * masks.sum(1)).astype(np.int64)
     return (masks.cumsum(1) > drawn[:, None]).argmax(1)
 
 
 def readings(configuration: str, num_envs: int, steps: int) -> Iterator[tuple[int, float, int]]:
-    """Steps taken, megabytes and episodes ended, from time to time."""
+    """Yields steps taken, resident megabytes and episodes ended, READINGS times."""
     env: Any = gym.make_vec(f"lilgym_mp/{configuration}-v0", num_envs=num_envs)
     env.reset(seed=0)
-    chance = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     calls = -(-steps // num_envs)
     episodes = 0
     marks = {calls * mark // READINGS for mark in range(1, READINGS + 1)}
     for call in range(1, calls + 1):
-        _, _, terminated, truncated, _ = env.step(legal_actions(env, chance))
+        _, _, terminated, truncated, _ = env.step(legal_actions(env, rng))
         env.goal_reached()
         episodes += int((terminated | truncated).sum())
         if call in marks:
@@ -64,13 +64,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=5_000_000)
     parser.add_argument("--configuration", choices=list(CONFIGURATIONS), default="ScatterFlipIt")
     parser.add_argument("--num-envs", type=int, default=256)
-    given = parser.parse_args()
-    if given.steps < READINGS * given.num_envs:
-        parser.error(f"--steps must be at least {READINGS * given.num_envs}, {READINGS} for each environment")
-    print(f"lilgym_mp {lilgym_mp.__version__}, {given.configuration}, {given.num_envs} environments")
+    args = parser.parse_args()
+    if args.steps < READINGS * args.num_envs:
+        parser.error(f"--steps must be at least {READINGS * args.num_envs}, {READINGS} per environment")
+    print(f"lilgym_mp {lilgym_mp.__version__}, {args.configuration}, {args.num_envs} environments")
     print(f"{'steps':>12} {'episodes':>12} {'resident MB':>12} {'seconds':>8}")
     started, megabytes = perf_counter(), list[float]()
-    for steps, resident, episodes in readings(given.configuration, given.num_envs, given.steps):
+    for steps, resident, episodes in readings(args.configuration, args.num_envs, args.steps):
         megabytes.append(resident)
         print(f"{steps:12,} {episodes:12,} {resident:12.1f} {perf_counter() - started:8.0f}", flush=True)
     before, after = mean(megabytes[READINGS // 4 : READINGS // 2]), mean(megabytes[READINGS // 2 :])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from checks.broken_rules import BREAKS, ROOT, Break, broken, first_failure
-from checks.corrupt_files import MISDEEDS, corrupt_corpora
+from checks.corrupt_files import CORRUPTIONS, corrupt_corpora
 from checks.kills import matrix
 
 
@@ -30,9 +30,9 @@ def test_kills__are_reported_and_leave_no_process_behind() -> None:
 def test_corrupt_corpora__are_reported_in_printable_text() -> None:
     found = corrupt_corpora(160, seed=1)
     assert sum(found.values()) == 160
-    for misdeed in MISDEEDS:
-        if misdeed not in ("gzip", "flip", "odd value"):
-            assert f"{misdeed}: told" in found
+    for corruption in CORRUPTIONS:
+        if corruption not in ("gzip", "flip", "odd value"):
+            assert f"{corruption}: reported" in found
 
 
 @pytest.mark.parametrize("chosen", BREAKS, ids=lambda chosen: chosen.rule)
