@@ -4,16 +4,22 @@
 `optimal_actions(state)` gives the first actions of shortest solutions. `Expert(env).act()` plays an environment.
 docs/solver.md describes the algorithm and its results. The modules:
 
-    solver             entry point: `Solver`                solution          its results
-    tower_search       search for one appearance            scatter_search
-    layered_search     breadth-first search over scenes by the layers of each box
-    box_classes        boxes that are interchangeable       class_search      search over such classes
-    program_features   what a program depends on            canonical_items   one item for each that tests tell apart
-    abstraction        Scatter boxes without geometry       refinement        from abstract edits to actions
-    box_editor         single edits of a Scatter box        edit_tables       all edits of a box at once
-    pruned_layers      heuristic search in Scatter          first_actions     all optimal first actions in Scatter
-    goals              goals as programs with targets       weighted_goals    plans for several uncertain goals
-    expert, value, curriculum, demonstrations, minari_dataset, action_sets, reports, tower_boxes   applications
+    solver, solution         entry point and results
+    goals, weighted_goals    goals as programs with targets; plans for several uncertain goals
+    layered_search           breadth-first search over scenes, from the layers of each box
+    tower_search             exact search for Tower
+    scatter_search           search for Scatter: abstract scenes first, then refinement
+    box_classes              which boxes are interchangeable for a program
+    class_search             search over box classes instead of boxes
+    program_features         static analysis: which features of items a program depends on
+    canonical_items          one item for each class that item tests can distinguish
+    abstraction              Scatter boxes without geometry
+    refinement               edits that realise abstract edits under the exact rules
+    pruned_layers            heuristic search for Scatter programs that relate items
+    first_actions            all optimal first actions in Scatter
+    box_editor, edit_tables  single edits of a Scatter box, and all of them at once as arrays
+
+The others use the solver: expert, value, curriculum, demonstrations, minari_dataset, action_sets, reports, tower_boxes.
 """
 
 from lilgym_mp.solver.expert import Expert

@@ -47,7 +47,7 @@ class Solver:
         self.dynamics = dynamics
         appearance = dynamics.appearance
         if type(appearance) not in SEARCHES:
-            choices = ", ".join(sorted(kind.__name__.lower() for kind in SEARCHES))
+            choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
             raise ValueError(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
