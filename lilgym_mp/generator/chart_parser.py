@@ -21,6 +21,10 @@ class Rule(NamedTuple):
     build: Builder
 
 
+def _only_value(value: Any) -> Any:
+    return value
+
+
 class Grammar:
     """Rules by nonterminal, and a lexicon: preterminal -> word -> value."""
 
@@ -28,7 +32,7 @@ class Grammar:
         self.rules: dict[str, list[Rule]] = {}
         self.lexicon = lexicon
 
-    def add(self, symbol: str, pattern: str, build: Builder = lambda value: value) -> None:
+    def add(self, symbol: str, pattern: str, build: Builder = _only_value) -> None:
         """Add a rule that expands `symbol` to `pattern`: SYMBOLS, words and alternatives a|b; "?" marks optional ones.
 
         `build` maps the values of the pattern's symbols, in order and None where omitted, to the rule's value; by

@@ -1,14 +1,16 @@
-"""Statements about boxes with their programs, and the choice of what to talk about."""
+"""Synchronous templates for statements about boxes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
-from lilgym_mp.generator.lexicon import pluralised
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity
-from lilgym_mp.generator.template_conditions import BOX, PLACES, Condition, Family, Said, in_box
-from lilgym_mp.generator.template_items import ItemFrames
-from lilgym_mp.generator.template_phrases import Noun, Phrase, exactly, items, numbered
+from lilgym_mp.generator.lexicon import Phrase, pluralised
+from lilgym_mp.generator.program_text import quantity_test
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, exactly
+from lilgym_mp.generator.template_conditions import BOX, BOX_WORDS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.template_items import ItemTemplates
+from lilgym_mp.generator.template_phrases import NounTemplate, TrainingPair, box_items
 
 FIRST_TWO = (
     ((0, 1), ("first two", "two left", "left two", "first 2")),
@@ -16,16 +18,17 @@ FIRST_TWO = (
 )
 
 
-class Frames(ItemFrames):
-    """Statements about items and boxes. `families` lists the kinds of statements with their weights."""
+class StatementTemplates(ItemTemplates):
+    """Statements about items and boxes, sampled by the weights in `weighted_statements`."""
 
-    def said(self) -> Said:
-        """A statement of a random kind."""
-        families = self.families()
-        (make,) = self.rng.choices([make for _, make in families], [weight for weight, _ in families])
+    def sample(self) -> TrainingPair:
+        """A statement and its program from a random template."""
+        weights, templates = zip(*self.weighted_statements, strict=True)
+        (make,) = self.rng.choices(templates, weights)
         return make()
 
-    def families(self) -> Sequence[Family]:
+    @cached_property
+    def weighted_statements(self) -> Sequence[WeightedTemplate]:
         raise NotImplementedError
 
     def box_word(self) -> str:
@@ -40,81 +43,85 @@ class Frames(ItemFrames):
         if draw < 0.87:
             return exactly(2)
         if draw < 0.91:
-            return Quantity(2, None)
+            return at_least(2)
         if draw < 0.95:
             return exactly(3)
         return NONE
 
-    def boxes_with(self) -> Said:
-        """So many boxes with one to three conditions."""
+    def box_count(self) -> TrainingPair:
+        """A count of boxes that satisfy one to three conditions."""
         conditions = self.conditions(self.rng.choices((1, 2, 3), (62, 33, 5))[0])
         quantity = self.box_quantity()
-        if quantity == NONE and (len(conditions) > 1 or conditions[0].lacks or conditions[0].least == 0):
+        if quantity == NONE and (len(conditions) > 1 or conditions[0].negative or conditions[0].min_items == 0):
             quantity = SOME
         word = self.box_word()
         tests = self.box_tests(word, conditions)
         boxes = f"filter_obj(all_boxes, lambda {BOX}: {tests})"
         if quantity == exactly(3):
-            text = self.each_box(word, conditions)
-            if word == self.voice.tower and not {"three", "3"} & set(text.split(f" {pluralised(word)} ")[0].split()):
+            text = self.every_box(word, conditions)
+            if word == self.style.tower and not {"three", "3"} & set(text.split(f" {pluralised(word)} ")[0].split()):
                 condition_tests = " and ".join(condition.test(BOX) for condition in conditions)
                 towers = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
-                return Said(text, f"All({towers}, lambda {BOX}: {condition_tests})")
-            return Said(text, f"All(all_boxes, lambda {BOX}: {tests})")
-        return Said(self.box_text(quantity, word, conditions), numbered(quantity, boxes))
+                return TrainingPair(text, f"All({towers}, lambda {BOX}: {condition_tests})")
+            return TrainingPair(text, f"All(all_boxes, lambda {BOX}: {tests})")
+        return TrainingPair(self.box_text(quantity, word, conditions), quantity_test(quantity, boxes))
 
-    def box_tests(self, word: str, conditions: Sequence[Condition]) -> str:
+    def box_tests(self, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         tests = [condition.test(BOX) for condition in conditions]
-        return " and ".join([f"{BOX}.is_tower()", *tests] if word == self.voice.tower else tests)
+        return " and ".join([f"{BOX}.is_tower()", *tests] if word == self.style.tower else tests)
 
-    def box_text(self, quantity: Quantity, word: str, conditions: Sequence[Condition]) -> str:
+    def box_text(self, quantity: Quantity, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         draw = self.rng.random()
         several = pluralised(word)
         if quantity == NONE and draw < 0.4:
             none = self.pick("none of the", "no one of the", "not one of the")
-            return f"{none} {several} {self.having(conditions, plural=self.chance(0.5))}"
+            return f"{none} {several} {self.box_verb_phrase(conditions, plural=self.chance(0.5))}"
         if quantity.low >= 1 and draw < 0.22:
-            of_the = self.of_the_boxes(quantity)
+            of_the = self.partitive_boxes(quantity)
             if of_the.startswith("in "):
-                has = [condition.has for condition in conditions]
-                if None in has or any(condition.lacks for condition in conditions):
+                contents = [condition.contents for condition in conditions]
+                if None in contents or any(condition.negative for condition in conditions):
                     of_the = "one of the"
                 else:
-                    return f"in one of the {several} there is {self.strung([text for text in has if text], ())}"
-            return f"{of_the} {several} {self.having(conditions, quantity.low > 1)}"
+                    return f"in one of the {several} there is {self.conjoined([text for text in contents if text], ())}"
+            return f"{of_the} {several} {self.box_verb_phrase(conditions, quantity.low > 1)}"
         words = self.determiner(quantity)
         plural = words.plural
         noun = pluralised(word) if plural else word
         text = f"{words.text} {noun}" if words.text != "a" else self.a(noun)
-        alone = len(conditions) == 1 and not conditions[0].lacks and conditions[0].kind != "either"
-        only = conditions[0].has if alone else None
+        alone = len(conditions) == 1 and not conditions[0].negative and conditions[0].kind != "either"
+        only = conditions[0].contents if alone else None
         if quantity == SOME and only is not None and draw < 0.34:
-            place = self.pick(f"in a {word}", f"in one of the {several}", f"in one {word}", f"in the same {word}",
-                              f"inside a {word}", f"in a {word}", f"in any {word}")  # fmt: skip
+            place = self.pick(
+                f"in a {word}", f"in one of the {several}", f"in one {word}", f"in the same {word}", f"inside a {word}",
+                f"in a {word}", f"in any {word}",
+            )  # fmt: skip
             plural = not only.startswith(("a ", "an ", "one ", "1 ", "exactly one", "exactly 1", "only one", "no "))
-            there = "there are" if plural and not self.voice.sloppy else "there is"
+            there = "there are" if plural and not self.style.sloppy else "there is"
             return self.pick(f"there is {only} {place}", f"{there} {only} {place}", f"{place} {there} {only}")
         if draw < 0.82:
-            return self.existential(Phrase(f"{text} {self.described(conditions, plural)}", plural))
-        return f"{text} {self.having(conditions, plural)}"
+            return self.existential(Phrase(f"{text} {self.box_modifier(conditions, plural)}", plural))
+        return f"{text} {self.box_verb_phrase(conditions, plural)}"
 
-    def of_the_boxes(self, quantity: Quantity) -> str:
+    def partitive_boxes(self, quantity: Quantity) -> str:
         """ "one of the", "exactly two of the" """
         if quantity == SOME:
-            if self.voice.bare_number_is_bound:
+            if self.style.bare_number_is_bound:
                 return self.pick("at least one of the", "at least 1 of the", "in one of the")
-            return self.pick("one of the", "one of the", "one of the", "at least one of the", "in one of the",
-                             "one of the three", "one out of three", "one of")  # fmt: skip
+            return self.pick(
+                "one of the", "one of the", "one of the", "at least one of the", "in one of the", "one of the three",
+                "one out of three", "one of",
+            )  # fmt: skip
         if quantity == exactly(1):
             one = self.number(1)
-            one = one if self.voice.bare_number_is_bound else f"{self.pick('exactly', 'only', 'just', 'exactly')} {one}"
+            one = one if self.style.bare_number_is_bound else f"{self.pick('exactly', 'only', 'just', 'exactly')} {one}"
             return f"{one} of the"
         words = self.determiner(quantity).text
         return f"{self.number(quantity.low)} of the" if words.endswith(" of") else f"{words} of the"
 
-    def each_box(self, word: str, conditions: Sequence[Condition]) -> str:
+    def every_box(self, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         several = pluralised(word)
-        only = conditions[0].has if len(conditions) == 1 and conditions[0].kind == "has" else None
+        only = conditions[0].contents if len(conditions) == 1 and conditions[0].kind == "contains" else None
         if only is not None and only.startswith(("a ", "an ")) and self.chance(0.12):
             return f"there {self.pick(f'is no {word}', f'are no {several}')} without {only}"
         subject, plural = self.pick(
@@ -122,80 +129,82 @@ class Frames(ItemFrames):
             (f"all three {several}", True), (f"all the three {several}", True), (f"each of the {several}", False),
             (f"all of the {several}", True), (f"the three {several}", True), (f"all 3 {several}", True),
         )  # fmt: skip
-        return f"{subject} {self.having(conditions, plural)}"
+        return f"{subject} {self.box_verb_phrase(conditions, plural)}"
 
-    def named_box(self) -> Said:
-        """What the left, middle or right box has."""
+    def named_box(self) -> TrainingPair:
+        """Conditions of the left, middle or right box."""
         index = int(self.rng.random() * 3)
         word = self.box_word()
         conditions = self.conditions(self.pick(1, 1, 2))
         tests = [condition.test(f"all_boxes[{index}]") for condition in conditions]
-        if word == self.voice.tower:
+        if word == self.style.tower:
             tests = [f"all_boxes[{index}].is_tower()", *tests]
-        place = self.one(PLACES[index])
+        place = self.choice(BOX_WORDS[index])
         name = f"the {place} {word}" if place != "center" or self.chance(0.5) else f"the {word} in the {place}"
         if place in ("left", "right", "middle") and self.chance(0.15):
             name = f"the {word} {'in' if place == 'middle' else 'on'} the {place}"
-        has = conditions[0].has
-        if len(conditions) == 1 and has and self.chance(0.25):
-            text = self.pick(f"there is {has} in {name}", f"in {name} there is {has}", f"in {name}, there is {has}")
+        contents = conditions[0].contents
+        if len(conditions) == 1 and contents and self.chance(0.25):
+            text = self.pick(
+                f"there is {contents} in {name}", f"in {name} there is {contents}", f"in {name}, there is {contents}"
+            )
         else:
-            text = f"{name} {self.having(conditions, plural=False)}"
-        return Said(text, " and ".join(tests))
+            text = f"{name} {self.box_verb_phrase(conditions, plural=False)}"
+        return TrainingPair(text, " and ".join(tests))
 
-    def conditional_boxes(self) -> Said:
+    def every_box_with(self) -> TrainingPair:
         """ "every box with a circle has a square too" """
         one, other = self.two_conditions()
         word = self.box_word()
-        if one.has is None or one.lacks or other.lacks:
-            return self.boxes_with()
-        test = one.test(BOX) if word != self.voice.tower else f"{BOX}.is_tower() and {one.test(BOX)}"
+        if one.contents is None or one.negative or other.negative:
+            return self.box_count()
+        test = one.test(BOX) if word != self.style.tower else f"{BOX}.is_tower() and {one.test(BOX)}"
         program = f"All(filter_obj(all_boxes, lambda {BOX}: {test}), lambda {BOX}: {other.test(BOX)})"
         several = pluralised(word)
         also = self.pick("", "", " too", " as well")
         text = self.pick(
-            f"every {word} with {one.has} {self.having([other], False)}{also}",
-            f"each {word} with {one.has} {self.having([other], False)}{also}",
-            f"all {several} with {one.has} {self.having([other], True)}{also}",
-            f"all the {several} with {one.has} {self.having([other], True)}",
+            f"every {word} with {one.contents} {self.box_verb_phrase([other], False)}{also}",
+            f"each {word} with {one.contents} {self.box_verb_phrase([other], False)}{also}",
+            f"all {several} with {one.contents} {self.box_verb_phrase([other], True)}{also}",
+            f"all the {several} with {one.contents} {self.box_verb_phrase([other], True)}",
         )
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def box_with_definite(self) -> Said:
-        """ "the box with a circle has a square": taken as there being such a box."""
+    def definite_box(self) -> TrainingPair:
+        """ "the box with a circle has a square": read as "there is such a box"."""
         one, other = self.two_conditions()
         word = self.box_word()
-        if one.has is None:
+        if one.contents is None:
             one, other = other, one
-        if one.has is None:
-            return self.boxes_with()
+        if one.contents is None:
+            return self.box_count()
         tests = self.box_tests(word, [one, other])
         the = self.pick("the", "the", "the", f"one of the {pluralised(word)}", "a")
         subject = the if the.startswith("one") else f"{the} {word}"
-        text = f"{subject} with {one.has} {self.having([other], plural=False)}"
-        return Said(text, numbered(SOME, f"filter_obj(all_boxes, lambda {BOX}: {tests})"))
+        text = f"{subject} with {one.contents} {self.box_verb_phrase([other], plural=False)}"
+        return TrainingPair(text, quantity_test(SOME, f"filter_obj(all_boxes, lambda {BOX}: {tests})"))
 
-    def two_named_boxes(self) -> Said:
+    def two_adjacent_boxes(self) -> TrainingPair:
         """ "the first two towers have a yellow base" """
-        (one, other), names = self.one(FIRST_TWO)
+        (one, other), names = self.choice(FIRST_TWO)
         word = self.box_word()
         condition = self.conditions(1)[0]
         tests = [f"{condition.test(f'all_boxes[{index}]')}" for index in (one, other)]
-        if word == self.voice.tower:
+        if word == self.style.tower:
             tests = [
                 f"all_boxes[{index}].is_tower() and {test}" for index, test in zip((one, other), tests, strict=True)
             ]
-        text = f"the {self.one(names)} {pluralised(word)} {self.having([condition], plural=True)}"
-        return Said(text, " and ".join(tests))
+        text = f"the {self.choice(names)} {pluralised(word)} {self.box_verb_phrase([condition], plural=True)}"
+        return TrainingPair(text, " and ".join(tests))
 
-    def evenly(self) -> Said:
+    def equal_counts(self) -> TrainingPair:
         """ "all boxes have the same number of blue items" """
-        noun = Noun() if self.chance(0.4) else Noun(self.look())
+        noun = NounTemplate() if self.chance(0.4) else NounTemplate(self.attributes())
         word = self.box_word()
         several = pluralised(word)
         named = self.noun(noun, plural=True)
-        counts = f"lambda {BOX}: count({items(noun, in_box(BOX))})"
-        boxes = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())" if word == self.voice.tower else "all_boxes"
+        counts = f"lambda {BOX}: count({box_items(noun, BOX)})"
+        boxes = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())" if word == self.style.tower else "all_boxes"
         if self.chance(0.6):
             text = self.pick(
                 f"all {several} have the same number of {named}", f"all the {several} have the same number of {named}",
@@ -204,31 +213,35 @@ class Frames(ItemFrames):
                 f"every {word} contains the same number of {named}",
                 f"the number of {named} is the same in all {several}",
             )  # fmt: skip
-            return Said(text, f"all_same_attribute({boxes}, {counts})")
+            return TrainingPair(text, f"all_same_attribute({boxes}, {counts})")
         pairs = f"combinations({boxes}, 2)"
-        first, second = (f"count({items(noun, in_box(f'p[{index}]'))})" for index in (0, 1))
+        first, second = (f"count({box_items(noun, f'p[{index}]')})" for index in (0, 1))
         if self.chance(0.5):
             text = self.pick(
                 f"there are two {several} with the same number of {named}",
                 f"two {several} have the same number of {named}",
                 f"at least two {several} have the same number of {named}",
             )  # fmt: skip
-            return Said(text, f"exist(filter_obj({pairs}, lambda p: {first} == {second}))")
+            return TrainingPair(text, f"exist(filter_obj({pairs}, lambda p: {first} == {second}))")
         text = self.pick(
             f"all {several} have a different number of {named}", f"each {word} has a different number of {named}",
             f"no two {several} have the same number of {named}",
         )  # fmt: skip
-        return Said(text, f"All({pairs}, lambda p: {first} != {second})")
+        return TrainingPair(text, f"All({pairs}, lambda p: {first} != {second})")
 
-    def most_of_them(self) -> Said:
+    def largest_box(self) -> TrainingPair:
         """ "the box with the most circles has a blue square" """
-        noun = Noun() if self.chance(0.4) else Noun(self.look())
+        noun = NounTemplate() if self.chance(0.4) else NounTemplate(self.attributes())
         word = self.box_word()
         condition = self.conditions(1)[0]
         most = self.chance(0.8)
-        words = self.pick("the most", "most", "the highest number of", "the greatest number of") if most else self.pick(
-            "the fewest", "the least", "the least number of")  # fmt: skip
-        mine, others = (f"count({items(noun, in_box(box))})" for box in (BOX, "c"))
+        superlatives = (
+            ("the most", "most", "the highest number of", "the greatest number of")
+            if most
+            else ("the fewest", "the least", "the least number of")
+        )
+        words = self.choice(superlatives)
+        mine, others = (f"count({box_items(noun, box)})" for box in (BOX, "c"))
         extreme = f"count(filter_obj(all_boxes, lambda c: {others} {'>=' if most else '<='} {mine})) == 1"
-        text = f"the {word} with {words} {self.noun(noun, True)} {self.having([condition], plural=False)}"
-        return Said(text, f"exist(filter_obj(all_boxes, lambda {BOX}: {extreme} and {condition.test(BOX)}))")
+        text = f"the {word} with {words} {self.noun(noun, True)} {self.box_verb_phrase([condition], plural=False)}"
+        return TrainingPair(text, f"exist(filter_obj(all_boxes, lambda {BOX}: {extreme} and {condition.test(BOX)}))")

@@ -1,89 +1,90 @@
-"""What a box may be asked for, in words and as program text: "two circles", "a black base", "nothing but squares"."""
+"""Synchronous templates for conditions of boxes: "two circles", "a black base", "nothing but squares"."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 from lilgym_mp.generator.lexicon import pluralised
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.program_text import items_in_box, quantity_test
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.generator.template_phrases import (
     ANYTHING,
     COLOURS,
     SHAPES,
-    Look,
-    Noun,
-    Speech,
-    Test,
-    Trait,
-    exactly,
-    items,
-    numbered,
+    AttributeWords,
+    NounTemplate,
+    PhraseTemplates,
+    PredicateTemplate,
+    ProgramTest,
+    TrainingPair,
+    box_items,
+    item_set,
 )
 
 BOX = "b"
-TRIES = 12  # to find conditions that go together
-PLACES = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
+TRIES = 12  # to find compatible conditions
+BOX_WORDS = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
 ATTRIBUTES = ("color", "shape", "size")
 ORDERS = {"more": ">", "fewer": "<", "equal": "==", "at least": ">="}
 TWO_COLOURS = (("yellow", "black"), ("yellow", "blue"), ("black", "blue"))
 
 
-class Said(NamedTuple):
-    """A statement in lower case and its program."""
-
-    text: str
-    program: str
-
-
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """What a box may be asked for. At least `has` or `verbs` is there."""
+class ConditionTemplate:
+    """A condition of boxes: its words and its test. At least one of `contents` and `verb_forms` is set."""
 
-    test: Test  # of a variable that names a box
-    has: str | None = None  # after "has" or "with"
-    after: str | None = None  # right after the noun: "of three blocks"
-    verbs: tuple[str, str] | None = None  # third person singular and plural
-    lacks: bool = False  # comes last, after "but"
-    kind: str = "has"
-    look: Look | None = None  # of the items that are counted
-    least: int = 0  # items that the box needs for it
-    most: int | None = None  # items that it allows
-
-
-Family = tuple[float, Callable[[], Said]]
+    test: ProgramTest  # of a box expression
+    contents: str | None = None  # follows "has" or "with"
+    modifier: str | None = None  # follows the noun: "of three blocks"
+    verb_forms: tuple[str, str] | None = None  # singular and plural
+    negative: bool = False  # listed last, after "but"
+    kind: str = "contains"
+    attributes: AttributeWords | None = None  # of the items that are counted
+    min_items: int = 0  # fewest items of a box that satisfies it
+    max_items: int | None = None  # most items
 
 
-def in_box(box: str) -> str:
-    return f"{box}.all_items_in_box()"
+WeightedTemplate = tuple[float, Callable[[], TrainingPair]]
 
 
-class Conditions(Speech):
-    """What boxes may have, whatever lies in them."""
+class BoxConditionTemplates(PhraseTemplates):
+    """Conditions of boxes of both appearances."""
 
-    most_in_box = 6  # items that statements ask of one box
+    max_in_box = 6  # items that a statement requires in one box
 
-    def look(self) -> Look:
+    def attributes(self) -> AttributeWords:
         raise NotImplementedError
 
-    def trait(self) -> Trait:
+    def predicate(self) -> PredicateTemplate:
         raise NotImplementedError
 
-    def condition(self) -> Condition:
+    def condition(self) -> ConditionTemplate:
+        draw = self.rng.random()
+        for probability, make in self.weighted_conditions:
+            draw -= probability
+            if draw < 0:
+                return make()
+        return self.contains_some()
+
+    @cached_property
+    def weighted_conditions(self) -> Sequence[tuple[float, Callable[[], ConditionTemplate]]]:
+        """Probabilities of the condition templates; `contains_some` has the rest."""
         raise NotImplementedError
 
     def colour(self) -> tuple[str, ...]:
-        return (self.one(COLOURS),)
+        return (self.choice(COLOURS),)
 
-    def two_looks(self) -> tuple[Look, Look]:
-        """Two looks of which no item has both."""
+    def two_disjoint_attributes(self) -> tuple[AttributeWords, AttributeWords]:
+        """Attribute words such that no item matches both."""
         while True:
-            one, other = self.look(), self.look()
-            if apart(one, other):
+            one, other = self.attributes(), self.attributes()
+            if disjoint(one, other):
                 return one, other
 
-    # Items of the picture
+    # Words about several items
+
     def have_same(self, attribute: str) -> str:
         return self.pick(
             f"have the same {attribute}", f"are the same {attribute}", f"are of the same {attribute}",
@@ -92,18 +93,20 @@ class Conditions(Speech):
             f"have only one {attribute}",
         )  # fmt: skip
 
-    def attribute(self) -> str:
+    def attribute_name(self) -> str:
         raise NotImplementedError
 
-    def look_free_of(self, attribute: str) -> Look:
-        """A look that leaves the attribute open."""
+    def attributes_without(self, attribute: str) -> AttributeWords:
+        """Random attribute words without a value for this attribute."""
         raise NotImplementedError
 
     def variety_words(self, attribute: str, number: int) -> str:
         name = f"{attribute}s"
         if number == 1:
-            return self.pick(f"only one {attribute}", f"a single {attribute}", f"the same {attribute}",
-                             f"only 1 {attribute}", f"one {attribute}", f"just one {attribute}")  # fmt: skip
+            return self.pick(
+                f"only one {attribute}", f"a single {attribute}", f"the same {attribute}", f"only 1 {attribute}",
+                f"one {attribute}", f"just one {attribute}",
+            )  # fmt: skip
         word = self.number(number)
         if number == 3:
             return self.pick(
@@ -116,11 +119,11 @@ class Conditions(Speech):
             f"only {word} different {name}", f"exactly {word} different {name}",
         )  # fmt: skip
 
-    def comparison(self, one: Noun, other: Noun, order: str, margin: int | None) -> str:
+    def comparison(self, one: NounTemplate, other: NounTemplate, order: str, margin: int | None) -> str:
         first, second = self.noun(one, plural=True), self.noun(other, plural=True)
-        same_shape = one.look.shape == other.look.shape and not one.traits and not other.traits
-        if same_shape and other.look.colours and not other.look.size and self.chance(0.5):
-            second = self.pick(f"{self.colours(other.look.colours)} ones", self.colours(other.look.colours))
+        same_shape = one.attributes.shape == other.attributes.shape and not one.predicates and not other.predicates
+        if same_shape and other.attributes.colours and not other.attributes.size and self.chance(0.5):
+            second = self.pick(f"{self.colours(other.attributes.colours)} ones", self.colours(other.attributes.colours))
         if order == "at least":
             return self.pick(f"at least as many {first} as {second}", f"as many or more {first} than {second}")
         if order == "equal":
@@ -135,272 +138,308 @@ class Conditions(Speech):
         word = "more" if order == "more" else self.pick("fewer", "less")
         return f"{word} {first} than {second}"
 
-    def comparison_test(self, one: Noun, other: Noun, order: str, margin: int | None, source: str) -> str:
-        first, second = f"count({items(one, source)})", f"count({items(other, source)})"
+    def comparison_test(
+        self, one: NounTemplate, other: NounTemplate, order: str, margin: int | None, source: str
+    ) -> str:
+        first, second = f"count({item_set(one, source)})", f"count({item_set(other, source)})"
         if margin is not None:
             return f"{first} == {second} + {margin}"
         return f"{first} {ORDERS[order]} {second}"
 
-    def conditions(self, number: int) -> list[Condition]:
-        """Different conditions, what is lacking last; seldom fewer, where no more go together."""
-        found: list[Condition] = []
+    def conditions(self, number: int) -> list[ConditionTemplate]:
+        """Compatible conditions, negative ones last; fewer than `number` if TRIES do not suffice."""
+        found: list[ConditionTemplate] = []
         for _ in range(TRIES):
             if len(found) == number:
                 break
             condition = self.condition()
             if not any(clash(condition, other) for other in found):
                 found.append(condition)
-        return sorted(found, key=lambda condition: (condition.lacks, condition.after is None))
+        return sorted(found, key=lambda condition: (condition.negative, condition.modifier is None))
 
-    def two_conditions(self) -> tuple[Condition, Condition]:
+    def two_conditions(self) -> tuple[ConditionTemplate, ConditionTemplate]:
         while len(found := self.conditions(2)) < 2:
             pass
         return found[0], found[1]
 
-    def having(self, conditions: Sequence[Condition], plural: bool) -> str:
-        """Conditions as a verb phrase: "has two circles but no triangle"."""
+    def box_verb_phrase(self, conditions: Sequence[ConditionTemplate], plural: bool) -> str:
+        """The conditions as a verb phrase: "has two circles but no triangle"."""
         verb = self.pick("has", "has", "has", "contains", "contains", "includes", "holds")
         parts: list[str] = []
         last_has = False
         for condition in conditions:
-            if condition.has is None or (condition.verbs is not None and self.chance(0.4)):
-                assert condition.verbs is not None
-                parts.append(condition.verbs[plural])
+            if condition.contents is None or (condition.verb_forms is not None and self.chance(0.4)):
+                assert condition.verb_forms is not None
+                parts.append(condition.verb_forms[plural])
                 last_has = False
             else:
-                parts.append(condition.has if last_has else f"{self.verb(verb, plural)} {condition.has}")
+                parts.append(condition.contents if last_has else f"{self.verb(verb, plural)} {condition.contents}")
                 last_has = True
-        return self.strung(parts, conditions)
+        return self.conjoined(parts, conditions)
 
-    def described(self, conditions: Sequence[Condition], plural: bool) -> str:
-        """Conditions after the noun: "with two circles", "that has only blue blocks"."""
+    def box_modifier(self, conditions: Sequence[ConditionTemplate], plural: bool) -> str:
+        """The conditions as a modifier after the noun: "with two circles", "that has only blue blocks"."""
         first, *others = conditions
-        if first.after is not None and (first.has is None or self.chance(0.5)):
-            rest = [condition for condition in others if condition.has is not None]
+        if first.modifier is not None and (first.contents is None or self.chance(0.5)):
+            rest = [condition for condition in others if condition.contents is not None]
             if len(rest) == len(others):
-                tail = self.strung([text for condition in others if (text := condition.has)], others)
-                return f"{first.after} {self.pick('with', 'with', 'and', 'that has')} {tail}" if tail else first.after
-        if any(condition.has is None for condition in conditions) or self.chance(0.25):
+                tail = self.conjoined([text for condition in others if (text := condition.contents)], others)
+                return (
+                    f"{first.modifier} {self.pick('with', 'with', 'and', 'that has')} {tail}"
+                    if tail
+                    else first.modifier
+                )
+        if any(condition.contents is None for condition in conditions) or self.chance(0.25):
             which = self.pick("that", "that", "which", "which")
-            return f"{which} {self.having(conditions, plural)}"
-        opening = self.pick("with", "with", "with", "with", "with", "with", "containing", "having", "that contains",
-                            "consisting of", "in which there is", "where there is")  # fmt: skip
-        if opening == "consisting of" and any(condition.kind in ("has", "traited") for condition in conditions):
+            return f"{which} {self.box_verb_phrase(conditions, plural)}"
+        opening = self.pick(
+            "with", "with", "with", "with", "with", "with", "containing", "having", "that contains", "consisting of",
+            "in which there is", "where there is",
+        )  # fmt: skip
+        if opening == "consisting of" and any(condition.kind in ("contains", "predicate") for condition in conditions):
             opening = "with"  # "a tower consisting of two black blocks" has no others
         if opening == "that contains":
             opening = f"that {self.verb('contains', plural)}"
-        if opening in ("consisting of", "in which there is", "where there is") and any(c.lacks for c in conditions):
+        if opening in ("consisting of", "in which there is", "where there is") and any(c.negative for c in conditions):
             opening = "with"
-        return f"{opening} {self.strung([condition.has for condition in conditions if condition.has], conditions)}"
+        contents = [condition.contents for condition in conditions if condition.contents]
+        return f"{opening} {self.conjoined(contents, conditions)}"
 
-    def strung(self, parts: Sequence[str], conditions: Sequence[Condition]) -> str:
-        """Parts joined by "and", "but", commas."""
+    def conjoined(self, parts: Sequence[str], conditions: Sequence[ConditionTemplate]) -> str:
+        """Parts joined by commas and conjunctions, "but" before a negative condition."""
         text = parts[0] if parts else ""
-        for place, part in enumerate(parts[1:], start=1):
-            lacking = place < len(conditions) and conditions[place].lacks
-            if lacking:
+        for index, part in enumerate(parts[1:], start=1):
+            negative = index < len(conditions) and conditions[index].negative
+            if negative:
                 joint = self.pick(" but ", " and ", ", but ")
-            elif place < len(parts) - 1:
+            elif index < len(parts) - 1:
                 joint = self.pick(", ", " and ")
             else:
                 joint = self.pick(" and ", " and ", " and ", ", and ", " and also ", " as well as ")
             text += joint + part
         return text
 
-    def has_some(self, look: Look | None = None) -> Condition:
-        noun, quantity = Noun(look or self.look()), self.few()
-        return self.has_condition(quantity, noun)
+    def contains_some(self, attributes: AttributeWords | None = None) -> ConditionTemplate:
+        noun, quantity = NounTemplate(attributes or self.attributes()), self.quantity_in_box()
+        return self.contains(quantity, noun)
 
-    def has_condition(self, quantity: Quantity, noun: Noun) -> Condition:
+    def contains(self, quantity: Quantity, noun: NounTemplate) -> ConditionTemplate:
         text = self.quantified(quantity, noun).text
-        kind = "traited" if noun.traits else "has"
-        return Condition(
-            lambda box: numbered(quantity, items(noun, in_box(box))),
+        kind = "predicate" if noun.predicates else "contains"
+        return ConditionTemplate(
+            lambda box: quantity_test(quantity, box_items(noun, box)),
             text,
             kind=kind,
-            look=noun.look,
-            least=quantity.low,
+            attributes=noun.attributes,
+            min_items=quantity.low,
         )
 
-    def has_none(self) -> Condition:
-        noun = Noun(self.look())
+    def contains_none(self) -> ConditionTemplate:
+        noun = NounTemplate(self.attributes())
         text = self.noun(noun, plural=self.chance(0.5))
         does = (f"does not {self.pick('have', 'contain')}", f"do not {self.pick('have', 'contain')}")
         anything = self.pick("any ", "any ", "") + self.noun(noun, plural=True)
         without = f"without {self.pick('any ' + text, self.a(self.noun(noun, False)), self.noun(noun, True))}"
-        verbs = (f"{does[0]} {anything}", f"{does[1]} {anything}")
-        return Condition(
-            lambda box: numbered(NONE, items(noun, in_box(box))),
+        verb_forms = (f"{does[0]} {anything}", f"{does[1]} {anything}")
+        return ConditionTemplate(
+            lambda box: quantity_test(NONE, box_items(noun, box)),
             f"no {text}",
             without,
-            verbs,
-            lacks=True,
-            look=noun.look,
+            verb_forms,
+            negative=True,
+            attributes=noun.attributes,
         )
 
-    def has_traited(self) -> Condition:
-        trait = self.trait()
-        while trait.kind == "box":
-            trait = self.trait()
-        return self.has_condition(self.few(3), Noun(self.look(), (trait,)))
+    def contains_with_predicate(self) -> ConditionTemplate:
+        predicate = self.predicate_within_box()
+        return self.contains(self.quantity_in_box(3), NounTemplate(self.attributes(), (predicate,)))
 
-    def purely(self) -> Condition:
-        look = self.look()
-        trait = self.look_trait(look)
-        several = self.plain_noun(look, plural=True)
-        has = self.pick(f"only {several}", f"only {several}", f"nothing but {several}", f"only {several} in it")
-        after = None
-        verbs = None
-        if look.shape is None and look.size is None:
-            all_items = f"all {pluralised(self.voice.item)} {trait.core}"
-            has = self.pick(
-                has, f"only {trait.core} {pluralised(self.voice.item)}", all_items, f"only {trait.core} color"
+    def predicate_within_box(self) -> PredicateTemplate:
+        """A random predicate that does not say which box the item is in."""
+        while (predicate := self.predicate()).kind == "box":
+            pass
+        return predicate
+
+    def contains_only(self) -> ConditionTemplate:
+        attributes = self.attributes()
+        predicate = self.attribute_predicate(attributes)
+        several = self.described_noun(attributes, plural=True)
+        contents = self.pick(f"only {several}", f"only {several}", f"nothing but {several}", f"only {several} in it")
+        modifier = None
+        verb_forms = None
+        if attributes.shape is None and attributes.size is None:
+            all_items = f"all {pluralised(self.style.item)} {predicate.complement}"
+            contents = self.pick(
+                contents,
+                f"only {predicate.complement} {pluralised(self.style.item)}",
+                all_items,
+                f"only {predicate.complement} color",
             )
-            after = self.pick(None, f"made up of only {several}",
-                f"where all {pluralised(self.voice.item)} are {trait.core}",
-                              f"that is all {trait.core}", f"consisting of only {several}")  # fmt: skip
-            verbs = self.pick(None, (f"is made of only {several}", f"are made of only {several}"))
-        return Condition(
-            lambda box: f"All({in_box(box)}, lambda x: {trait.tested('x')})", has, after, verbs, kind="purely"
+            modifier = self.pick(
+                None, f"made up of only {several}",
+                f"where all {pluralised(self.style.item)} are {predicate.complement}",
+                f"that is all {predicate.complement}", f"consisting of only {several}",
+            )  # fmt: skip
+            verb_forms = self.pick(None, (f"is made of only {several}", f"are made of only {several}"))
+        return ConditionTemplate(
+            lambda box: f"All({items_in_box(box)}, lambda x: {predicate.signed_test('x')})",
+            contents,
+            modifier,
+            verb_forms,
+            kind="only",
         )
 
-    def varied(self) -> Condition:
-        attribute, number = self.attribute(), self.pick(1, 2, 2, 3, 3)
+    def box_variety(self) -> ConditionTemplate:
+        attribute, number = self.attribute_name(), self.pick(1, 2, 2, 3, 3)
         words, quantity = self.variety_words(attribute, number), exactly(number)
         if self.chance(0.2):
-            words, quantity = self.varied_words(attribute)
-        several = pluralised(self.voice.item)
-        has = f"{several} {self.pick('of', 'of', 'in', 'with')} {words}"
+            words, quantity = self.bounded_variety_words(attribute)
+        several = pluralised(self.style.item)
+        contents = f"{several} {self.pick('of', 'of', 'in', 'with')} {words}"
         if quantity.low > 1 and (attribute != "shape" or "different" in words) and self.chance(0.4):
-            has = words
+            contents = words
         if quantity == exactly(1) and self.chance(0.4):
-            has = self.pick(f"all {several} of the same {attribute}", f"all {several} in the same {attribute}",
-                            f"only one {attribute}", f"{several} of same {attribute}")  # fmt: skip
-        return Condition(
-            lambda box: numbered(quantity, f"get_set_{attribute}s({in_box(box)})"), has, kind="varied",
-            least=quantity.low,
+            contents = self.pick(
+                f"all {several} of the same {attribute}", f"all {several} in the same {attribute}",
+                f"only one {attribute}", f"{several} of same {attribute}",
+            )  # fmt: skip
+        return ConditionTemplate(
+            lambda box: quantity_test(quantity, f"get_set_{attribute}s({items_in_box(box)})"), contents, kind="variety",
+            min_items=quantity.low,
         )  # fmt: skip
 
-    def varied_words(self, attribute: str) -> tuple[str, Quantity]:
-        """Bounds on how many colours there are."""
+    def bounded_variety_words(self, attribute: str) -> tuple[str, Quantity]:
+        """Words for a bound on the number of values, with its quantity."""
         name, two = f"{attribute}s", self.number(2)
-        least = (f"at least {two} {name}", f"at least {two} different {name}", f"more than one {attribute}",
-                 f"different {name}", f"more than {self.number(1)} {attribute}", f"{two} or more {name}")  # fmt: skip
+        least = (
+            f"at least {two} {name}", f"at least {two} different {name}", f"more than one {attribute}",
+            f"different {name}", f"more than {self.number(1)} {attribute}", f"{two} or more {name}",
+        )  # fmt: skip
         most = (f"at most {two} {name}", f"no more than {two} {name}", f"less than {self.number(3)} {name}")
-        return (self.one(least), Quantity(2, None)) if self.chance(0.7) else (self.one(most), Quantity(1, 2))
+        return (self.choice(least), at_least(2)) if self.chance(0.7) else (self.choice(most), Quantity(1, 2))
 
-    def has_compared(self) -> Condition:
-        one, other = self.two_looks()
+    def contains_more(self) -> ConditionTemplate:
+        one, other = map(NounTemplate, self.two_disjoint_attributes())
         order = self.pick("more", "more", "fewer", "equal")
-        words = self.comparison(Noun(one), Noun(other), order, None)
-        return Condition(lambda box: self.comparison_test(Noun(one), Noun(other), order, None, in_box(box)), words,
-                         kind="compared")  # fmt: skip
+        words = self.comparison(one, other, order, None)
+        return ConditionTemplate(
+            lambda box: self.comparison_test(one, other, order, None, items_in_box(box)), words, kind="comparison"
+        )
 
-    def has_total_of_which(self) -> Condition:
+    def total_and_part(self) -> ConditionTemplate:
         """ "four items of which two are blue" """
-        look = self.look()
-        total = self.pick(2, 3, 3, 4, 4, self.most_in_box)
+        attributes = self.attributes()
+        total = self.pick(2, 3, 3, 4, 4, self.max_in_box)
         part = 1 + int(self.rng.random() * (total - 1))
-        trait = self.look_trait(look)
+        predicate = self.attribute_predicate(attributes)
         named = self.quantified(exactly(total), ANYTHING).text
         which = self.pick("of which", "of which", "out of which", "where", "and", "in which")
         exact = self.pick("", "", "exactly ", "only ")
-        core = self.plain_noun(look, part > 1) if look.shape else trait.core
-        if look.shape and part == 1:
-            core = self.a(core)
-        text = f"{named} {which} {exact}{self.number(part)} {self.be(part > 1)} {core}"
-        noun = Noun(look)
-        return Condition(
-            lambda box: f"count({in_box(box)}) == {total} and count({items(noun, in_box(box))}) == {part}",
-            text, kind="total", look=look, least=total, most=total,
+        complement = self.described_noun(attributes, part > 1) if attributes.shape else predicate.complement
+        if attributes.shape and part == 1:
+            complement = self.a(complement)
+        text = f"{named} {which} {exact}{self.number(part)} {self.be(part > 1)} {complement}"
+        noun = NounTemplate(attributes)
+        return ConditionTemplate(
+            lambda box: f"count({items_in_box(box)}) == {total} and count({box_items(noun, box)}) == {part}", text,
+            kind="total", attributes=attributes, min_items=total, max_items=total,
         )  # fmt: skip
 
-    def all_of_box(self) -> Condition:
+    def every_item_in_box(self) -> ConditionTemplate:
         """ "all circles touching a wall" """
-        noun, trait = self.pick(ANYTHING, Noun(self.look()), Noun(self.look())), self.trait()
-        while trait.kind == "box":
-            trait = self.trait()
+        noun = self.pick(ANYTHING, NounTemplate(self.attributes()), NounTemplate(self.attributes()))
+        predicate = self.predicate_within_box()
         several = self.noun(noun, plural=True)
-        has = self.pick(f"all {several} {self.negated(trait)}", f"all the {several} {self.negated(trait)}",
-                        f"all its {several} {self.negated(trait)}")  # fmt: skip
-        return Condition(lambda box: f"All({items(noun, in_box(box))}, lambda x: {trait.tested('x')})", has, kind="all")
+        contents = f"{self.pick('all', 'all the', 'all its')} {several} {self.signed_complement(predicate)}"
+        return ConditionTemplate(
+            lambda box: f"All({box_items(noun, box)}, lambda x: {predicate.signed_test('x')})",
+            contents,
+            kind="all",
+        )
 
-    def only_item(self) -> Condition:
+    def single_item(self) -> ConditionTemplate:
         """ "only one item, which is blue" """
-        look = self.look()
-        trait = self.look_trait(look)
+        attributes = self.attributes()
+        predicate = self.attribute_predicate(attributes)
         one = self.quantified(exactly(1), ANYTHING).text
-        text = self.pick(f"{one} which is {trait.core}", f"{one} and it is {trait.core}",
-            f"{one}, which is {trait.core}",
-                         f"{one} and it's {trait.core}")  # fmt: skip
-        return Condition(
-            lambda box: f"count({in_box(box)}) == 1 and exist({items(Noun(look), in_box(box))})",
-            text, kind="total", least=1, most=1,
+        text = self.pick(
+            f"{one} which is {predicate.complement}", f"{one} and it is {predicate.complement}",
+            f"{one}, which is {predicate.complement}", f"{one} and it's {predicate.complement}",
+        )  # fmt: skip
+        return ConditionTemplate(
+            lambda box: f"count({items_in_box(box)}) == 1 and exist({box_items(NounTemplate(attributes), box)})", text,
+            kind="total", min_items=1, max_items=1,
         )  # fmt: skip
 
-    def total_in_box(self, most: int) -> Condition:
+    def total_in_box(self, most: int) -> ConditionTemplate:
         number = 1 + int(self.rng.random() * most)
-        quantity = self.pick(exactly(number), exactly(number), exactly(number), Quantity(number, None),
-                             Quantity(0, number) if number > 1 else exactly(1))  # fmt: skip
+        quantity = self.pick(
+            exactly(number), exactly(number), exactly(number), at_least(number),
+            at_most(number) if number > 1 else exactly(1),
+        )  # fmt: skip
         text = self.quantified(quantity, ANYTHING).text
-        after = self.pick(None, f"of {text}", f"made of {text}", f"consisting of {text}")
-        return Condition(lambda box: numbered(quantity, in_box(box)), text, after, kind="total",
-                         least=quantity.low, most=quantity.high)  # fmt: skip
+        modifier = self.pick(None, f"of {text}", f"made of {text}", f"consisting of {text}")
+        return ConditionTemplate(
+            lambda box: quantity_test(quantity, items_in_box(box)), text, modifier, kind="total",
+            min_items=quantity.low, max_items=quantity.high,
+        )  # fmt: skip
 
-    def two_alike(self) -> Condition:
+    def items_alike(self) -> ConditionTemplate:
         """ "two circles of the same color" """
-        attribute = self.attribute()
-        noun, number = Noun(self.look_free_of(attribute)), self.pick(2, 2, 2, 3)
+        attribute = self.attribute_name()
+        noun, number = NounTemplate(self.attributes_without(attribute)), self.pick(2, 2, 2, 3)
         text = (
             f"{self.pick('', '', 'at least ')}{self.number(number)} {self.noun(noun, True)} "
             f"{self.pick('of the same', 'of the same', 'of same', 'with the same', 'in the same')} {attribute}"
         )
-        return Condition(
-            lambda box: (
-                f"exist(filter_obj(combinations({items(noun, in_box(box))}, {number}), "
-                f"lambda p: all_same_{attribute}(p)))"
-            ),
-            text, kind="alike", least=number,
-        )  # fmt: skip
 
-    def either(self) -> Condition:
+        def test(box: str) -> str:
+            groups = f"combinations({box_items(noun, box)}, {number})"
+            return f"exist(filter_obj({groups}, lambda p: all_same_{attribute}(p)))"
+
+        return ConditionTemplate(test, text, kind="alike", min_items=number)
+
+    def either_item(self) -> ConditionTemplate:
         """ "either a circle or a square" """
-        one, other = self.two_looks()
-        first, second = Noun(one), Noun(other)
-        text = f"{self.pick('either ', '')}{self.some(first)} or {self.some(second)}"
-        return Condition(
-            lambda box: f"(exist({items(first, in_box(box))}) or exist({items(second, in_box(box))}))",
+        one, other = self.two_disjoint_attributes()
+        first, second = NounTemplate(one), NounTemplate(other)
+        text = f"{self.pick('either ', '')}{self.indefinite(first)} or {self.indefinite(second)}"
+        return ConditionTemplate(
+            lambda box: f"(exist({box_items(first, box)}) or exist({box_items(second, box)}))",
             text,
             kind="either",
         )
 
-    def one_of_each(self) -> Condition:
+    def one_of_each_value(self) -> ConditionTemplate:
         """ "a block of each color" """
-        attribute = self.attribute()
-        noun = Noun(self.look_free_of(attribute))
+        attribute = self.attribute_name()
+        noun = NounTemplate(self.attributes_without(attribute))
         number = self.pick(1, 1, 1, 2)
-        each = self.pick(f"each {attribute}", f"every {attribute}", f"each of the {attribute}s",
-                         f"all three {attribute}s",
-                         f"each of the three {attribute}s")  # fmt: skip
+        each = self.pick(
+            f"each {attribute}", f"every {attribute}", f"each of the {attribute}s", f"all three {attribute}s",
+            f"each of the three {attribute}s",
+        )  # fmt: skip
         each = each if "all" not in each or number > 1 else f"each {attribute}"
         count = "" if number > 1 or self.chance(0.6) else self.pick("exactly ", "only ")
         quantity = exactly(number) if number > 1 or count else SOME
-        named = self.some(noun) if quantity == SOME else f"{count}{self.number(number)} {self.noun(noun, number > 1)}"
+        named = (
+            self.indefinite(noun) if quantity == SOME else f"{count}{self.number(number)} {self.noun(noun, number > 1)}"
+        )
         names = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}[attribute]
-        looks = [Noun(_with(noun.look, attribute, name)) for name in names]
+        nouns = [NounTemplate(_with_value(noun.attributes, attribute, name)) for name in names]
 
         def test(box: str) -> str:
-            return " and ".join(numbered(quantity, items(look, in_box(box))) for look in looks)
+            return " and ".join(quantity_test(quantity, box_items(attributes, box)) for attributes in nouns)
 
-        return Condition(test, f"{named} of {each}", kind="varied", least=3 * number)
+        return ConditionTemplate(test, f"{named} of {each}", kind="variety", min_items=3 * number)
 
-    def just_these(self) -> Condition:
+    def exactly_these(self) -> ConditionTemplate:
         """ "only a circle and two squares": nothing else."""
-        one, other = self.two_looks()
+        one, other = self.two_disjoint_attributes()
         numbers = self.pick(1, 1, 2, 2, 3), self.pick(1, 1, 2)
-        nouns = Noun(one), Noun(other)
+        nouns = NounTemplate(one), NounTemplate(other)
         named = [
-            self.some(noun)
+            self.indefinite(noun)
             if number == 1 and self.chance(0.4)
             else f"{self.number(number)} {self.noun(noun, number > 1)}"
             for noun, number in zip(nouns, numbers, strict=True)
@@ -409,74 +448,75 @@ class Conditions(Speech):
         item = f"{self.number(total)} {self.noun(ANYTHING, True)}"
         text = self.pick(
             f"only {named[0]} and {named[1]}", f"{named[0]} and {named[1]} only",
-            f"{named[0]}, {named[1]} and nothing else",
-            f"{item}, {named[0]} and {named[1]}", f"{item}: {named[0]} and {named[1]}",
-            f"just {named[0]} and {named[1]}",
+            f"{named[0]}, {named[1]} and nothing else", f"{item}, {named[0]} and {named[1]}",
+            f"{item}: {named[0]} and {named[1]}", f"just {named[0]} and {named[1]}",
             f"exactly {item}, {named[0]} and {named[1]}",
         )  # fmt: skip
 
         def test(box: str) -> str:
-            counts = (
-                f"count({items(noun, in_box(box))}) == {number}" for noun, number in zip(nouns, numbers, strict=True)
-            )
-            return f"count({in_box(box)}) == {total} and {' and '.join(counts)}"
+            counts = (f"count({box_items(noun, box)}) == {number}" for noun, number in zip(nouns, numbers, strict=True))
+            return f"count({items_in_box(box)}) == {total} and {' and '.join(counts)}"
 
-        return Condition(test, text, kind="total", least=total, most=total)
+        return ConditionTemplate(test, text, kind="total", min_items=total, max_items=total)
 
-    def and_others(self) -> Condition:
+    def some_and_others(self) -> ConditionTemplate:
         """ "one black item and two other items", "one black item and the rest yellow" """
-        look = Look(self.colour())
-        number = self.pick(1, 1, 2)
-        first = self.quantified(exactly(number), Noun(look)).text
+        attributes = AttributeWords(self.colour())
+        noun, number = NounTemplate(attributes), self.pick(1, 1, 2)
+        first = self.quantified(exactly(number), noun).text
         if self.chance(0.5):
             others = self.pick(1, 2, 2, 3)
             other = f"{self.number(others)} {self.pick('other', 'more', 'other')} {self.noun(ANYTHING, others > 1)}"
             total = number + others
-            return Condition(
-                lambda box: f"count({in_box(box)}) == {total} and count({items(Noun(look), in_box(box))}) == {number}",
-                f"{first} and {other}", kind="total", least=total, most=total,
+            return ConditionTemplate(
+                lambda box: f"count({items_in_box(box)}) == {total} and count({box_items(noun, box)}) == {number}",
+                f"{first} and {other}", kind="total", min_items=total, max_items=total,
             )  # fmt: skip
-        rest = Look(self.colour())
-        while rest == look:
-            rest = Look(self.colour())
-        several = self.pick("the rest", "the others", f"all the other {pluralised(self.voice.item)}",
-                            f"all other {pluralised(self.voice.item)}", "all the others")  # fmt: skip
-        rest_name = self.plain_noun(rest, plural=True) if self.chance(0.2) else rest.colours[0]
+        rest = AttributeWords(self.colour())
+        while rest == attributes:
+            rest = AttributeWords(self.colour())
+        several = self.pick(
+            "the rest", "the others", f"all the other {pluralised(self.style.item)}",
+            f"all other {pluralised(self.style.item)}", "all the others",
+        )  # fmt: skip
+        rest_name = self.described_noun(rest, plural=True) if self.chance(0.2) else rest.colours[0]
         text = f"{first} and {several} {self.pick('are ', '', 'are ')}{rest_name}"
-        either = Look((*look.colours, *rest.colours)).tests()[0]
+        either = AttributeWords((*attributes.colours, *rest.colours)).tests()[0]
 
         def test(box: str) -> str:
-            counts = f"count({items(Noun(look), in_box(box))}) == {number} and exist({items(Noun(rest), in_box(box))})"
-            return f"{counts} and All({in_box(box)}, lambda x: {either('x')})"
+            counts = f"count({box_items(noun, box)}) == {number} and exist({box_items(NounTemplate(rest), box)})"
+            return f"{counts} and All({items_in_box(box)}, lambda x: {either('x')})"
 
-        return Condition(test, text, kind="purely", least=number + 1)
+        return ConditionTemplate(test, text, kind="only", min_items=number + 1)
 
-    def no_two_alike(self) -> Condition:
+    def all_different(self) -> ConditionTemplate:
         """ "no two items of the same color" """
-        attribute = self.attribute()
-        several = pluralised(self.voice.item)
+        attribute = self.attribute_name()
+        several = pluralised(self.style.item)
         text = self.pick(
             f"no two {several} of the same {attribute}", f"no {several} of the same {attribute}",
             f"{several} all of different {attribute}s", f"all {several} of different {attribute}s",
         )  # fmt: skip
-        return Condition(
-            lambda box: f"exist({in_box(box)}) and count({in_box(box)}) == count(get_set_{attribute}s({in_box(box)}))",
-            text, kind="varied", least=2,
-        )  # fmt: skip
+
+        def test(box: str) -> str:
+            items = items_in_box(box)
+            return f"exist({items}) and count({items}) == count(get_set_{attribute}s({items}))"
+
+        return ConditionTemplate(test, text, kind="variety", min_items=2)
 
 
-def _with(look: Look, attribute: str, value: str) -> Look:
+def _with_value(attributes: AttributeWords, attribute: str, value: str) -> AttributeWords:
     match attribute:
         case "color":
-            return replace(look, colours=(value,))
+            return replace(attributes, colours=(value,))
         case "shape":
-            return replace(look, shape=value)
+            return replace(attributes, shape=value)
         case _:
-            return replace(look, size=value)
+            return replace(attributes, size=value)
 
 
-def apart(one: Look, other: Look) -> bool:
-    """Whether the looks differ in just what both say, so that comparing them makes sense."""
+def disjoint(one: AttributeWords, other: AttributeWords) -> bool:
+    """Whether no item can match both, so that comparing their counts makes sense."""
     if one == other:
         return False
     colours = one.colours and other.colours and not set(one.colours) & set(other.colours)
@@ -485,31 +525,35 @@ def apart(one: Look, other: Look) -> bool:
     return bool(colours or shapes or sizes)
 
 
-ALONE = frozenset({"purely", "compared", "varied", "alike"})  # go with numbers of anything only
-PLACES_OF_BLOCKS = frozenset({"top", "bottom", "second", "third", "middle", "ends", "same ends", "alternating", "pile"})
-COLOUR_KINDS = PLACES_OF_BLOCKS | ALONE | {"has", "traited"}
+ONLY_WITH_TOTALS = frozenset({"only", "comparison", "variety", "alike"})  # kinds compatible only with total counts
+POSITION_KINDS = frozenset({"top", "bottom", "second", "third", "middle", "ends", "same ends", "alternating", "stack"})
+COLOUR_KINDS = POSITION_KINDS | ONLY_WITH_TOTALS | {"contains", "predicate"}
 
 
-def clash(one: Condition, other: Condition) -> bool:
-    """Whether the two contradict each other, say the same twice, or read oddly side by side."""
+def clash(one: ConditionTemplate, other: ConditionTemplate) -> bool:
+    """Whether the two conditions are contradictory or redundant, or read oddly together."""
     kinds = {one.kind, other.kind}
-    if len(kinds) == 1 and one.kind not in ("has", "traited"):
+    if len(kinds) == 1 and one.kind not in ("contains", "predicate"):
         return True
-    if kinds & ALONE and kinds <= COLOUR_KINDS:
-        return "purely" in kinds or "compared" in kinds or len(kinds & ALONE) > 1
+    if kinds & ONLY_WITH_TOTALS and kinds <= COLOUR_KINDS:
+        return "only" in kinds or "comparison" in kinds or len(kinds & ONLY_WITH_TOTALS) > 1
     if ("ends" in kinds and kinds & {"top", "bottom", "same ends", "middle"}) or {"same ends", "top"} == kinds:
         return True
-    if "purely" in kinds and (one.look is not None or other.look is not None):
+    if "only" in kinds and (one.attributes is not None or other.attributes is not None):
         return True
-    if one.look is not None and one.look == other.look and (one.lacks or other.lacks or one.kind == other.kind):
+    if (
+        one.attributes is not None
+        and one.attributes == other.attributes
+        and (one.negative or other.negative or one.kind == other.kind)
+    ):
         return True
-    if one.lacks and other.lacks:
+    if one.negative and other.negative:
         return True
-    return any(_crowded(a, b) for a, b in ((one, other), (other, one)))
+    return any(_leaves_too_little_room(a, b) for a, b in ((one, other), (other, one)))
 
 
-def _crowded(one: Condition, other: Condition) -> bool:
-    """Whether `one` allows too few items for `other`, or just so many that it says too much."""
-    if one.most is None:
+def _leaves_too_little_room(one: ConditionTemplate, other: ConditionTemplate) -> bool:
+    """Whether `one` allows too few items for `other`, or exactly as many, which would be redundant."""
+    if one.max_items is None:
         return False
-    return other.least > one.most or (other.least == one.most and other.kind not in PLACES_OF_BLOCKS)
+    return other.min_items > one.max_items or (other.min_items == one.max_items and other.kind not in POSITION_KINDS)

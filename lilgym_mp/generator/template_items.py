@@ -1,25 +1,33 @@
-"""Statements about the items of a picture, with their programs."""
+"""Synchronous templates for statements about items."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from lilgym_mp.generator.lexicon import pluralised
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity
-from lilgym_mp.generator.template_conditions import Conditions, Said, in_box
-from lilgym_mp.generator.template_phrases import ALL_ITEMS, ANYTHING, Look, Noun, Phrase, exactly, items, numbered
+from lilgym_mp.generator.lexicon import Phrase, pluralised
+from lilgym_mp.generator.program_text import ALL_ITEMS, quantity_test
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.generator.template_conditions import BoxConditionTemplates
+from lilgym_mp.generator.template_phrases import (
+    ANYTHING,
+    AttributeWords,
+    NounTemplate,
+    TrainingPair,
+    box_items,
+    item_set,
+)
 
 
-class ItemFrames(Conditions):
-    """What is said of items, whatever the appearance."""
+class ItemTemplates(BoxConditionTemplates):
+    """Statements about items of both appearances."""
 
     def existential(self, phrase: Phrase) -> str:
-        """There being so many of something, in one of many ways."""
+        """An existential statement: "there are two circles", "two circles can be seen"."""
         text, plural = phrase
         draw = self.rng.random()
         if draw < 0.72:
             there = "there are" if plural else "there is"
-            if self.voice.sloppy and self.chance(0.3):
+            if self.style.sloppy and self.chance(0.3):
                 there = self.pick("there is", "there is", "there", "there are", "there have", "there exists")
             elif self.chance(0.06):
                 there = self.pick("there's", "there exists", "there can be seen", "here is") if not plural else there
@@ -29,137 +37,140 @@ class ItemFrames(Conditions):
         if draw < 0.92:
             be = self.be(plural)
             return self.pick(
-                f"{text} {be} present", f"{text} can be seen", f"{text} {be} in the {self.voice.picture}",
+                f"{text} {be} present", f"{text} can be seen", f"{text} {be} in the {self.style.picture}",
                 f"{text} {be} shown", f"{text} {self.verb('exists', plural)}",
             )  # fmt: skip
-        subject = self.pick("we can see", "i see", "you can see", f"the {self.voice.picture} has",
-                            f"the {self.voice.picture} contains", f"the {self.voice.picture} shows", "we have",
-                            f"in the {self.voice.picture} there {self.be(plural)}")  # fmt: skip
+        subject = self.pick(
+            "we can see", "i see", "you can see", f"the {self.style.picture} has", f"the {self.style.picture} contains",
+            f"the {self.style.picture} shows", "we have", f"in the {self.style.picture} there {self.be(plural)}",
+        )  # fmt: skip
         return f"{subject} {text}"
 
-    def somewhere(self) -> str:
-        """Words that add nothing: wherever in the picture."""
+    def redundant_adverbial(self) -> str:
+        """Mostly empty, sometimes words that add nothing: "in total", "in the picture"."""
         if self.chance(0.88):
             return ""
-        boxes = pluralised(self.voice.box)
-        return self.pick(" in total", " in all", " altogether", f" in the {self.voice.picture}", f" in the {boxes}",
-                         f" in the three {boxes}", " overall", " total")  # fmt: skip
+        boxes = pluralised(self.style.box)
+        return self.pick(
+            " in total", " in all", " altogether", f" in the {self.style.picture}", f" in the {boxes}",
+            f" in the three {boxes}", " overall", " total",
+        )  # fmt: skip
 
-    def counted(self) -> Said:
-        noun = Noun(self.look())
+    def item_count(self) -> TrainingPair:
+        noun = NounTemplate(self.attributes())
         quantity = self.quantity(7)
-        return Said(
-            self.existential(self.quantified(quantity, noun)) + self.somewhere(), numbered(quantity, items(noun))
+        return TrainingPair(
+            self.existential(self.quantified(quantity, noun)) + self.redundant_adverbial(),
+            quantity_test(quantity, item_set(noun)),
         )
 
-    def total(self) -> Said:
+    def total_count(self) -> TrainingPair:
         number = self.pick(2, 3, 4, 5, 5, 6, 6, 7, 7, 8, 8, 9, 10)
-        quantity = self.pick(exactly(number), exactly(number), Quantity(number, None), Quantity(0, number))
-        return Said(
-            self.existential(self.quantified(quantity, ANYTHING)) + self.somewhere(),
-            numbered(quantity, ALL_ITEMS),
+        quantity = self.pick(exactly(number), exactly(number), at_least(number), at_most(number))
+        return TrainingPair(
+            self.existential(self.quantified(quantity, ANYTHING)) + self.redundant_adverbial(),
+            quantity_test(quantity, ALL_ITEMS),
         )
 
-    def number_told(self) -> Said:
+    def number_is(self) -> TrainingPair:
         """ "the number of blue blocks is three" """
-        noun, number = Noun(self.look()), self.pick(1, 2, 2, 3, 3, 4, 5, 6)
+        noun, number = NounTemplate(self.attributes()), self.pick(1, 2, 2, 3, 3, 4, 5, 6)
         adverb, quantity = self.pick(
-            ("", exactly(number)), ("exactly ", exactly(number)), ("at least ", Quantity(number, None)),
-            ("at most ", Quantity(0, number)), ("more than ", Quantity(number + 1, None)),
-            ("less than ", Quantity(0, number - 1)),
+            ("", exactly(number)), ("exactly ", exactly(number)), ("at least ", at_least(number)),
+            ("at most ", at_most(number)), ("more than ", at_least(number + 1)), ("less than ", at_most(number - 1)),
         )  # fmt: skip
         total = self.pick("the number of", "the total number of", "number of", "the count of", "total number of")
         text = f"{total} {self.noun(noun, plural=True)} is {adverb}{self.number(number)}"
-        return Said(text, numbered(quantity, items(noun)))
+        return TrainingPair(text, quantity_test(quantity, item_set(noun)))
 
-    def with_trait(self) -> Said:
-        """Items with one or two traits."""
-        noun = self.traited()
-        return self.saying(self.quantity(4, none=0.06), noun)
+    def items_with_predicate(self) -> TrainingPair:
+        """Items with one or two predicates."""
+        noun = self.noun_with_predicates()
+        return self.with_main_predicate(self.quantity(4, none=0.06), noun)
 
-    def traited(self) -> Noun:
-        noun = Noun(self.look(), (self.trait(),))
+    def noun_with_predicates(self) -> NounTemplate:
+        noun = NounTemplate(self.attributes(), (self.predicate(),))
         if self.chance(0.12):
-            second = self.trait()
-            if second.kind != noun.traits[0].kind:
-                noun = noun.also(second)
+            second = self.predicate()
+            if second.kind != noun.predicates[0].kind:
+                noun = noun.such_that(second)
         return noun
 
-    def saying(self, quantity: Quantity, noun: Noun) -> Said:
-        """So many items with traits: existence, subject first, or "one of the ..."."""
-        program = numbered(quantity, items(noun))
+    def with_main_predicate(self, quantity: Quantity, noun: NounTemplate) -> TrainingPair:
+        """A count of items, with the last predicate as a modifier, verb phrase or "one of the ..."."""
+        program = quantity_test(quantity, item_set(noun))
         draw = self.rng.random()
-        *rest, last = noun.traits
-        subject_noun = Noun(noun.look, tuple(rest))
+        *rest, last = noun.predicates
+        subject_noun = NounTemplate(noun.attributes, tuple(rest))
         if draw < 0.6:
-            return Said(self.existential(self.quantified(quantity, noun)), program)
+            return TrainingPair(self.existential(self.quantified(quantity, noun)), program)
         if draw < 0.63 and quantity == SOME:
-            there = self.existential(Phrase(self.some(subject_noun), plural=False))
-            joint = self.pick(" and it", ", and it", " and that", f" and the {self.voice.item}", ". it")
-            return Said(f"{there}{joint} {self.predicate(last, plural=False)}", program)
+            there = self.existential(Phrase(self.indefinite(subject_noun), plural=False))
+            joint = self.pick(" and it", ", and it", " and that", f" and the {self.style.item}", ". it")
+            return TrainingPair(f"{there}{joint} {self.verb_phrase(last, plural=False)}", program)
         if quantity == NONE and draw < 0.85:
             none = self.pick("none of the", "none of the", "not one of the", "no one of the")
-            text = f"{none} {self.noun(subject_noun, plural=True)} {self.predicate(last, plural=self.chance(0.4))}"
-            return Said(text, program)
+            text = f"{none} {self.noun(subject_noun, plural=True)} {self.verb_phrase(last, plural=self.chance(0.4))}"
+            return TrainingPair(text, program)
         if draw < 0.74 and quantity.low == 1 and quantity.high in (1, None):
-            one = self.of_the(quantity)
-            text = f"{one} {self.noun(subject_noun, plural=True)} {self.predicate(last, plural=False)}"
-            return Said(text, program)
+            one = self.partitive(quantity)
+            text = f"{one} {self.noun(subject_noun, plural=True)} {self.verb_phrase(last, plural=False)}"
+            return TrainingPair(text, program)
         if draw < 0.82 and quantity.low > 1 and not quantity.vague:
             words = self.determiner(quantity)
             if not words.text.endswith((" of", "total")):
                 of_the = f"{words.text} of the {self.noun(subject_noun, plural=True)}"
-                return Said(f"{of_the} {self.predicate(last, words.plural)}", program)
+                return TrainingPair(f"{of_the} {self.verb_phrase(last, words.plural)}", program)
         subject = self.quantified(quantity, subject_noun)
         there = self.existential(subject) if self.chance(0.3) else subject.text
-        text = f"{subject.text} {self.predicate(last, subject.plural)}"
-        if there != subject.text and last.holds:
+        text = f"{subject.text} {self.verb_phrase(last, subject.plural)}"
+        if there != subject.text and last.positive:
             text = f"{there} {self.modifier(last, subject.plural)}"
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def of_the(self, quantity: Quantity) -> str:
+    def partitive(self, quantity: Quantity) -> str:
         if quantity == exactly(1):
-            if self.voice.bare_number_is_bound:
+            if self.style.bare_number_is_bound:
                 return "one of the"
             return self.pick("exactly one of the", "only one of the", "just one of the", "exactly 1 of the")
-        if self.voice.bare_number_is_bound:
+        if self.style.bare_number_is_bound:
             return self.pick("at least one of the", "at least 1 of the", "some of the")
         return self.pick("one of the", "one of the", "at least one of the", "at least 1 of the", "some of the")
 
-    def definite(self) -> Said:
-        """ "the black triangle is touching a wall": taken as one being there that does."""
-        noun = self.traited()
-        *rest, last = noun.traits
-        named = Noun(noun.look, tuple(rest))
+    def definite(self) -> TrainingPair:
+        """ "the black triangle is touching a wall": read as "there is one that does"."""
+        noun = self.noun_with_predicates()
+        *rest, last = noun.predicates
+        named = NounTemplate(noun.attributes, tuple(rest))
         the = self.pick("the", "the", "the", "", "a")
         if the == "a":
-            text = f"{self.some(named)} {self.predicate(last, plural=False)}"
+            text = f"{self.indefinite(named)} {self.verb_phrase(last, plural=False)}"
         else:
-            text = f"{the} {self.noun(named, plural=False)} {self.predicate(last, plural=False)}".strip()
-        return Said(text, numbered(SOME, items(noun)))
+            text = f"{the} {self.noun(named, plural=False)} {self.verb_phrase(last, plural=False)}".strip()
+        return TrainingPair(text, quantity_test(SOME, item_set(noun)))
 
-    def the_only(self) -> Said:
-        """There being just one, and it has a trait."""
-        noun, trait = Noun(self.look()), self.trait()
-        all_of_them = items(noun)
-        program = f"count({all_of_them}) == 1 and exist({items(noun.also(trait))})"
+    def only_item_with_predicate(self) -> TrainingPair:
+        """Exactly one such item exists, and it satisfies the predicate."""
+        noun, predicate = NounTemplate(self.attributes()), self.predicate()
+        all_of_them = item_set(noun)
+        program = f"count({all_of_them}) == 1 and exist({item_set(noun.such_that(predicate))})"
         one = self.quantified(exactly(1), noun).text
-        predicate = self.predicate(trait, plural=False)
+        verb_phrase = self.verb_phrase(predicate, plural=False)
         text = self.pick(
-            f"the only {self.noun(noun, plural=False)} {predicate}",
-            f"there is {one} and it {predicate}",
-            f"there is {one} and that {predicate}",
-            f"there is {one}, and it {predicate}",
-            f"there is {one} and this {self.voice.item} {predicate}",
+            f"the only {self.noun(noun, plural=False)} {verb_phrase}",
+            f"there is {one} and it {verb_phrase}",
+            f"there is {one} and that {verb_phrase}",
+            f"there is {one}, and it {verb_phrase}",
+            f"there is {one} and this {self.style.item} {verb_phrase}",
         )
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def shared(self) -> Said:
-        """So many items, of which so many have a trait."""
-        noun, trait = Noun(self.look()), self.trait()
+    def partitive_count(self) -> TrainingPair:
+        """A count of items and a count of those among them that satisfy a predicate."""
+        noun, predicate = NounTemplate(self.attributes()), self.predicate()
         total = self.pick(2, 2, 3, 3, 4)
         part = self.pick("all", "none", *(exactly(n) for n in range(1, total)))
-        number = f"count({items(noun)}) == {total}"
+        number = f"count({item_set(noun)}) == {total}"
         named = self.quantified(exactly(total), noun).text
         joint = self.pick(" and", ",", ", and", " of which", " out of which")
         of_them = "" if "which" in joint else " of them"
@@ -174,72 +185,75 @@ class ItemFrames(Conditions):
             assert isinstance(part, Quantity)
             words = self.pick("", "exactly ", "only ") + self.number(part.low)
             subject, plural, quantity = f"{words}{of_them}", part.low > 1, part
-        having = numbered(quantity, items(noun.also(trait)))
-        text = f"there {self.be(True)} {named}{joint} {subject} {self.predicate(trait, plural)}"
-        return Said(text, f"{number} and {having}")
+        having = quantity_test(quantity, item_set(noun.such_that(predicate)))
+        text = f"there {self.be(True)} {named}{joint} {subject} {self.verb_phrase(predicate, plural)}"
+        return TrainingPair(text, f"{number} and {having}")
 
-    def every(self) -> Said:
-        """All such items have the trait, and there are some."""
-        noun, trait = self.pick(ANYTHING, *[Noun(self.look())] * 4), self.trait()
+    def every_item(self) -> TrainingPair:
+        """There are such items, and all satisfy the predicate."""
+        noun, predicate = self.pick(ANYTHING, *[NounTemplate(self.attributes())] * 4), self.predicate()
         if self.chance(0.2):
-            noun, trait = self.traited(), self.look_trait(Look(self.colour()))
-            noun = Noun(Look(shape=noun.look.shape, size=noun.look.size), noun.traits)
-        program = f"All({items(noun)}, lambda x: {trait.tested('x')})"
+            noun, predicate = self.noun_with_predicates(), self.attribute_predicate(AttributeWords(self.colour()))
+            noun = NounTemplate(AttributeWords(shape=noun.attributes.shape, size=noun.attributes.size), noun.predicates)
+        program = f"All({item_set(noun)}, lambda x: {predicate.signed_test('x')})"
         several, single = self.noun(noun, plural=True), self.noun(noun, plural=False)
         the_several = f"all the {several}" if several == single else f"the {several}"
         text = self.pick(
-            f"all {several} {self.predicate(trait, plural=True)}",
-            f"all the {several} {self.predicate(trait, plural=True)}",
-            f"all of the {several} {self.predicate(trait, plural=True)}",
-            f"every {single} {self.predicate(trait, plural=False)}",
-            f"each {single} {self.predicate(trait, plural=False)}",
-            f"each of the {several} {self.predicate(trait, plural=False)}",
-            f"{the_several} {self.predicate(trait, plural=True)}",
-            f"{the_several} {self.be(True)} all {trait.told or trait.core}" if trait.holds else
-            f"the {several} {self.predicate(trait, plural=True)}",
-        )  # fmt: skip
-        return Said(text, program)
+            f"all {several} {self.verb_phrase(predicate, plural=True)}",
+            f"all the {several} {self.verb_phrase(predicate, plural=True)}",
+            f"all of the {several} {self.verb_phrase(predicate, plural=True)}",
+            f"every {single} {self.verb_phrase(predicate, plural=False)}",
+            f"each {single} {self.verb_phrase(predicate, plural=False)}",
+            f"each of the {several} {self.verb_phrase(predicate, plural=False)}",
+            f"{the_several} {self.verb_phrase(predicate, plural=True)}",
+            f"{the_several} {self.be(True)} all {predicate.main_complement or predicate.complement}"
+            if predicate.positive
+            else f"the {several} {self.verb_phrase(predicate, plural=True)}",
+        )
+        return TrainingPair(text, program)
 
-    def not_every(self) -> Said:
-        noun, trait = Noun(self.look()), self.trait()
-        if not trait.holds:
-            trait = replace(trait, holds=True)
-        program = f"exist({items(noun.also(replace(trait, holds=False)))})"
+    def not_every_item(self) -> TrainingPair:
+        noun, predicate = NounTemplate(self.attributes()), self.predicate()
+        if not predicate.positive:
+            predicate = replace(predicate, positive=True)
+        program = f"exist({item_set(noun.such_that(replace(predicate, positive=False)))})"
         several, single = self.noun(noun, plural=True), self.noun(noun, plural=False)
         text = self.pick(
-            f"not all {several} {self.predicate(trait, plural=True)}",
-            f"not all the {several} {self.predicate(trait, plural=True)}",
-            f"not all of the {several} {self.predicate(trait, plural=True)}",
-            f"not every {single} {self.predicate(trait, plural=False)}",
-            f"at least one {single} {self.predicate(replace(trait, holds=False), plural=False)}",
+            f"not all {several} {self.verb_phrase(predicate, plural=True)}",
+            f"not all the {several} {self.verb_phrase(predicate, plural=True)}",
+            f"not all of the {several} {self.verb_phrase(predicate, plural=True)}",
+            f"not every {single} {self.verb_phrase(predicate, plural=False)}",
+            f"at least one {single} {self.verb_phrase(replace(predicate, positive=False), plural=False)}",
         )
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def only_those(self) -> Said:
-        """ "only blue circles are touching a wall": something does, and all that do are such."""
-        look, trait = self.look(), replace(self.trait(), holds=True)
-        predicate = self.predicate(trait, plural=True)
-        all_look = self.look_trait(look)
-        program = f"All({items(Noun(traits=(trait,)))}, lambda x: {all_look.tested('x')})"
-        several = self.plain_noun(look, plural=True)
+    def only_these(self) -> TrainingPair:
+        """ "only blue circles are touching a wall": something does, and everything that does is a blue circle."""
+        attributes, predicate = self.attributes(), replace(self.predicate(), positive=True)
+        verb_phrase = self.verb_phrase(predicate, plural=True)
+        attribute_predicate = self.attribute_predicate(attributes)
+        program = (
+            f"All({item_set(NounTemplate(predicates=(predicate,)))}, lambda x: {attribute_predicate.signed_test('x')})"
+        )
+        several = self.described_noun(attributes, plural=True)
         text = self.pick(
-            f"only {several} {predicate}",
-            f"only the {several} {predicate}",
-            f"every {self.voice.item} {self.modifier(trait, False)} is {all_look.core}",
-            f"all {pluralised(self.voice.item)} {self.modifier(trait, True)} are "
-            f"{several if look.shape else all_look.core}",
-            f"no {self.voice.item} other than {several} {self.predicate(trait, False)}",
+            f"only {several} {verb_phrase}",
+            f"only the {several} {verb_phrase}",
+            f"every {self.style.item} {self.modifier(predicate, False)} is {attribute_predicate.complement}",
+            f"all {pluralised(self.style.item)} {self.modifier(predicate, True)} are "
+            f"{several if attributes.shape else attribute_predicate.complement}",
+            f"no {self.style.item} other than {several} {self.verb_phrase(predicate, False)}",
         )
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def same_all(self) -> Said:
-        """All such items share an attribute, or do not."""
-        attribute = self.attribute()
-        noun = Noun(self.look_free_of(attribute))
+    def shared_value(self) -> TrainingPair:
+        """All such items have the same value of an attribute, or not all do."""
+        attribute = self.attribute_name()
+        noun = NounTemplate(self.attributes_without(attribute))
         if self.chance(0.3):
-            noun = noun.also(replace(self.trait(), holds=True))
+            noun = noun.such_that(replace(self.predicate(), positive=True))
         several = self.noun(noun, plural=True)
-        program = f"all_same_{attribute}({items(noun)})"
+        program = f"all_same_{attribute}({item_set(noun)})"
         if self.chance(0.3):
             text = self.pick(
                 f"not all {several} {self.have_same(attribute)}",
@@ -250,8 +264,8 @@ class ItemFrames(Conditions):
                     "are not the same", "are not of the same"
                 ),
             )
-            values = f"get_set_{attribute}s({items(noun)})"
-            return Said(text, f"ge(count({values}), 2)")
+            values = f"get_set_{attribute}s({item_set(noun)})"
+            return TrainingPair(text, f"ge(count({values}), 2)")
         text = self.pick(
             f"all {several} {self.have_same(attribute)}",
             f"all the {several} {self.have_same(attribute)}",
@@ -260,34 +274,35 @@ class ItemFrames(Conditions):
             f"the {several} all {self.have_same(attribute)}",
             f"every {self.noun(noun, plural=False)} has the same {attribute}",
         )
-        return Said(text, program)
+        return TrainingPair(text, program)
 
-    def variety(self) -> Said:
-        """How many colours, shapes or sizes the picture has."""
-        attribute = self.attribute()
+    def scene_variety(self) -> TrainingPair:
+        """The number of different colours, shapes or sizes in the picture."""
+        attribute = self.attribute_name()
         number = self.pick(1, 2, 2, 3, 3)
         values = f"get_set_{attribute}s({ALL_ITEMS})"
         words = self.variety_words(attribute, number)
-        several = pluralised(self.voice.item)
-        there = self.pick(f"there are {several}", several, f"the {self.voice.picture} has {several}",
-                          f"the {pluralised(self.voice.box)} have {several}", f"there is {several}")  # fmt: skip
-        named = f"there {self.be(number > 1)} {words} in the {self.voice.picture}"
+        several = pluralised(self.style.item)
+        there = self.pick(
+            f"there are {several}", several, f"the {self.style.picture} has {several}",
+            f"the {pluralised(self.style.box)} have {several}", f"there is {several}",
+        )  # fmt: skip
+        named = f"there {self.be(number > 1)} {words} in the {self.style.picture}"
         if attribute == "shape" and "different" not in words:
-            named = f"{several} of {words} are in the {self.voice.picture}"
-        text = self.pick(f"{there} {self.pick('of', 'of', 'with', 'in')} {words}",
-                         named)  # fmt: skip
-        return Said(text, f"count({values}) == {number}")
+            named = f"{several} of {words} are in the {self.style.picture}"
+        text = self.pick(f"{there} {self.pick('of', 'of', 'with', 'in')} {words}", named)
+        return TrainingPair(text, f"count({values}) == {number}")
 
-    def compared(self) -> Said:
-        """More of these than of those."""
-        one, other = self.two_looks()
-        first, second = Noun(one), Noun(other)
+    def count_comparison(self) -> TrainingPair:
+        """A comparison of two counts of items."""
+        one, other = self.two_disjoint_attributes()
+        first, second = NounTemplate(one), NounTemplate(other)
         order, margin = self.pick("more", "more", "fewer", "equal", "more", "fewer", "equal", "at least"), None
         if order == "more" and self.chance(0.15):
             margin = self.pick(1, 1, 2, 3)
         words = self.comparison(first, second, order, margin)
         text = self.pick(
-            f"there are {words}", f"there are {words}", f"the {self.voice.picture} has {words}", f"there is {words}",
+            f"there are {words}", f"there are {words}", f"the {self.style.picture} has {words}", f"there is {words}",
             words,
         )  # fmt: skip
         if order == "equal" and self.chance(0.3):
@@ -300,119 +315,128 @@ class ItemFrames(Conditions):
                 f"{self.pick('the same', 'equal', 'same')}",
             )
         if order in ("more", "fewer") and margin is None and self.chance(0.2):
-            greater = self.pick("more than", "greater than", "bigger than",
-                                "higher than") if order == "more" else self.pick(
-                "less than", "fewer than", "smaller than", "lower than")  # fmt: skip
+            greater = ("more than", "greater than", "bigger than", "higher than")
+            less = ("less than", "fewer than", "smaller than", "lower than")
+            comparative = self.choice(greater if order == "more" else less)
             number = self.pick("the number of", "number of", "the total number of")
-            text = f"{number} {self.noun(first, True)} is {greater} {number} {self.noun(second, True)}"
-        return Said(text, self.comparison_test(first, second, order, margin, ALL_ITEMS))
+            text = f"{number} {self.noun(first, True)} is {comparative} {number} {self.noun(second, True)}"
+        return TrainingPair(text, self.comparison_test(first, second, order, margin, ALL_ITEMS))
 
-    def joined(self) -> Said:
-        """Two statements in one."""
-        one, other = self.short(), self.short()
+    def compound(self) -> TrainingPair:
+        """A conjunction or disjunction of two statements."""
+        one, other = self.simple_statement(), self.simple_statement()
         words, operator = self.pick(
             (" and ", "and"), (", and ", "and"), (" and ", "and"), (", but ", "and"), (" or ", "or"),
             (", while ", "and"), (". also ", "and"),
         )  # fmt: skip
-        second = other.text
-        if one.text.startswith("there ") and second.startswith(("there is ", "there are ")) and self.chance(0.5):
+        second = other.statement
+        if one.statement.startswith("there ") and second.startswith(("there is ", "there are ")) and self.chance(0.5):
             second = second.split(" ", 2)[2]
         either = "either " if operator == "or" and self.chance(0.3) else ""
-        return Said(either + one.text + words + second, f"({one.program}) {operator} ({other.program})")
+        return TrainingPair(either + one.statement + words + second, f"({one.program}) {operator} ({other.program})")
 
-    def short(self) -> Said:
-        return self.pick(self.counted, self.with_trait, self.boxes_with)()
+    def simple_statement(self) -> TrainingPair:
+        return self.pick(self.item_count, self.items_with_predicate, self.box_count)()
 
-    def two_counted(self) -> Said:
+    def two_item_counts(self) -> TrainingPair:
         """ "there are two circles and one black square" """
-        one, other = self.two_looks()
+        one, other = self.two_disjoint_attributes()
         first, second = self.quantity(4, none=0), self.quantity(4, none=0.2)
-        nouns = Noun(one), Noun(other)
+        nouns = NounTemplate(one), NounTemplate(other)
         opening = self.existential(self.quantified(first, nouns[0]))
         joint = "but" if second == NONE and self.chance(0.6) else self.pick("and", "and", "and", ", and", "as well as")
         text = f"{opening} {joint} {self.quantified(second, nouns[1]).text}".replace(" ,", ",")
-        return Said(text, f"({numbered(first, items(nouns[0]))}) and ({numbered(second, items(nouns[1]))})")
+        return TrainingPair(
+            text, f"({quantity_test(first, item_set(nouns[0]))}) and ({quantity_test(second, item_set(nouns[1]))})"
+        )
 
     # Boxes
 
-    def both(self) -> Said:
+    def both_items(self) -> TrainingPair:
         """ "both black triangles touch a wall" """
-        noun, trait = Noun(self.look()), self.trait()
+        noun, predicate = NounTemplate(self.attributes()), self.predicate()
         several = self.noun(noun, plural=True)
         negative = self.chance(0.2)
-        trait = replace(trait, holds=True) if negative else trait
+        predicate = replace(predicate, positive=True) if negative else predicate
         if negative:
-            text = f"neither of the {self.pick('two ', '')}{several} {self.predicate(trait, plural=False)}"
-            trait = replace(trait, holds=False)
+            text = f"neither of the {self.pick('two ', '')}{several} {self.verb_phrase(predicate, plural=False)}"
+            predicate = replace(predicate, positive=False)
         else:
             both = self.pick("both", "both the", "both of the", "the two")
-            text = f"{both} {several} {self.predicate(trait, plural=True)}"
-        every = f"All({items(noun)}, lambda x: {trait.tested('x')})"
-        return Said(text, f"count({items(noun)}) == 2 and {every}")
+            text = f"{both} {several} {self.verb_phrase(predicate, plural=True)}"
+        every = f"All({item_set(noun)}, lambda x: {predicate.signed_test('x')})"
+        return TrainingPair(text, f"count({item_set(noun)}) == 2 and {every}")
 
-    def excepted(self) -> Said:
+    def all_but_some(self) -> TrainingPair:
         """ "all items except one are blue" """
-        noun = ANYTHING if self.chance(0.5) else Noun(Look(shape=self.look().shape))
-        trait = self.look_trait(Look(self.colour())) if self.chance(0.6) else replace(self.trait(), holds=True)
+        noun = ANYTHING if self.chance(0.5) else NounTemplate(AttributeWords(shape=self.attributes().shape))
+        predicate = (
+            self.attribute_predicate(AttributeWords(self.colour()))
+            if self.chance(0.6)
+            else replace(self.predicate(), positive=True)
+        )
         number = self.pick(1, 1, 1, 2)
         several, count = self.noun(noun, plural=True), self.number(number)
-        predicate = self.predicate(trait, plural=True)
+        verb_phrase = self.verb_phrase(predicate, plural=True)
         text = self.pick(
-            f"all {several} except {count} {predicate}", f"all the {several} but {count} {predicate}",
-            f"all but {count} of the {several} {predicate}", f"all {several} {predicate} except {count}",
-            f"all except {count} of the {several} {predicate}", f"all the {several} {predicate} except for {count}",
+            f"all {several} except {count} {verb_phrase}", f"all the {several} but {count} {verb_phrase}",
+            f"all but {count} of the {several} {verb_phrase}", f"all {several} {verb_phrase} except {count}",
+            f"all except {count} of the {several} {verb_phrase}", f"all the {several} {verb_phrase} except for {count}",
         )  # fmt: skip
-        others = items(noun.also(replace(trait, holds=False)))
-        return Said(text, f"exist({items(noun.also(trait))}) and count({others}) == {number}")
+        others = item_set(noun.such_that(replace(predicate, positive=False)))
+        return TrainingPair(text, f"exist({item_set(noun.such_that(predicate))}) and count({others}) == {number}")
 
-    def mostly(self) -> Said:
+    def most_items(self) -> TrainingPair:
         """ "most circles are blue" """
-        noun, trait = Noun(self.look()), replace(self.trait(), holds=True)
+        noun, predicate = NounTemplate(self.attributes()), replace(self.predicate(), positive=True)
         if self.chance(0.5):
-            trait = self.look_trait(Look(self.colour()))
-            noun = Noun(Look(shape=noun.look.shape))
+            predicate = self.attribute_predicate(AttributeWords(self.colour()))
+            noun = NounTemplate(AttributeWords(shape=noun.attributes.shape))
         several = self.noun(noun, plural=True)
-        predicate = self.predicate(trait, plural=True)
+        verb_phrase = self.verb_phrase(predicate, plural=True)
         most = self.pick("most of the", "most", "most of", "a majority of the", "more than half of the")
-        text = f"{most} {several} {predicate}"
-        others = items(noun.also(replace(trait, holds=False)))
-        return Said(text, f"count({items(noun.also(trait))}) > count({others})")
+        text = f"{most} {several} {verb_phrase}"
+        others = item_set(noun.such_that(replace(predicate, positive=False)))
+        return TrainingPair(text, f"count({item_set(noun.such_that(predicate))}) > count({others})")
 
-    def no_two(self) -> Said:
+    def no_two_items_alike(self) -> TrainingPair:
         """ "no two items are the same color" """
-        attribute = self.attribute()
-        noun = Noun(self.look_free_of(attribute))
+        attribute = self.attribute_name()
+        noun = NounTemplate(self.attributes_without(attribute))
         several = self.noun(noun, plural=True)
         text = self.pick(
             f"no two {several} {self.have_same(attribute)}", f"no two {several} have the same {attribute}",
             f"all the {several} have different {attribute}s", f"all {several} are of different {attribute}s",
             f"there are no two {several} of the same {attribute}",
         )  # fmt: skip
-        values = f"get_set_{attribute}s({items(noun)})"
-        return Said(text, f"exist({items(noun)}) and count({items(noun)}) == count({values})")
+        values = f"get_set_{attribute}s({item_set(noun)})"
+        return TrainingPair(text, f"exist({item_set(noun)}) and count({item_set(noun)}) == count({values})")
 
-    def in_one_box(self) -> Said:
+    def items_in_same_box(self) -> TrainingPair:
         """ "all the circles are in the same box", "a circle and a square are in the same box" """
         box = self.box_word()
         same = self.pick(f"in the same {box}", f"in one {box}", f"in the same {box}", f"in a single {box}")
         if self.chance(0.5):
-            noun = Noun(self.look())
+            noun = NounTemplate(self.attributes())
             several = self.noun(noun, plural=True)
-            text = self.pick(f"all {several} are {same}", f"all the {several} are {same}",
-                             f"the {several} are all {same}",
-                             f"all of the {several} are {same}", f"only one {box} has {several}")  # fmt: skip
-            has = f"exist({items(noun, in_box('b'))})"
-            return Said(text, f"count(filter_obj(all_boxes, lambda b: {has})) == 1")
-        one, other = self.two_looks()
-        first, second = self.few(3), self.few(3)
-        nouns = Noun(one), Noun(other)
+            text = self.pick(
+                f"all {several} are {same}", f"all the {several} are {same}", f"the {several} are all {same}",
+                f"all of the {several} are {same}", f"only one {box} has {several}",
+            )  # fmt: skip
+            contents = f"exist({box_items(noun, 'b')})"
+            return TrainingPair(text, f"count(filter_obj(all_boxes, lambda b: {contents})) == 1")
+        one, other = self.two_disjoint_attributes()
+        first, second = self.quantity_in_box(3), self.quantity_in_box(3)
+        nouns = NounTemplate(one), NounTemplate(other)
         things = f"{self.quantified(first, nouns[0]).text} and {self.quantified(second, nouns[1]).text}"
         text = self.pick(f"there are {things} {same}", f"{things} are {same}", f"there is {things} {same}")
-        tests = f"{numbered(first, items(nouns[0], in_box('b')))} and {numbered(second, items(nouns[1], in_box('b')))}"
-        return Said(text, f"exist(filter_obj(all_boxes, lambda b: {tests}))")
+        tests = (
+            f"{quantity_test(first, box_items(nouns[0], 'b'))} and {quantity_test(second, box_items(nouns[1], 'b'))}"
+        )
+        return TrainingPair(text, f"exist(filter_obj(all_boxes, lambda b: {tests}))")
 
     def box_word(self) -> str:
         raise NotImplementedError
 
-    def boxes_with(self) -> Said:
+    def box_count(self) -> TrainingPair:
         raise NotImplementedError

@@ -1,7 +1,8 @@
-"""Words and program text side by side: numbers, nouns, traits of items. `frames` builds whole statements of them.
+"""Synchronous templates for phrases: each part has its words and its program text.
 
-Where `wording` gives a few careful ways to say a meaning, this is how many people type about pictures. Every part
-carries its piece of program, so that whatever words are taken, statement and program say the same.
+Where `sentence_realisation` has a few careful wordings of each meaning, these templates imitate how many people type
+about pictures. The words may be chosen freely because every part carries its own program text. The other `template_`
+modules build on this one: conditions of boxes, statements about items and boxes, and those of each appearance.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from lilgym_mp.generator.lexicon import NUMBER_WORDS, article, conjugated, pluralised
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity
+from lilgym_mp.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, conjugated, pluralised
+from lilgym_mp.generator.program_text import ALL_ITEMS, items_in_box
+from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
 
-Test = Callable[[str], str]  # program text that tests the variable named
+ProgramTest = Callable[[str], str]  # variable name -> program text
 Option = TypeVar("Option")
 
 COLOURS = ("yellow", "black", "blue")
@@ -25,194 +27,165 @@ SIZES = {
     "big": ("big", "big", "large", "large", "big sized"),
 }
 NEXT_VARIABLE = {"x": "y", "y": "z", "z": "u", "u": "v", "v": "w"}
-ALL_ITEMS = "all_items"
 
 
-class Voice(NamedTuple):
-    """The words that one writer keeps to within a statement."""
+class TrainingPair(NamedTuple):
+    """A statement and the program that decides its truth."""
 
-    item: str
-    tower: str
-    box: str
-    wall: str
-    picture: str
-    digits: bool
-    sloppy: bool  # agreement errors, articles left out
-    bare_number_is_bound: bool = False  # "two" may mean at least two, "one of the boxes" just one
+    statement: str
+    program: str
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What an item looks like: any number of colours, of which it has one; a shape; a size."""
+class AttributeWords:
+    """The attribute words of a noun phrase; several colours are alternatives."""
 
     colours: tuple[str, ...] = ()
     shape: str | None = None
     size: str | None = None
 
-    def tests(self) -> tuple[Test, ...]:
+    def tests(self) -> tuple[ProgramTest, ...]:
         names = [self.size, self.shape]
         tests = [] if not self.colours else [_colour_test(self.colours)]
         return (*tests, *(_named_test(name) for name in names if name is not None))
 
 
 @dataclass(frozen=True, slots=True)
-class Trait:
-    """What an item may be besides its look."""
+class PredicateTemplate:
+    """A predicate of items: its words and its test."""
 
-    core: str  # after "is"
-    test: Test
-    verbs: tuple[str, str] | None = None  # third person singular and plural: "touches a wall", "touch a wall"
-    holds: bool = True
-    negated_core: str | None = None  # where "not" alone does not do
-    bare: bool = True  # whether `core` can stand right after its noun
-    kind: str = "look"  # no noun has two traits of one kind
-    told: str | None = None  # after "is" in a main clause, where `core` does not do
+    complement: str  # follows "is"
+    test: ProgramTest  # of the positive predicate
+    verb_forms: tuple[str, str] | None = None  # singular and plural: "touches a wall", "touch a wall"
+    positive: bool = True
+    negated_complement: str | None = None  # follows "not", where it differs
+    follows_noun: bool = True  # whether the complement can follow the noun without "that is"
+    kind: str = "attributes"  # a noun phrase has at most one predicate of each kind
+    main_complement: str | None = None  # follows "is" in a main clause, where it differs
 
-    def tested(self, variable: str) -> str:
+    def signed_test(self, variable: str) -> str:
         text = self.test(variable)
-        return text if self.holds else f"NOT({text})"
+        return text if self.positive else f"NOT({text})"
 
 
 @dataclass(frozen=True, slots=True)
-class Noun:
-    """Items of one look with all the traits."""
+class NounTemplate:
+    """A noun phrase without determiner: attribute words and predicates."""
 
-    look: Look = Look()
-    traits: tuple[Trait, ...] = ()
+    attributes: AttributeWords = AttributeWords()
+    predicates: tuple[PredicateTemplate, ...] = ()
 
-    def tests(self) -> tuple[Test, ...]:
-        return (*self.look.tests(), *(trait.tested for trait in self.traits))
+    def tests(self) -> tuple[ProgramTest, ...]:
+        return (*self.attributes.tests(), *(predicate.signed_test for predicate in self.predicates))
 
-    def also(self, *traits: Trait) -> Noun:
-        return Noun(self.look, (*self.traits, *traits))
-
-
-ANYTHING = Noun()
+    def such_that(self, *predicates: PredicateTemplate) -> NounTemplate:
+        return NounTemplate(self.attributes, (*self.predicates, *predicates))
 
 
-class Phrase(NamedTuple):
-    """Words, and whether a verb after them stands in the plural."""
-
-    text: str
-    plural: bool
+ANYTHING = NounTemplate()
 
 
-def _named_test(name: str) -> Test:
+def _named_test(name: str) -> ProgramTest:
     return lambda variable: f"is_{name}({variable})"
 
 
-def _colour_test(colours: Sequence[str]) -> Test:
+def _colour_test(colours: Sequence[str]) -> ProgramTest:
     if len(colours) == 1:
         return _named_test(colours[0])
     ordered = [colour for colour in COLOURS if colour in colours]
     return lambda variable: f"({' or '.join(f'is_{colour}({variable})' for colour in ordered)})"
 
 
-def filtered(source: str, tests: Sequence[Test], variable: str = "x") -> str:
-    """Program text for the items of `source` that pass all tests."""
+def filter_items(source: str, tests: Sequence[ProgramTest], variable: str = "x") -> str:
+    """Program text: the items of `source` that pass all tests."""
     if not tests:
         return source
     return f"filter_obj({source}, lambda {variable}: {' and '.join(test(variable) for test in tests)})"
 
 
-def items(noun: Noun, source: str = ALL_ITEMS, variable: str = "x") -> str:
-    """Program text for the items of `source` that the noun names."""
-    look = noun.look
-    if not noun.traits and look == Look(look.colours) and len(look.colours) == 1:
-        return f"filter_color({source}, Color.{look.colours[0].upper()})"
-    if not noun.traits and look == Look(shape=look.shape) and look.shape is not None:
-        return f"filter_shape({source}, Shape.{look.shape.upper()})"
-    return filtered(source, noun.tests(), variable)
+def item_set(noun: NounTemplate, source: str = ALL_ITEMS, variable: str = "x") -> str:
+    """Program text: the items of `source` that the noun phrase denotes."""
+    attributes = noun.attributes
+    if not noun.predicates and attributes == AttributeWords(attributes.colours) and len(attributes.colours) == 1:
+        return f"filter_color({source}, Color.{attributes.colours[0].upper()})"
+    if not noun.predicates and attributes == AttributeWords(shape=attributes.shape) and attributes.shape is not None:
+        return f"filter_shape({source}, Shape.{attributes.shape.upper()})"
+    return filter_items(source, noun.tests(), variable)
 
 
-def numbered(quantity: Quantity, collection: str) -> str:
-    """Program text for the collection having so many elements."""
-    low, high, _ = quantity
-    if high == 0:
-        return f"NOT(exist({collection}))"
-    if (low, high) == (1, None):
-        return f"exist({collection})"
-    if low == high:
-        return f"count({collection}) == {low}"
-    if high is None:
-        return f"ge(count({collection}), {low})"
-    if low == 0:
-        return f"le(count({collection}), {high})"
-    return f"{low} <= count({collection}) <= {high}"
+def box_items(noun: NounTemplate, box: str) -> str:
+    """Program text: the items of the box that the noun phrase denotes."""
+    return item_set(noun, items_in_box(box))
 
 
-def exactly(number: int) -> Quantity:
-    return Quantity(number, number)
+class PhraseTemplates:
+    """Random phrases in one style."""
 
-
-class Speech:
-    """Phrases in one writer's voice; which of several wordings is taken is up to `rng`."""
-
-    def __init__(self, rng: random.Random, voice: Voice) -> None:
+    def __init__(self, rng: random.Random, style: Style) -> None:
         self.rng = rng
-        self.voice = voice
+        self.style = style
 
     def pick(self, *options: Option) -> Option:
+        return self.choice(options)
+
+    def choice(self, options: Sequence[Option]) -> Option:
         return options[int(self.rng.random() * len(options))]
 
-    def one(self, options: Sequence[Option]) -> Option:
-        return options[int(self.rng.random() * len(options))]
-
-    def chance(self, share: float) -> bool:
-        return self.rng.random() < share
+    def chance(self, probability: float) -> bool:
+        return self.rng.random() < probability
 
     def be(self, plural: bool) -> str:
-        if self.voice.sloppy and self.chance(0.25):
+        if self.style.sloppy and self.chance(0.25):
             return "is"
         return "are" if plural else "is"
 
     def verb(self, verb: str, plural: bool) -> str:
-        """A verb given in the third person singular."""
-        if self.voice.sloppy and self.chance(0.2):
+        """The form of a verb given in the third person singular."""
+        if self.style.sloppy and self.chance(0.2):
             return verb
         return conjugated(verb, plural)
 
     def number(self, value: int) -> str:
-        return str(value) if self.voice.digits or value >= len(NUMBER_WORDS) else NUMBER_WORDS[value]
+        return str(value) if self.style.digits or value >= len(NUMBER_WORDS) else NUMBER_WORDS[value]
 
     def a(self, text: str) -> str:
-        return text if self.voice.sloppy and self.chance(0.3) else article(text)
+        return text if self.style.sloppy and self.chance(0.3) else article(text)
 
     # Quantities
 
-    def quantity(self, most: int = 5, *, none: float = 0.05) -> Quantity:
-        """Existence and exact numbers often, bounds less often."""
+    def quantity(self, max_count: int = 5, *, none: float = 0.05) -> Quantity:
+        """Mostly existence and exact counts; zero with probability `none`."""
         draw = self.rng.random()
         if draw < none:
             return NONE
-        number = min(most, self.pick(1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7))
+        number = min(max_count, self.pick(1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7))
         draw = self.rng.random()
         if draw < 0.38:
             return SOME
         if draw < 0.72:
             return exactly(number)
         if draw < 0.92:
-            return Quantity(number, None)
+            return at_least(number)
         if draw < 0.97:
-            return Quantity(0, number)
-        if draw < 0.985 and most >= 4:
+            return at_most(number)
+        if draw < 0.985 and max_count >= 4:
             return Quantity(self.pick(2, 3, 3, 4), None, vague=True)
         return Quantity(number, number + 1)
 
-    def few(self, most: int = 4) -> Quantity:
-        """How many of some items one box has."""
-        number = min(most, self.pick(1, 1, 1, 2, 2, 2, 2, 3, 3, 4))
+    def quantity_in_box(self, max_count: int = 4) -> Quantity:
+        """A quantity of items in one box."""
+        number = min(max_count, self.pick(1, 1, 1, 2, 2, 2, 2, 3, 3, 4))
         draw = self.rng.random()
         if draw < 0.35:
             return SOME
         if draw < 0.78:
             return exactly(number)
         if draw < 0.96:
-            return Quantity(number, None)
-        return Quantity(0, number)
+            return at_least(number)
+        return at_most(number)
 
     def determiner(self, quantity: Quantity) -> Phrase:
-        """The words before the noun; "a" stands for "a" or "an"."""
+        """The determiner for a quantity; "a" stands for "a" or "an"."""
         low, high, vague = quantity
         if vague:
             words = {
@@ -220,38 +193,40 @@ class Speech:
                 3: ("several", "several", "a few", "quite a few"),
                 4: ("many", "a lot of", "lots of"),
             }[low]
-            return Phrase(self.one(words), plural=True)
+            return Phrase(self.choice(words), plural=True)
         if quantity == NONE:
             return Phrase("no", plural=self.chance(0.5))
         if quantity == SOME:
-            if self.voice.bare_number_is_bound and self.chance(0.08):
+            if self.style.bare_number_is_bound and self.chance(0.08):
                 return Phrase(self.number(1), plural=False)
             if self.chance(0.75):
                 return Phrase("a", plural=False)
-            return Phrase(f"{self.at_least()} {self.number(1)}", plural=False)
+            return Phrase(f"{self.at_least_words()} {self.number(1)}", plural=False)
         if high is None:
             if low == 1:
-                return Phrase(f"{self.at_least()} {self.number(1)}", plural=False)
+                return Phrase(f"{self.at_least_words()} {self.number(1)}", plural=False)
             return Phrase(self.lower_bound(low), plural=low != 2 or self.chance(0.95))
         if low == high:
             return Phrase(self.exact(low), plural=low > 1)
         if low == 0:
-            number, after = self.number(high), self.number(high + 1)
-            text = self.pick("at most {0}", "at most {0}", "no more than {0}", "not more than {0}", "less than {1}",
-                             "fewer than {1}", "maximum {0}")  # fmt: skip
-            return Phrase(text.format(number, after), plural=high > 1 or "than" in text)
+            number, next_number = self.number(high), self.number(high + 1)
+            text = self.pick(
+                "at most {0}", "at most {0}", "no more than {0}", "not more than {0}", "less than {1}",
+                "fewer than {1}", "maximum {0}",
+            )  # fmt: skip
+            return Phrase(text.format(number, next_number), plural=high > 1 or "than" in text)
         return Phrase(f"{self.number(low)} or {self.number(high)}", plural=True)
 
-    def at_least(self) -> str:
+    def at_least_words(self) -> str:
         return self.pick("at least", "at least", "at least", "at least", "atleast", "minimum", "not less than")
 
     def lower_bound(self, low: int) -> str:
         number, before = self.number(low), self.number(low - 1)
-        if self.voice.bare_number_is_bound and self.chance(0.5):
+        if self.style.bare_number_is_bound and self.chance(0.5):
             return number
         draw = self.rng.random()
         if draw < 0.65:
-            return f"{self.at_least()} {number}"
+            return f"{self.at_least_words()} {number}"
         if draw < 0.8:
             return f"more than {before}"
         if draw < 0.9:
@@ -275,15 +250,15 @@ class Speech:
             return self.pick("a couple of", "a pair of", "only two", "just two", "exactly two")
         return f"{self.pick('just', 'precisely', 'a total of', 'exactly')} {word}"
 
-    # Nouns
+    # Noun phrases
 
-    def plain_noun(self, look: Look, plural: bool) -> str:
+    def described_noun(self, attributes: AttributeWords, plural: bool) -> str:
         """Adjectives and noun, without an article."""
-        noun = self.voice.item if look.shape is None else look.shape
-        if plural and not (self.voice.sloppy and self.chance(0.1)):
+        noun = self.style.item if attributes.shape is None else attributes.shape
+        if plural and not (self.style.sloppy and self.chance(0.1)):
             noun = pluralised(noun)
-        size = [self.one(SIZES[look.size])] if look.size is not None else []
-        colours = [self.colours(look.colours)] if look.colours else []
+        size = [self.choice(SIZES[attributes.size])] if attributes.size is not None else []
+        colours = [self.colours(attributes.colours)] if attributes.colours else []
         if size and colours and self.chance(0.15):
             size, colours = colours, size
         if colours and self.chance(0.02):
@@ -293,81 +268,87 @@ class Speech:
     def colours(self, colours: Sequence[str], last: str = "or") -> str:
         return f" {last} ".join(colours)
 
-    def noun(self, noun: Noun, plural: bool) -> str:
-        words = [self.plain_noun(noun.look, plural)]
-        for place, trait in enumerate(noun.traits):
-            words.append(self.modifier(trait, plural, joint=place > 0))
+    def noun(self, noun: NounTemplate, plural: bool) -> str:
+        words = [self.described_noun(noun.attributes, plural)]
+        for index, predicate in enumerate(noun.predicates):
+            words.append(self.modifier(predicate, plural, conjoined=index > 0))
         return " ".join(words)
 
-    def modifier(self, trait: Trait, plural: bool, *, joint: bool = False) -> str:
-        """The trait after its noun: "touching a wall", "that is not at the base"."""
-        joined = self.pick("and ", "and ", "") if joint else ""
-        core = self.negated(trait)
-        if trait.bare and (joint or trait.told is not None or self.chance(0.6)):
-            return joined + core
+    def modifier(self, predicate: PredicateTemplate, plural: bool, *, conjoined: bool = False) -> str:
+        """The predicate as a modifier after its noun: "touching a wall", "that is not at the base"."""
+        conjunction = self.pick("and ", "and ", "") if conjoined else ""
+        complement = self.signed_complement(predicate)
+        if predicate.follows_noun and (conjoined or predicate.main_complement is not None or self.chance(0.6)):
+            return conjunction + complement
         which = self.pick("that", "that", "which")
-        if trait.verbs is not None and trait.holds and self.chance(0.35):
-            return f"{joined}{which} {trait.verbs[plural]}"
-        return f"{joined}{which} {self.be(plural)} {core}"
+        if predicate.verb_forms is not None and predicate.positive and self.chance(0.35):
+            return f"{conjunction}{which} {predicate.verb_forms[plural]}"
+        return f"{conjunction}{which} {self.be(plural)} {complement}"
 
-    def negated(self, trait: Trait) -> str:
-        if trait.holds:
-            return trait.core
-        return f"not {trait.negated_core or trait.core}"
+    def signed_complement(self, predicate: PredicateTemplate) -> str:
+        if predicate.positive:
+            return predicate.complement
+        return f"not {predicate.negated_complement or predicate.complement}"
 
-    def predicate(self, trait: Trait, plural: bool) -> str:
-        """The trait as a verb phrase: "touches a wall"."""
-        if trait.verbs is not None and self.chance(0.3):
-            if trait.holds:
-                return trait.verbs[plural]
+    def verb_phrase(self, predicate: PredicateTemplate, plural: bool) -> str:
+        """The predicate as a verb phrase: "touches a wall"."""
+        if predicate.verb_forms is not None and self.chance(0.3):
+            if predicate.positive:
+                return predicate.verb_forms[plural]
             does = self.pick("do not", "don't") if plural else self.pick("does not", "doesn't", "doesnt")
-            return f"{does} {trait.verbs[True]}"
-        if trait.told is not None:
-            return f"{self.be(plural)} {'' if trait.holds else 'not '}{trait.told}"
-        return f"{self.be(plural)} {self.negated(trait)}"
+            return f"{does} {predicate.verb_forms[True]}"
+        if predicate.main_complement is not None:
+            return f"{self.be(plural)} {'' if predicate.positive else 'not '}{predicate.main_complement}"
+        return f"{self.be(plural)} {self.signed_complement(predicate)}"
 
-    def some(self, noun: Noun) -> str:
+    def indefinite(self, noun: NounTemplate) -> str:
         """ "a blue circle" """
         return self.a(self.noun(noun, plural=False))
 
-    def quantified(self, quantity: Quantity, noun: Noun) -> Phrase:
+    def quantified(self, quantity: Quantity, noun: NounTemplate) -> Phrase:
         """ "at least two blue circles" """
-        words = self.determiner(quantity)
-        text = self.noun(noun, words.plural)
-        if words.text == "a":
+        determiner = self.determiner(quantity)
+        text = self.noun(noun, determiner.plural)
+        if determiner.text == "a":
             return Phrase(self.a(text), plural=False)
-        if words.text in ("a couple of", "a pair of") and self.chance(0.3):
-            return Phrase(f"{words.text.removesuffix(' of')} {text}", words.plural)
-        return Phrase(f"{words.text} {text}", words.plural)
+        if determiner.text in ("a couple of", "a pair of") and self.chance(0.3):
+            return Phrase(f"{determiner.text.removesuffix(' of')} {text}", determiner.plural)
+        return Phrase(f"{determiner.text} {text}", determiner.plural)
 
-    # Traits that both appearances have
+    # Predicates of both appearances
 
-    def look_trait(self, look: Look, *, holds: bool = True) -> Trait:
-        """Being yellow, being a circle."""
-        tests = look.tests()
-        if look.shape is not None:
-            core = article(self.plain_noun(look, plural=False))
+    def attribute_predicate(self, attributes: AttributeWords, *, positive: bool = True) -> PredicateTemplate:
+        """ "yellow", "a circle" """
+        tests = attributes.tests()
+        if attributes.shape is not None:
+            complement = article(self.described_noun(attributes, plural=False))
         else:
-            sizes = [self.one(SIZES[look.size])] if look.size is not None else []
-            colours = [self.colours(look.colours)] if look.colours else []
-            core = " and ".join([*sizes, *colours])
+            sizes = [self.choice(SIZES[attributes.size])] if attributes.size is not None else []
+            colours = [self.colours(attributes.colours)] if attributes.colours else []
+            complement = " and ".join([*sizes, *colours])
             if not sizes and self.chance(0.06):
-                core = f"{core} {self.pick('in color', 'colored')}"
-        return Trait(core, lambda v: _conjoined([test(v) for test in tests]), holds=holds, bare=False)
+                complement = f"{complement} {self.pick('in color', 'colored')}"
+        return PredicateTemplate(
+            complement, lambda v: _conjoined([test(v) for test in tests]), positive=positive, follows_noun=False
+        )
 
-    def related(self, words: Sequence[str], function: str, noun: Noun, *, holds: bool = True) -> Trait:
-        """Standing in a relation to an item that is a `noun`; `function` gives the related items."""
+    def relation_predicate(
+        self, words: Sequence[str], function: str, noun: NounTemplate, *, positive: bool = True
+    ) -> PredicateTemplate:
+        """A relation to an item that `noun` denotes.
+
+        `words`: alternative wordings of the relation; `function`: the program function that gives the related items.
+        """
 
         def test(variable: str) -> str:
-            return f"exist({items(noun, f'{function}({variable})', NEXT_VARIABLE[variable])})"
+            return f"exist({item_set(noun, f'{function}({variable})', NEXT_VARIABLE[variable])})"
 
-        words_taken = self.one(words)
+        relation = self.choice(words)
         other = self.noun(noun, plural=False)
-        core = f"{words_taken} {self.a(other)}"
-        verbs = ("touches", "touch") if words_taken == "touching" else None
-        full = (f"{verbs[0]} {article(other)}", f"{verbs[1]} {article(other)}") if verbs else None
-        negated = f"{words_taken} {self.pick(f'any {other}', article(other))}"
-        return Trait(core, test, full, holds, negated, kind=function)
+        complement = f"{relation} {self.a(other)}"
+        verb_forms = (f"touches {article(other)}", f"touch {article(other)}") if relation == "touching" else None
+        negated = f"{relation} {self.pick(f'any {other}', article(other))}"
+        return PredicateTemplate(complement, test, verb_forms, positive, negated, kind=function)
 
 
 def _conjoined(tests: Sequence[str]) -> str:

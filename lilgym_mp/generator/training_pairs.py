@@ -1,53 +1,50 @@
-"""An endless stream of statements with their programs, for training parsers: many wordings, no scenes."""
+"""Endless statement-program pairs for training parsers: many wordings, no scenes."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from dataclasses import replace
 
 from lilgym_mp.choices import choose
+from lilgym_mp.generator.lexicon import Style
 from lilgym_mp.generator.noise import with_noise
-from lilgym_mp.generator.template_boxes import Frames
-from lilgym_mp.generator.template_phrases import Voice
-from lilgym_mp.generator.template_scatter import ScatterFrames, scatter_voice
-from lilgym_mp.generator.template_tower import TowerFrames, tower_voice
+from lilgym_mp.generator.template_boxes import StatementTemplates
+from lilgym_mp.generator.template_phrases import TrainingPair
+from lilgym_mp.generator.template_scatter import ScatterTemplates, random_scatter_style
+from lilgym_mp.generator.template_tower import TowerTemplates, random_tower_style
 
 BOUND_SHARE = 0.4
 
 
-class Pair(NamedTuple):
-    """A statement and the program that says what it means."""
-
-    statement: str
-    program: str
-
-
-KINDS: dict[str, tuple[type[Frames], Callable[[random.Random], Voice]]] = {
-    "tower": (TowerFrames, tower_voice),
-    "scatter": (ScatterFrames, scatter_voice),
+TEMPLATES: dict[str, tuple[type[StatementTemplates], Callable[[random.Random], Style]]] = {
+    "tower": (TowerTemplates, random_tower_style),
+    "scatter": (ScatterTemplates, random_scatter_style),
 }
 
 
 def training_pairs(
     appearance: str, seed: int, *, noise: bool = True, bound_share: float = BOUND_SHARE
-) -> Iterator[Pair]:
-    """Endless pairs, the same for the same arguments.
+) -> Iterator[TrainingPair]:
+    """Endless pairs, deterministic in the arguments.
 
-    `noise` types statements as people do (`with_noise`); without it they are in lower case, without a full stop.
-    A share `bound_share` of them comes from writers for whom a bare number can mean at least that many, and "one of the
-    boxes" exactly one: people differ there. With 0 a statement always has the same meaning.
-    Raises ValueError for an unknown appearance.
+    With `noise` statements are typed as people do (`with_noise`), otherwise in lower case without a full stop.
+    People differ over bare numbers: in a share `bound_share` of the pairs "two" can mean at least two, and "one of the
+    boxes" exactly one. With 0 a statement always has the same meaning. Raises ValueError for an unknown appearance.
     """
-    frames, voice = choose("appearance", appearance, KINDS)
-    return _pairs(frames, voice, random.Random(f"pairs {appearance} {seed}"), noise, bound_share)
+    templates, random_style = choose("appearance", appearance, TEMPLATES)
+    return _pairs(templates, random_style, random.Random(f"pairs {appearance} {seed}"), noise, bound_share)
 
 
 def _pairs(
-    frames: type[Frames], voice: Callable[[random.Random], Voice], rng: random.Random, noise: bool, bound_share: float
-) -> Iterator[Pair]:
-    speaker = frames(rng, voice(rng))
+    templates: type[StatementTemplates],
+    random_style: Callable[[random.Random], Style],
+    rng: random.Random,
+    noise: bool,
+    bound_share: float,
+) -> Iterator[TrainingPair]:
+    sampler = templates(rng, random_style(rng))
     while True:
-        speaker.voice = voice(rng)._replace(bare_number_is_bound=rng.random() < bound_share)
-        text, program = speaker.said()
-        yield Pair(with_noise(text, rng) if noise else text, program)
+        sampler.style = replace(random_style(rng), bare_number_is_bound=rng.random() < bound_share)
+        statement, program = sampler.sample()
+        yield TrainingPair(with_noise(statement, rng) if noise else statement, program)

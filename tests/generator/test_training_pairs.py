@@ -14,7 +14,7 @@ from lilgym_mp.generator.interpretation import holds
 from lilgym_mp.generator.noise import with_noise
 from lilgym_mp.generator.start_selection import ScenePool
 from lilgym_mp.generator.statement_grammar import parse_statement
-from lilgym_mp.generator.training_pairs import Pair, training_pairs
+from lilgym_mp.generator.training_pairs import TrainingPair, training_pairs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
@@ -37,7 +37,7 @@ WORDS_USED = {
 }  # fmt: skip
 
 
-def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -> list[Pair]:
+def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -> list[TrainingPair]:
     return list(islice(training_pairs(appearance, seed, noise=noise, bound_share=0), number))
 
 
@@ -121,7 +121,7 @@ def test_training_pairs__some_writers_mean_at_least_by_a_bare_number() -> None:
     assert bounds == {*strict, "ge(count(filter_color(all_items, Color.BLACK)), 2)"}
 
 
-def pairs_of(share: float) -> list[Pair]:
+def pairs_of(share: float) -> list[TrainingPair]:
     return list(islice(training_pairs("tower", 8, noise=False, bound_share=share), 25_000))
 
 
