@@ -1,8 +1,8 @@
-"""Sets of optimal first actions and plans for weighted goals: CPU time on one core.
+"""CPU time on one core of sets of optimal first actions, and of plans for weighted goals.
 
-States are those that a learner meets: train starts, and where up to six random legal edits lead from them. Each
-statement is asked about in many states, as in learning; programs are compiled beforehand, all else is timed from
-nothing. The goals of a plan are a dev program and eleven variants of it that differ in a word or a number.
+States are like those a learner visits: train starts, and the results of up to six random legal edits. Each statement
+is queried in many states, as in learning. Programs are compiled beforehand; everything else starts cold. The goals of
+a plan are a dev program and eleven variants that differ in a word or a number.
 Run: python benchmarks/action_sets.py --corpus lilgym
 """
 

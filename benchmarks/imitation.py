@@ -1,10 +1,10 @@
-"""How fast imitation learns, and how fast its networks play: CPU time on one core.
+"""CPU time of imitation learning and of its trained networks, on one core.
 
     python benchmarks/imitation.py --corpus lilgym
     python benchmarks/imitation.py --corpus lilgym --play runs/imitation-TowerFlipIt runs/imitation-ScatterFlipIt
 
-Learning: states a second in a run of each appearance, with and without the time in which it explores. Playing: every
-task of the split once, in batches, what draws the pictures and reads them included.
+Learning: states per second for each appearance, with and without exploration. Playing: every task of the split once, in
+batches, including rendering and perception.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LEARNT = ("TowerFlipIt", "ScatterFlipIt")
 
 
 def learning(configuration: str, corpus: str, minutes: float) -> tuple[float, float]:
-    """States a second of processor time, exploring included and not, after the first report of progress."""
+    """States per CPU second, with and without exploration, after the first progress report."""
     reports: list[Progress] = []
     settings = Settings(configuration, corpus=corpus)
     recipe = default_recipe(settings.appearance)
@@ -38,12 +38,12 @@ def learning(configuration: str, corpus: str, minutes: float) -> tuple[float, fl
 
 
 def playing(place: Path, corpus: str, split: str, passes: int, envs: int) -> None:
-    """Prints a row for each configuration of the agent."""
+    """Prints a table row per configuration of the agent."""
     agent = open_agent(place, "cpu")
     for configuration in agent.description.configurations:
         settings = Settings(configuration, corpus=corpus)
         policy = agent.policy(settings)
-        evaluate(policy, settings, split)  # what is only done once
+        evaluate(policy, settings, split)  # warm-up
         began = process_time()
         episodes = evaluate(policy, settings, split, passes=passes, batch_size=envs)
         seconds = process_time() - began
@@ -55,9 +55,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--split", default="dev")
-    parser.add_argument("--minutes", type=float, default=1.5, help="of learning")
-    parser.add_argument("--passes", type=int, default=5, help="over the split")
-    parser.add_argument("--envs", type=int, default=256, help="episodes side by side")
+    parser.add_argument("--minutes", type=float, default=1.5, help="minutes of learning")
+    parser.add_argument("--passes", type=int, default=5, help="passes over the split")
+    parser.add_argument("--envs", type=int, default=256, help="parallel episodes")
     parser.add_argument("--play", nargs="+", type=Path, metavar="RUN", help="time these agents instead of learning")
     args = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,7 +1,7 @@
-"""Microseconds that the exact masks of a batch cost in each environment and step.
+"""Microseconds per environment and step for the exact masks of a batch.
 
-Legal edits are drawn from the masks themselves, so each step changes one box of each environment; the time is of
-`action_masks()` alone, its copy for the caller included, in CPU seconds of this process: the median of rounds.
+Legal edits are drawn from the masks, so each step changes one box of each environment. Only `action_masks()` is timed,
+including the copy it returns, in CPU seconds of this process; the result is the median over rounds.
 Run: python benchmarks/masks.py [--envs 1 8 64 256 1024] [--id lilgym_mp/ScatterFlipIt-v0] [--grid 19x5]
 [--rules release] [--corpus lilgym] [--rounds 5]
 """
@@ -20,21 +20,21 @@ import lilgym_mp  # noqa: F401  registers the environments
 from lilgym_mp.rules import RULE_SETS
 
 IDS = ("lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterScratch-v0", "lilgym_mp/ScatterFlipIt-v0")
-ENV_STEPS = 3_000  # in a round, at least
-STOP_SHARE = 1 / 11  # so that episodes have about 11 steps
+MIN_ENV_STEPS = 3_000  # per round
+STOP_SHARE = 1 / 11  # gives episodes of about 11 steps
 
 
 def drawn(masks: np.ndarray, chance: np.random.Generator) -> np.ndarray:
-    """(N,) a legal action of each row of `masks` (N, actions): STOP now and then, else an edit."""
+    """(N,) a legal action for each row of `masks` (N, actions): sometimes STOP, otherwise an edit."""
     weights = chance.random(masks.shape, np.float32) * masks
     weights[:, 0] = chance.random(len(masks)) < STOP_SHARE
     return weights.argmax(axis=1)
 
 
 def microseconds(env: Any, rounds: int, chance: np.random.Generator) -> list[float]:
-    """What a mask of one environment cost, by round; the first round, which fills the tables, is left out."""
+    """Cost of one environment's mask in each round, except for the first round, which fills the tables."""
     env.reset(seed=0)
-    steps = -(-ENV_STEPS // env.num_envs)
+    steps = -(-MIN_ENV_STEPS // env.num_envs)
     found: list[float] = []
     for _ in range(1 + rounds):
         spent = 0.0
@@ -56,7 +56,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--envs", type=int, nargs="+", default=[1, 8, 64, 256, 1024])
     parser.add_argument("--id", action="append", help=f"default: {', '.join(IDS)}")
-    parser.add_argument("--grid", type=_grid, default=(19, 5), help="of Scatter, COLUMNSxROWS (default 19x5)")
+    parser.add_argument("--grid", type=_grid, default=(19, 5), help="Scatter grid as COLUMNSxROWS (default: 19x5)")
     parser.add_argument("--rules", choices=sorted(RULE_SETS), default="paper")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--rounds", type=int, default=5)

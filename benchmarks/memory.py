@@ -1,8 +1,8 @@
-"""Memory of many batched environments beyond their images, and the time of `import lilgym_mp`.
+"""Memory of batched environments, images excluded, and the time of `import lilgym_mp`.
 
-Each configuration is measured in a process of its own: resident memory with the package imported, the tasks loaded
-and the caches filled by as many steps of a smaller batch (all environments share those), then with the environments
-made and played for some steps, without asking for masks and with it, less the bytes of the images.
+Each configuration runs in its own process. The baseline is resident memory after importing the package, loading the
+tasks and filling the shared caches with the same number of steps of a smaller batch. Then the environments are created
+and stepped, with and without masks; the increase minus the bytes of the images is reported.
 Run: python benchmarks/memory.py [--num-envs 1024] [--corpus lilgym]
 """
 
@@ -26,7 +26,7 @@ import lilgym_mp
 
 def resident():
     gc.collect()
-    getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # freed memory goes back, where the C library can do that
+    getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # returns freed memory, if the C library supports it
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 def play(env, steps, with_masks):

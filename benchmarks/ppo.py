@@ -1,9 +1,9 @@
-"""How fast PPO learns, playing included: steps a second of CPU time on one thread, and where the time goes.
+"""PPO's speed, rollouts included, in steps per CPU second on one thread, and a profile.
 
     python benchmarks/ppo.py --corpus lilgym
     python benchmarks/ppo.py --corpus lilgym --profile TowerFlipIt
 
-The recipe is `ours` with stop forcing; the first rollouts, in which things are compiled, do not count.
+Uses the recipe `ours` with stop forcing. The first rollouts, in which code is compiled, are not timed.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 
 CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
-WARMING = 2  # rollouts
+WARM_UP_ROLLOUTS = 2
 
 
 def speed(configuration: str, corpus: str, rollouts: int) -> tuple[int, float]:
-    """Trained parameters, and actions a CPU second."""
+    """The number of trained parameters, and actions per CPU second."""
     reports: list[Progress] = []
     recipe = make_recipe("ours", configuration, stop_forcing=True, held_out=0.0)
     with tempfile.TemporaryDirectory() as place:
@@ -31,19 +31,19 @@ def speed(configuration: str, corpus: str, rollouts: int) -> tuple[int, float]:
             Settings(configuration, corpus=corpus),
             recipe,
             Path(place) / "run",
-            steps=(WARMING + rollouts) * recipe.rollout,
+            steps=(WARM_UP_ROLLOUTS + rollouts) * recipe.rollout,
             device="cpu",
             on_progress=reports.append,
         )
-    first, last = reports[WARMING - 1], reports[-1]
+    first, last = reports[WARM_UP_ROLLOUTS - 1], reports[-1]
     return agent.model.trained_parameters, (last.steps - first.steps) / (last.cpu_seconds - first.cpu_seconds)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", default="builtin")
-    parser.add_argument("--rollouts", type=int, default=10, help="that count")
-    parser.add_argument("--profile", choices=CONFIGURATIONS, help="show where the time goes in this one instead")
+    parser.add_argument("--rollouts", type=int, default=10, help="number of timed rollouts")
+    parser.add_argument("--profile", choices=CONFIGURATIONS, help="profile this configuration instead")
     args = parser.parse_args()
     if args.profile:
         profile = cProfile.Profile()

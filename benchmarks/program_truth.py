@@ -1,8 +1,8 @@
-"""Microseconds for one truth of a program, against plain eval of its text with list-based functions.
+"""Microseconds per evaluation of a program, compared with plain `eval` over list-based functions.
 
-Each program meets a trace of scenes as in play: every scene is new, one box of it differs from the scene before
-(Scatter: a new box object with one item more or less; Tower: one of the 121 shared boxes). With LILGYM_DATA the
-programs are the official train programs, else a few of our own. Run: python benchmarks/program_truth.py
+Each program is evaluated on a trace of scenes as in an episode: every scene is new and differs from the previous one in
+one box (Scatter: a new box object with one item more or less; Tower: one of the 121 shared boxes). With LILGYM_DATA the
+programs are the official train programs, otherwise a few handwritten ones. Run: python benchmarks/program_truth.py
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OWN_PROGRAMS = (
 
 
 class Thing:
-    """The baseline's item."""
+    """An item of the baseline."""
 
     def __init__(self, item: Item, box: Any) -> None:
         self.box = box
@@ -39,7 +39,7 @@ class Thing:
 
 
 class Container:
-    """The baseline's box."""
+    """A box of the baseline."""
 
     def __init__(self, box: Box) -> None:
         self.things = [Thing(item, self) for item in box.items]
@@ -56,14 +56,14 @@ class Container:
 
 
 class Names:
-    """The baseline's Color, Shape, Size and Side."""
+    """Color, Shape, Size and Side of the baseline."""
 
     def __init__(self, **members: str) -> None:
         self.__dict__.update(members)
 
 
 def baseline_words() -> dict[str, Any]:
-    """The words that the official programs use, written straightforwardly over lists."""
+    """The words of the official programs, implemented naively on lists."""
 
     def walls(x: Thing, margin: int) -> dict[str, bool]:
         return {
@@ -184,7 +184,7 @@ def tower_boxes() -> list[Box]:
 
 
 def random_item(chance: random.Random) -> Item:
-    """An item, often at a wall or in a corner."""
+    """A random item, often at a wall or in a corner."""
     size = chance.choice(list(Size))
     free = 100 - size.pixels
     x, y = (chance.choice((0, free, chance.randrange(free))) for _ in range(2))
@@ -192,12 +192,12 @@ def random_item(chance: random.Random) -> Item:
 
 
 def random_scatter_box(chance: random.Random) -> Box:
-    """Up to eight items; overlaps do not matter here."""
+    """Up to eight random items, which may overlap."""
     return Box(tuple(random_item(chance) for _ in range(chance.randrange(9))))
 
 
 def trace(appearance: str, length: int, chance: random.Random, towers: list[Box], recorded: list[Box]) -> list[Scene]:
-    """Scenes one after the other, one box changed at a time."""
+    """A sequence of scenes in which one box changes at a time."""
 
     def draw() -> Box:
         if appearance == "tower":
@@ -205,7 +205,7 @@ def trace(appearance: str, length: int, chance: random.Random, towers: list[Box]
         return Box(chance.choice(recorded).items) if recorded else random_scatter_box(chance)
 
     def edited(box: Box) -> Box:
-        """One item more or less."""
+        """The box with one item more or less."""
         others = draw().items
         if appearance == "tower":
             return draw()
@@ -239,10 +239,10 @@ def official(directory: Path | None) -> tuple[list[tuple[str, str]], list[Box]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=20, help="scenes a program")
+    parser.add_argument("--scenes", type=int, default=20, help="scenes per program")
     parser.add_argument("--every", type=int, default=1, help="use every n-th program")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--slowest", type=int, default=0, help="list that many of the slowest programs")
+    parser.add_argument("--slowest", type=int, default=0, help="number of slowest programs to list")
     given = parser.parse_args()
     data = os.environ.get("LILGYM_DATA")
     pairs, recorded = official(Path(data) if data else None)

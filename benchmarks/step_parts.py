@@ -1,7 +1,7 @@
-"""What a step of a batch is made of: microseconds of each part, for one environment's action.
+"""Microseconds of each part of a batched step, per environment.
 
-The play is that of `lilgym-mp bench`. Clocks are read around the functions that do the parts, and a part's time is
-without that of the parts within it; so the sum is a little more than a step takes unobserved. Medians of rounds.
+Plays as `lilgym-mp bench` does. Clocks are read around the functions of each part, and the time of nested parts is
+subtracted, so the sum is slightly more than an unprofiled step takes. Values are medians over rounds.
 Run: python benchmarks/step_parts.py [--envs 64] [--configurations TowerFlipIt ScatterFlipIt] [--rounds 15]
 """
 
@@ -22,14 +22,14 @@ WARM_UPS = 3
 
 
 class Clocks:
-    """Time spent in named parts, each without the parts called within it."""
+    """Time spent in named parts, excluding nested parts."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
-        self._within = [0.0]  # of each open part: time spent in the parts within it
+        self._within = [0.0]  # time in nested parts, for each open part
 
     def watch(self, owner: Any, function: str, part: str) -> None:
-        """Has the time that an object's method takes counted."""
+        """Times a method of an object."""
         watched: Callable[..., Any] = getattr(owner, function)
 
         def timed(*arguments: Any, **named: Any) -> Any:
@@ -46,7 +46,7 @@ class Clocks:
 
 
 def watched_parts(env: Any) -> Clocks:
-    """Clocks in a batched environment."""
+    """Adds clocks to a batched environment."""
     clocks, core = Clocks(), env._engine.core
     watched = [
         (env, "step", "the interface: arrays and dicts for the caller"),
@@ -64,7 +64,7 @@ def watched_parts(env: Any) -> Clocks:
 
 
 def rounds_of(env: Any, trace: Trace, rounds: int) -> list[dict[str, float]]:
-    """Microseconds by part for one action, in each round."""
+    """Microseconds per action by part, for each round."""
     clocks = watched_parts(env)
     found: list[dict[str, float]] = []
     for _ in range(WARM_UPS + rounds):

@@ -1,7 +1,7 @@
-"""Steps a second of the batched environment, bare and wrapped: `python benchmarks/wrappers.py [--num-envs 64]`.
+"""Steps per second of the batched environment, bare and wrapped: `python benchmarks/wrappers.py [--num-envs 64]`.
 
-Actions are random legal ones, drawn beforehand, so that choosing them costs nothing. Every stack plays the same.
-Time is this process's CPU time, so that other work on the machine matters little.
+Actions are random legal ones drawn beforehand, so choosing them is not timed. All wrapper stacks play the same actions.
+Time is CPU time of this process, so other load on the machine matters little.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def make(configuration: str, stack: str, num_envs: int) -> Any:
 
 
 def trace(configuration: str, num_envs: int, steps: int) -> np.ndarray[Any, Any]:
-    """(steps, num_envs) random legal actions from a reset with seed 0 on."""
+    """(steps, num_envs) random legal actions after a reset with seed 0."""
     env: Any = make(configuration, "bare", num_envs)
     env.reset(seed=0)
     generator = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def trace(configuration: str, num_envs: int, steps: int) -> np.ndarray[Any, Any]
 
 
 def steps_per_second(configuration: str, stack: str, actions: np.ndarray[Any, Any], repeats: int) -> float:
-    """The best of `repeats` runs over the trace."""
+    """The fastest of `repeats` runs over the trace."""
     env = make(configuration, stack, actions.shape[1])
     best = 0.0
     for _ in range(repeats):
