@@ -1,7 +1,7 @@
-"""More training data out of what there is: colours, shapes, boxes, sides and numbers exchanged alike everywhere.
+"""Data augmentation by symmetry: permutes colours, shapes, boxes, left and right, and numbers.
 
-An `Augmentation` exchanges them in statements, programs, scenes, pictures, actions and tasks. docs/augmentation.md says
-which of them leave the rules as they are, and what each refuses.
+An `Augmentation` applies the same permutation to statements, programs, scenes, images, actions and tasks.
+docs/augmentation.md says which permutations commute with the rules and when one is refused.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ from lilgym_mp.task import Task
 
 Value = TypeVar("Value")
 
-NUMBER_RANGE = tuple(range(1, 8))  # numbers that may be exchanged
-KEPT_PAIRS = 32_768  # statements with programs whose words are remembered
-PLURAL_AFTER = 1  # `random_augmentation` leaves this number and what is below alone: English then has the singular
+NUMBER_RANGE = tuple(range(1, 8))  # numbers that may be permuted
+CACHE_SIZE = 32_768  # statement-program pairs
+SINGULAR = 1  # random augmentations keep numbers up to this one, which English combines with the singular
 
 _COLOURS = {colour.name.lower(): colour for colour in Colour}
 _SHAPES = {shape.name.lower(): shape for shape in Shape}
@@ -57,7 +57,7 @@ _NUMBER_WORDS = {int(digits): word for word, digits in NUMBERS.items()}
 
 
 def _any_of(names: Sequence[str], after: str = "") -> re.Pattern[str]:
-    """One of the names, no letter before or after it but `after`."""
+    """Matches one of the names as a word; the suffix pattern `after` may follow."""
     return re.compile(rf"(?<![a-z])({'|'.join(names)})(?={after}(?![a-z]))", re.IGNORECASE)
 
 
@@ -68,39 +68,39 @@ _SIDE_VALUE = re.compile(r"(?<=Side\.)(LEFT|RIGHT)\b")
 _NUMBER = re.compile(rf"(?<![\w.])({'|'.join(NUMBERS)}|\d+)(?![\w.]\w|\w)", re.IGNORECASE)
 _INT = re.compile(r"(?<![\w.])(\d+)(?!\w)")
 
-# Words from which a shape follows without being named; "box" where it is an item.
+# Words that imply a shape without naming it; "box" where it refers to an item
 _OTHER_SHAPE = re.compile(
     r"(?<![a-z])(blocks?|round|circular|triangular|rectangles?|rectangular|cubes?|balls?|dots?|dis[ck]s?"
     r"|gr[ae]y\s+squares?|(black|yellow|blue|small|medium|big|large|colou?red)\s+box(es)?)(?![a-z])",
     re.IGNORECASE,
 )
 _COMPARISON = re.compile(r"(?<![a-z])(more|less|fewer|greater|larger|smaller)(?![a-z])", re.IGNORECASE)
-# Common words that look like misspelt names, and those that are often typed as one with the next.
+# Common words that look like misspelt names, and words often typed together with the next one
 _ORDINARY = {"block", "blocks", "back", "lack", "bellow", "lift", "let", "light", "might", "night", "sight"}
 _SHORT = {"a", "an", "the", "is", "of", "in", "at", "on", "with", "and", "one"}
-_TOWER_WORDS = {"is_second", "is_third", "get_above", "get_below"}  # these ask whether a box is a tower
+_TOWER_WORDS = {"is_second", "is_third", "get_above", "get_below"}  # depend on whether a box is a tower
 
 
 class AugmentationError(ValueError):
-    """An exchange that is none: values left out, or several that become one."""
+    """A field of an Augmentation is not a permutation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """What becomes of each colour, shape, box, side and number; nothing changes by default.
+    """A permutation of colours, shapes, boxes, sides and numbers; the identity by default.
 
-    Statements and programs are rewritten by `statement` and `program` as they are; `pair` and `task` rewrite them
-    only where they name the same things.
+    `statement` and `program` rewrite any text; `pair` and `task` return None unless the result is known to be
+    consistent.
     """
 
-    colours: tuple[Colour, ...] = tuple(Colour)  # what each colour becomes
-    shapes: tuple[Shape, ...] = tuple(Shape)  # what each shape becomes
-    boxes: tuple[int, ...] = tuple(range(BOX_COUNT))  # box k of the new scene is the old one's box boxes[k]
-    mirrored: bool = False  # left and right exchanged inside of each box
-    numbers: tuple[int, ...] = NUMBER_RANGE  # what 1 .. 7 become, in statements and programs only
+    colours: tuple[Colour, ...] = tuple(Colour)  # colours[c] replaces colour c
+    shapes: tuple[Shape, ...] = tuple(Shape)  # shapes[s] replaces shape s
+    boxes: tuple[int, ...] = tuple(range(BOX_COUNT))  # box k of the new scene is box boxes[k] of the old one
+    mirrored: bool = False  # swap left and right within each box
+    numbers: tuple[int, ...] = NUMBER_RANGE  # replacements for 1 .. 7, in statements and programs only
 
     def __post_init__(self) -> None:
-        """Raises AugmentationError for a field that is no permutation."""
+        """Raises AugmentationError for a field that is not a permutation."""
         for name, choices in (
             ("colours", tuple(Colour)),
             ("shapes", tuple(Shape)),
@@ -120,7 +120,7 @@ class Augmentation:
         return self.shapes[Shape.SQUARE] != Shape.SQUARE
 
     def is_exact(self, appearance: Appearance, rules: str = "paper") -> bool:
-        """Whether augmenting a state and an action and then stepping is always the same as augmenting the step.
+        """Whether the augmentation commutes with environment steps: a symmetry of the MDP.
 
         Raises ValueError for an unknown rule set.
         """
@@ -131,30 +131,30 @@ class Augmentation:
             return not self.moves_squares
         if self.shapes != IDENTITY.shapes:
             return False
-        if appearance.is_native:  # items come to lie where they are put
+        if appearance.is_native:  # items are placed exactly where requested
             return True
         return not self.mirrored and (self.boxes == IDENTITY.boxes or not placement.rounds_in_image)
 
     # Language
 
     def statement(self, text: str) -> str:
-        """The statement with its words exchanged; capitals as they were."""
+        """The rewritten statement; letter case is preserved."""
         if self.colours != IDENTITY.colours:
-            text = _COLOUR.sub(lambda found: _like(found[0], self._colour(found[0])), text)
+            text = _COLOUR.sub(lambda found: _with_case_of(found[0], self._colour(found[0])), text)
         if self.shapes != IDENTITY.shapes:
-            text = _SHAPE.sub(lambda found: _like(found[0], self._shape(found[0])), text)
+            text = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), text)
         if self.mirrored:
-            text = _SIDE.sub(lambda found: _like(found[0], _SIDES[found[0].lower()]), text)
+            text = _SIDE.sub(lambda found: _with_case_of(found[0], _SIDES[found[0].lower()]), text)
         if self.numbers != NUMBER_RANGE:
             text = _NUMBER.sub(self._number, text)
         return text
 
     def program(self, source: str) -> str:
-        """The program with its words exchanged."""
+        """The rewritten program source."""
         if self.colours != IDENTITY.colours:
-            source = _COLOUR.sub(lambda found: _like(found[0], self._colour(found[0])), source)
+            source = _COLOUR.sub(lambda found: _with_case_of(found[0], self._colour(found[0])), source)
         if self.shapes != IDENTITY.shapes:
-            source = _SHAPE.sub(lambda found: _like(found[0], self._shape(found[0])), source)
+            source = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), source)
         if self.mirrored:
             source = _SIDE_VALUE.sub(lambda found: _SIDES[found[0].lower()].upper(), source)
         if self.numbers != NUMBER_RANGE:
@@ -162,27 +162,27 @@ class Augmentation:
         return source
 
     def pair(self, statement: str, program: str) -> tuple[str, str] | None:
-        """Both rewritten; None where that might part them, or where the program depends on what is not named.
+        """Statement and program rewritten, or None when the results might no longer have the same meaning.
 
-        That is so where one names a colour, shape, side or number that is exchanged and the other does not (a
-        misspelt one is not named), and where the program's truth would not follow its scene: see `Pair`.
+        The statement and the program must name the same permuted colours, shapes, sides and numbers (misspelt names do
+        not count), and the program's truth value must follow the augmented scene: see `Symmetries`.
         """
-        if not self._suits(facts(statement, program)):
+        if not self._is_allowed(symmetries(statement, program)):
             return None
         return self.statement(statement), self.program(program)
 
-    def _suits(self, pair: Pair) -> bool:
+    def _is_allowed(self, allowed: Symmetries) -> bool:
         return (
-            (self.colours == IDENTITY.colours or pair.colours)
-            and (self.shapes == IDENTITY.shapes or (pair.squares if self.moves_squares else pair.shapes))
-            and (not self.mirrored or pair.sides)
-            and (self.boxes == IDENTITY.boxes or pair.boxes)
-            and self._exchanged_numbers <= pair.numbers
-            and not (pair.compares and len(self._exchanged_numbers & pair.named_numbers) > 1)
+            (self.colours == IDENTITY.colours or allowed.colours)
+            and (self.shapes == IDENTITY.shapes or (allowed.squares if self.moves_squares else allowed.shapes))
+            and (not self.mirrored or allowed.sides)
+            and (self.boxes == IDENTITY.boxes or allowed.boxes)
+            and self._permuted_numbers <= allowed.numbers
+            and not (allowed.compares and len(self._permuted_numbers & allowed.named_numbers) > 1)
         )
 
     @property
-    def _exchanged_numbers(self) -> set[int]:
+    def _permuted_numbers(self) -> set[int]:
         return {old for old, new in zip(NUMBER_RANGE, self.numbers, strict=True) if old != new}
 
     def _colour(self, name: str) -> str:
@@ -193,18 +193,18 @@ class Augmentation:
 
     def _number(self, found: re.Match[str]) -> str:
         text = found[0]
-        number = _value(text)
+        number = _int_value(text)
         if number not in NUMBER_RANGE:
             return text
         new = self.numbers[number - NUMBER_RANGE[0]]
-        return str(new) if text.isdigit() else _like(text, _NUMBER_WORDS[new])
+        return str(new) if text.isdigit() else _with_case_of(text, _NUMBER_WORDS[new])
 
-    # Scenes and pictures
+    # Scenes and images
 
     def scene(self, scene: Scene) -> Scene:
-        """The scene with its items exchanged, moved and mirrored; numbers do not matter.
+        """The augmented scene; `numbers` has no effect.
 
-        Other shapes may overlap where the old ones did not: `task` refuses that, this does not.
+        Items with other shapes may overlap; unlike `task`, this does not check for it.
         """
         left, middle, right = (Box(tuple(map(self._item, box.items))) for box in scene.boxes)
         return Scene((left, middle, right)).permuted(self.boxes)
@@ -214,10 +214,10 @@ class Augmentation:
         return Item(BOX_SIDE - x - item.side if self.mirrored else x, y, self.shapes[shape], self.colours[colour], size)
 
     def image(self, image: UInt8Array) -> UInt8Array:
-        """The picture of the augmented scene: of `scene(s)` for that of s. (50, 190, 3) or (100, 380, 3), uint8.
+        """The image of the augmented scene, given that of the scene. uint8 (50, 190, 3) or (100, 380, 3).
 
-        A mirrored picture is drawn anew, as a triangle's pixels are not symmetric, and so is one of other shapes.
-        Raises PerceptionError for a picture of no scene.
+        When mirrored (a triangle's pixels are not symmetric) or with other shapes, the scene is reconstructed and
+        redrawn. Raises PerceptionError for an image of no scene.
         """
         if self.mirrored or self.shapes != IDENTITY.shapes:
             return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
@@ -235,8 +235,8 @@ class Augmentation:
     def action(self, action: Action, grid: Grid = RELEASED_GRID) -> Action:
         """The action on the augmented scene; `grid`: (columns, rows) of a Scatter action's cells.
 
-        Mirrored, a cell to remove from lies as far from the right as it did from the left, and one to add to is the
-        one that holds the upper left corner of the mirrored item; where the item would not fit it stays.
+        When mirrored, a removal's cell keeps its distance to the opposite wall, and an addition's cell is the one with
+        the top-left corner of the mirrored item; a column where the item does not fit is unchanged.
         """
         match action:
             case AddBlock(box, colour):
@@ -252,29 +252,30 @@ class Augmentation:
                 return action
 
     def _column(self, column: int, grid: Grid, side: int) -> int:
-        """Where a column goes; `side`: width in pixels of what begins at its left."""
+        """The augmented column; `side`: width in pixels of the item or cell that starts there."""
         width = IMAGE_WIDTH // grid[0]
         pitch = BOX_PITCH // width
-        box, across = divmod(column, pitch)
-        room = BOX_SIDE - side - across * width  # to the right of it
-        if across * width >= BOX_SIDE:
+        box, column_in_box = divmod(column, pitch)
+        right_margin = BOX_SIDE - side - column_in_box * width  # pixels
+        if column_in_box * width >= BOX_SIDE:
             return column  # on a separator
-        return self.boxes.index(box) * pitch + (room // width if self.mirrored and room >= 0 else across)
+        is_moved = self.mirrored and right_margin >= 0
+        return self.boxes.index(box) * pitch + (right_margin // width if is_moved else column_in_box)
 
     def action_indices(self, appearance: Appearance) -> NDArray[np.int64]:
-        """(action_count,) the index of what each action becomes, a permutation; not to be written.
+        """(action_count,) a permutation: index of each augmented action by action index. Read-only.
 
-        A mask of the augmented state is `new[indices] = mask`; the mask of an index is `new_index = indices[index]`.
+        For a mask: `augmented_mask[indices] = mask`; for an action: `augmented_action = indices[action]`.
         """
         return _action_indices(self, appearance)
 
     # Tasks
 
     def task(self, task: Task, appearance: str | None = None) -> Task | None:
-        """The task with everything exchanged, under its own id; None where that might make it another task.
+        """The augmented task with the same id, or None when it might not be equivalent.
 
-        So it is where `pair` refuses, where numbers are exchanged (the start's truth need not follow), where items of
-        the start come to overlap or, when `appearance` is given, leave it, and where its truth changes all the same.
+        None where `pair` gives None, when numbers are permuted (the start scene's truth value may change), when items
+        of the start overlap or are invalid in the given `appearance`, and when the start's truth value changes.
         """
         if self.numbers != NUMBER_RANGE or (appearance == "tower" and self.moves_squares):
             return None
@@ -312,68 +313,76 @@ def _box_columns(width: int, index: int) -> slice:
     return slice(first, first + BOX_SIDE * width // IMAGE_WIDTH)
 
 
-def _like(old: str, new: str) -> str:
-    """`new` with the capitals of `old`."""
+def _with_case_of(old: str, new: str) -> str:
+    """`new` in the letter case of `old`."""
     return new.upper() if old.isupper() else new.capitalize() if old[0].isupper() else new.lower()
 
 
-def _value(number: str) -> int:
+def _int_value(number: str) -> int:
     return int(number) if number.isdigit() else int(NUMBERS[number.lower()])
 
 
-# What may be exchanged
+# Allowed permutations
 
 
-class Pair(NamedTuple):
-    """What may be exchanged in a statement and its program so that they keep meaning the same."""
+class Symmetries(NamedTuple):
+    """What may be permuted in a statement and its program while both keep the same meaning."""
 
     colours: bool
     shapes: bool  # circles and triangles
-    squares: bool  # and squares: not where the program asks for towers, which are of squares
-    sides: bool  # not where the program asks for towers, whose right edges are compared, nor where it counts boxes
+    squares: bool  # also squares; not if the program tests for towers, which consist of squares
+    sides: bool  # not if the program tests for towers, whose right edges are compared, or indexes a list
     boxes: bool  # the program does not depend on their order
-    numbers: frozenset[int]  # of 1 .. 7: those that both name equally often
-    named_numbers: frozenset[int]  # those that they name
-    compares: bool  # "more than 2" may be `ge(..., 3)`: two numbers may not be exchanged apart
+    numbers: frozenset[int]  # among 1 .. 7: occur equally often in both
+    named_numbers: frozenset[int]  # occur in the statement
+    compares: bool  # "more than 2" may be `ge(..., 3)`: do not permute two numbers independently
 
 
-@lru_cache(maxsize=KEPT_PAIRS)
-def facts(statement: str, program: str) -> Pair:
-    """What may be exchanged in both. Raises ProgramError when `program` is none."""
-    uses = _uses(program)
-    asks_for_tower = bool(uses & _TOWER_WORDS or "is_tower" in uses)
-    shapes = _agree(statement, program, _SHAPE, _SHAPE, _SHAPES) and not _OTHER_SHAPE.search(statement)
-    said, meant = Counter(map(_value, _NUMBER.findall(statement))), Counter(map(int, _INT.findall(program)))
-    may = frozenset(number for number in NUMBER_RANGE if said[number] == meant[number])
-    return Pair(
-        colours=_agree(statement, program, _COLOUR, _COLOUR, _COLOURS),
+@lru_cache(maxsize=CACHE_SIZE)
+def symmetries(statement: str, program: str) -> Symmetries:
+    """The permutations allowed for a statement and its program. Raises ProgramError for an invalid program."""
+    uses = _used_names(program)
+    tests_for_tower = bool(uses & _TOWER_WORDS or "is_tower" in uses)
+    shapes = _name_the_same(statement, program, _SHAPE, _SHAPE, _SHAPES) and not _OTHER_SHAPE.search(statement)
+    in_statement = Counter(map(_int_value, _NUMBER.findall(statement)))
+    in_program = Counter(map(int, _INT.findall(program)))
+    common = frozenset(number for number in NUMBER_RANGE if in_statement[number] == in_program[number])
+    same_sides = _name_the_same(statement, program, _SIDE, _SIDE_VALUE, _SIDES)
+    return Symmetries(
+        colours=_name_the_same(statement, program, _COLOUR, _COLOUR, _COLOURS),
         shapes=shapes,
-        squares=shapes and not asks_for_tower,
-        sides=_agree(statement, program, _SIDE, _SIDE_VALUE, _SIDES) and not asks_for_tower and "[]" not in uses,
+        squares=shapes and not tests_for_tower,
+        sides=same_sides and not tests_for_tower and "[]" not in uses,
         boxes=not uses & {"[]", "min"},
-        numbers=frozenset[int]() if "[]" in uses else may,
-        named_numbers=frozenset(said),
+        numbers=frozenset[int]() if "[]" in uses else common,
+        named_numbers=frozenset(in_statement),
         compares=bool(_COMPARISON.search(statement)),
     )
 
 
-def _agree(statement: str, program: str, said: re.Pattern[str], meant: re.Pattern[str], names: dict[str, Any]) -> bool:
-    """Whether both name the same, and the statement names it in words that are spelt right."""
-    spoken = [word.lower() for word in said.findall(statement)]
-    if set(spoken) != {word.lower() for word in meant.findall(program)}:
+def _name_the_same(
+    statement: str,
+    program: str,
+    statement_pattern: re.Pattern[str],
+    program_pattern: re.Pattern[str],
+    names: dict[str, Any],
+) -> bool:
+    """Whether statement and program contain the same names, and the statement has no misspelt one."""
+    found = [word.lower() for word in statement_pattern.findall(statement)]
+    if set(found) != {word.lower() for word in program_pattern.findall(program)}:
         return False
     singular = {name + ending: name for name in names for ending in ("", "s")}
-    unsure = " ".join(word for word in words(statement) if word not in _ORDINARY)
-    repaired = normalised_words(unsure, _SHORT | singular.keys())
-    return Counter(singular[word] for word in repaired if word in singular) == Counter(spoken)
+    checked_words = " ".join(word for word in words(statement) if word not in _ORDINARY)
+    repaired = normalised_words(checked_words, _SHORT | singular.keys())
+    return Counter(singular[word] for word in repaired if word in singular) == Counter(found)
 
 
-def _uses(program: str) -> set[str]:
-    """The words and members that a program uses, "[]" among them where it takes elements by their place."""
+def _used_names(program: str) -> set[str]:
+    """The words and members that a program uses, and "[]" if it indexes or slices a list."""
     found: set[str] = set()
-    left: list[Node] = [compile_program(program).tree]
-    while left:
-        node = left.pop()
+    pending: list[Node] = [compile_program(program).tree]
+    while pending:
+        node = pending.pop()
         match node:
             case Call() | WordName():
                 found.add(node.word.name)
@@ -383,11 +392,11 @@ def _uses(program: str) -> set[str]:
                 found.add("[]")
             case _:
                 pass
-        left.extend(children(node))
+        pending.extend(children(node))
     return found
 
 
-# Random ones
+# Random augmentations
 
 
 def random_augmentation(
@@ -399,16 +408,16 @@ def random_augmentation(
     mirror: bool = False,
     numbers: bool = True,
 ) -> Augmentation:
-    """One of all augmentations that exchange no more than what is asked for; 1 stays, for its singular.
+    """A uniformly random augmentation of the selected fields; the number 1 is kept because it takes the singular.
 
-    The defaults are for statements with programs, where neither scenes nor boxes occur.
+    The defaults suit statements with programs, without scenes.
     """
     return Augmentation(
         _shuffled(tuple(Colour), rng) if colours else IDENTITY.colours,
         _shuffled(tuple(Shape), rng) if shapes else IDENTITY.shapes,
         _shuffled(IDENTITY.boxes, rng) if boxes else IDENTITY.boxes,
         mirror and bool(rng.integers(2)),
-        _more_numbers(NUMBER_RANGE, rng) if numbers else NUMBER_RANGE,
+        _shuffled_numbers(NUMBER_RANGE, rng) if numbers else NUMBER_RANGE,
     )
 
 
@@ -422,21 +431,21 @@ def random_pair(
     mirror: bool = True,
     numbers: bool = True,
 ) -> tuple[str, str]:
-    """Statement and program, of which all that may be exchanged is exchanged at random. Raises ProgramError."""
-    may = facts(statement, program)
-    changing = SHAPE_ORDERS if may.squares else SHAPE_ORDERS[:2] if may.shapes else SHAPE_ORDERS[:1]
-    exchangeable = may.numbers if not may.compares or len(may.named_numbers) < 2 else ()
+    """Statement and program under a random allowed augmentation. Raises ProgramError for an invalid program."""
+    allowed = symmetries(statement, program)
+    shape_permutations = SHAPE_PERMUTATIONS[: None if allowed.squares else 2 if allowed.shapes else 1]
+    allowed_numbers = allowed.numbers if not allowed.compares or len(allowed.named_numbers) < 2 else ()
     augmentation = Augmentation(
-        _shuffled(tuple(Colour), rng) if colours and may.colours else IDENTITY.colours,
-        changing[int(rng.integers(len(changing)))] if shapes else IDENTITY.shapes,
-        mirrored=mirror and may.sides and bool(rng.integers(2)),
-        numbers=_more_numbers(exchangeable, rng) if numbers else NUMBER_RANGE,
+        _shuffled(tuple(Colour), rng) if colours and allowed.colours else IDENTITY.colours,
+        shape_permutations[int(rng.integers(len(shape_permutations)))] if shapes else IDENTITY.shapes,
+        mirrored=mirror and allowed.sides and bool(rng.integers(2)),
+        numbers=_shuffled_numbers(allowed_numbers, rng) if numbers else NUMBER_RANGE,
     )
     return augmentation.statement(statement), augmentation.program(program)
 
 
-# Those that leave squares alone come first, and of these the one that changes nothing.
-SHAPE_ORDERS = sorted(permutations(Shape), key=lambda order: (order[Shape.SQUARE] != Shape.SQUARE, order))
+# The identity first, then the one that swaps circles and triangles, then those that move squares
+SHAPE_PERMUTATIONS = sorted(permutations(Shape), key=lambda order: (order[Shape.SQUARE] != Shape.SQUARE, order))
 
 
 def _shuffled(values: tuple[Value, ...], rng: np.random.Generator) -> tuple[Value, ...]:
@@ -444,33 +453,33 @@ def _shuffled(values: tuple[Value, ...], rng: np.random.Generator) -> tuple[Valu
     return tuple(values[index] for index in order)
 
 
-def _more_numbers(exchangeable: Sequence[int] | frozenset[int], rng: np.random.Generator) -> tuple[int, ...]:
-    old = tuple(number for number in NUMBER_RANGE if number > PLURAL_AFTER and number in exchangeable)
+def _shuffled_numbers(allowed: Sequence[int] | frozenset[int], rng: np.random.Generator) -> tuple[int, ...]:
+    old = tuple(number for number in NUMBER_RANGE if number > SINGULAR and number in allowed)
     new = dict(zip(old, _shuffled(old, rng), strict=True))
     return tuple(new.get(number, number) for number in NUMBER_RANGE)
 
 
 # Files
 
-COLOUR_EXCHANGES = tuple(Augmentation(colours) for colours in permutations(Colour))  # the first changes nothing
+COLOUR_PERMUTATIONS = tuple(Augmentation(colours) for colours in permutations(Colour))  # the identity first
 
 
 def write_recoloured(path: Path, tasks: TaskSet) -> None:
-    """Writes a corpus file with the tasks and every other task that exchanging colours makes of them."""
+    """Writes a corpus file with the tasks under all colour permutations, without duplicates."""
     name = f"{tasks.provenance.name}, recoloured"
     write_corpus(path, name, "as the original", list(_recoloured_entries(tasks)))
 
 
 def _recoloured_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
     origin = tasks.provenance
-    met = set[tuple[str, str, bool, Scene]]()
-    for number, exchange in enumerate(COLOUR_EXCHANGES):
+    seen = set[tuple[str, str, bool, Scene]]()
+    for index, augmentation in enumerate(COLOUR_PERMUTATIONS):
         for task in tasks:
-            new = exchange.task(task)
-            if new is None or (key := (new.statement, new.program, new.target, new.start)) in met:
+            new = augmentation.task(task)
+            if new is None or (key := (new.statement, new.program, new.target, new.start)) in seen:
                 continue
-            met.add(key)
-            entry_id = f"{task.id}-colours-{number}"
+            seen.add(key)
+            entry_id = f"{task.id}-colours-{index}"
             start = {"id": f"{entry_id}-start", "label": not new.target, "scene": new.start.to_json()}
             yield {
                 "id": entry_id,

@@ -1,4 +1,4 @@
-"""Augmentations: what is rewritten and refused, what commutes with truth, pictures and the rules."""
+"""Augmentations: rewriting, refusals, and commuting with truth values, images and the rules."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lilgym_mp.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import APPEARANCES, Appearance, Scatter, Tower
 from lilgym_mp.appearances.placement import check_apart, clear_templates, placement_tables
 from lilgym_mp.augmentation import (
-    COLOUR_EXCHANGES,
+    COLOUR_PERMUTATIONS,
     IDENTITY,
     NUMBER_RANGE,
     Augmentation,
     AugmentationError,
-    facts,
     random_augmentation,
     random_pair,
+    symmetries,
     write_recoloured,
 )
 from lilgym_mp.corpus import load_tasks
@@ -40,7 +40,7 @@ SQUARES_MOVE = Augmentation(shapes=(Shape.SQUARE, Shape.TRIANGLE, Shape.CIRCLE))
 MIRRORED = Augmentation(mirrored=True)
 BOXES = Augmentation(boxes=(2, 0, 1))
 TWO_AND_FIVE = Augmentation(numbers=(1, 5, 3, 4, 2, 6, 7))
-EVERY = "exist(all_items)"
+ANY_ITEM = "exist(all_items)"
 
 NOT_BLACK = Task(
     id="1",
@@ -53,7 +53,7 @@ NOT_BLACK = Task(
 # Language
 
 
-def test_colours__statement_program_and_scene_change_alike():
+def test_colours__statement_program_and_scene_change_consistently():
     assert ROTATED.task(NOT_BLACK) == Task(
         id="1",
         statement="Blue? No: a YELLOW block.",
@@ -72,16 +72,16 @@ def test_colours__statement_program_and_scene_change_alike():
         "A black one, but ablue block and a blue one.",
     ],
 )
-def test_colours__a_statement_that_names_others_than_its_program_is_refused(statement: str):
+def test_colours__refused_when_statement_and_program_name_different_ones(statement: str):
     assert ROTATED.pair(statement, NOT_BLACK.program) is None
     assert IDENTITY.pair(statement, NOT_BLACK.program) == (statement, NOT_BLACK.program)
 
 
-def test_colours__words_that_hold_a_colour_are_no_colours():
-    assert ROTATED.pair("Blackish bluebells.", EVERY) == ("Blackish bluebells.", EVERY)
+def test_colours__match_whole_words_only():
+    assert ROTATED.pair("Blackish bluebells.", ANY_ITEM) == ("Blackish bluebells.", ANY_ITEM)
 
 
-def test_shapes__plurals_and_capitals_stay():
+def test_shapes__plurals_and_letter_case_are_preserved():
     program = "AND(exist(filter_obj(all_items, is_circle)), exist(filter_shape(all_items, Shape.TRIANGLE)))"
     assert ROUND_TO_POINTED.pair("Circles, and a TRIANGLE?", program) == (
         "Triangles, and a CIRCLE?",
@@ -100,11 +100,11 @@ def test_shapes__plurals_and_capitals_stay():
         "There is something.",
     ],
 )
-def test_shapes__what_implies_a_shape_is_refused(statement: str):
+def test_shapes__refused_when_a_word_implies_a_shape(statement: str):
     assert ROUND_TO_POINTED.pair(statement, "exist(filter_obj(all_items, is_circle))") is None
 
 
-def test_shapes__boxes_that_hold_items_are_no_shapes():
+def test_shapes__box_as_container_does_not_imply_a_shape():
     program = "exist(filter_obj(all_boxes, lambda x: exist(filter_obj(x.all_items_in_box(), is_circle))))"
     assert ROUND_TO_POINTED.pair("There is a box with a circle.", program) is not None
 
@@ -112,12 +112,12 @@ def test_shapes__boxes_that_hold_items_are_no_shapes():
 @pytest.mark.parametrize(
     "program", ["exist(filter_obj(all_boxes, lambda x: x.is_tower()))", "exist(get_above(all_items))"]
 )
-def test_shapes__squares_stay_where_the_program_asks_for_towers(program: str):
+def test_shapes__squares_are_kept_when_the_program_tests_for_towers(program: str):
     assert SQUARES_MOVE.pair("Something is stacked.", program) is None
     assert ROUND_TO_POINTED.pair("Something is stacked.", program) is not None
 
 
-def test_mirror__left_and_right_walls_change_places():
+def test_mirror__swaps_left_and_right_walls():
     program = "exist(filter_obj(all_items, lambda x: is_touching_wall(x, Side.LEFT)))"
     assert MIRRORED.pair("Something touches the left wall.", program) == (
         "Something touches the right wall.",
@@ -137,18 +137,18 @@ def test_mirror__left_and_right_walls_change_places():
         ("There is a tower.", "exist(filter_obj(all_boxes, lambda x: x.is_tower()))"),
     ],
 )
-def test_mirror__other_lefts_and_towers_are_refused(statement: str, program: str):
+def test_mirror__refused_for_other_uses_of_left_and_for_towers(statement: str, program: str):
     assert MIRRORED.pair(statement, program) is None
 
 
 @pytest.mark.parametrize(
     "program", ["exist(all_boxes[1])", "exist(min(all_boxes, key=count))", "exist(all_boxes[0:2])"]
 )
-def test_boxes__a_program_that_takes_them_by_place_is_refused(program: str):
+def test_boxes__refused_when_the_program_depends_on_their_order(program: str):
     assert BOXES.pair("Some box holds something.", program) is None
 
 
-def test_numbers__digits_and_words_change_alike():
+def test_numbers__digits_and_words_change_consistently():
     program = "AND(count(all_boxes) == 2, ge(count(all_items), 5))"
     assert TWO_AND_FIVE.pair("Two boxes, at least 5 items.", program) == (
         "Five boxes, at least 2 items.",
@@ -166,23 +166,23 @@ def test_numbers__digits_and_words_change_alike():
         ("More than 2 and less than 5 items.", "AND(gt(count(all_items), 2), lt(count(all_items), 5))"),
     ],
 )
-def test_numbers__those_that_are_not_named_alike_are_refused(statement: str, program: str):
+def test_numbers__refused_when_counts_of_occurrences_differ(statement: str, program: str):
     assert TWO_AND_FIVE.pair(statement, program) is None
 
 
-def test_numbers__that_are_not_exchanged_do_not_matter():
+def test_numbers__those_not_permuted_may_differ():
     program = "OR(count(all_items) == 3, count(all_items) == 3)"
     assert TWO_AND_FIVE.pair("There are 3 items, and 12.5 metres.", program) is not None
 
 
-def test_numbers__make_no_tasks():
+def test_numbers__are_refused_for_tasks():
     assert TWO_AND_FIVE.task(Task("1", "There are 2 items.", "count(all_items) == 2", True, Scene.empty())) is None
 
 
 @pytest.mark.parametrize(
     "fields", [{"colours": (Y, Y, B)}, {"shapes": (Shape.CIRCLE,)}, {"boxes": (0, 1, 3)}, {"numbers": (1, 2)}]
 )
-def test_fields__that_are_no_permutations_are_refused(fields: Any):
+def test_fields__must_be_permutations(fields: Any):
     (name,) = fields
     with pytest.raises(AugmentationError, match=f"{name} must be a permutation of"):
         Augmentation(**fields)
@@ -191,7 +191,7 @@ def test_fields__that_are_no_permutations_are_refused(fields: Any):
 # Scenes and truth
 
 
-def test_scene__every_part_changes():
+def test_scene__all_fields_apply():
     everything = Augmentation((K, B, Y), (Shape.TRIANGLE, Shape.CIRCLE, Shape.SQUARE), (2, 0, 1), mirrored=True)
     before = scene([circle(0, 10, LARGE, Y)], [square(80, 80, colour=K)], [triangle(5, 6, SMALL, B)])
     assert everything.scene(before) == scene(
@@ -207,7 +207,7 @@ def augmentations(draw: st.DrawFn) -> Augmentation:
 
 
 def check_truths(programs: list[tuple[str, str]], scenes: list[Scene]) -> int:
-    """Asserts that truth follows wherever a pair may be augmented; how often it was."""
+    """Asserts that truth values follow every allowed augmentation; returns how many were not the identity."""
     rng = np.random.default_rng(3)
     count = 0
     for statement, program in programs:
@@ -225,7 +225,7 @@ def check_truths(programs: list[tuple[str, str]], scenes: list[Scene]) -> int:
 
 
 def some_scenes(corpus: str, count: int) -> list[Scene]:
-    """Mixtures of the boxes of a corpus's start scenes."""
+    """Random combinations of the boxes in a corpus's start scenes."""
     rng = np.random.default_rng(5)
     scenes: list[Scene] = []
     for appearance in ("tower", "scatter"):
@@ -240,11 +240,11 @@ def pairs_of(corpus: str, split: str) -> list[tuple[str, str]]:
     return sorted({(task.statement, task.program) for tasks in sets for task in tasks})
 
 
-def test_builtin_programs__truth_follows_every_augmentation():
+def test_builtin_programs__truth_follows_every_allowed_augmentation():
     assert check_truths(pairs_of("builtin", "dev"), some_scenes("builtin", 20)) > 100
 
 
-def test_official_programs__truth_follows_every_augmentation(official_data: Path):
+def test_official_programs__truth_follows_every_allowed_augmentation(official_data: Path):
     corpus = str(official_data)
     assert check_truths(pairs_of(corpus, "train")[::2], some_scenes(corpus, 8)) > 1000
 
@@ -252,23 +252,23 @@ def test_official_programs__truth_follows_every_augmentation(official_data: Path
 def test_task__overlapping_shapes_are_refused():
     start = scene([circle(10, 10, LARGE), circle(36, 36, LARGE)])
     check_apart(start.boxes[0].items)
-    assert SQUARES_MOVE.task(Task("1", "Something.", EVERY, False, start)) is None
-    assert ROUND_TO_POINTED.task(Task("1", "Something.", EVERY, False, scene([circle(0, 0)]))) is not None
+    assert SQUARES_MOVE.task(Task("1", "Something.", ANY_ITEM, False, start)) is None
+    assert ROUND_TO_POINTED.task(Task("1", "Something.", ANY_ITEM, False, scene([circle(0, 0)]))) is not None
 
 
-def test_task__a_tower_stays_one():
-    task = Task("1", "Something.", EVERY, False, scene(tower(B)))
+def test_task__must_stay_valid_in_the_appearance():
+    task = Task("1", "Something.", ANY_ITEM, False, scene(tower(B)))
     assert SQUARES_MOVE.task(task, "tower") is None
     assert MIRRORED.task(task, "tower") == task
 
 
-# Pictures
+# Images
 
 
 @pytest.mark.parametrize("image_size", ["half", "native"])
 @settings(max_examples=30)
 @given(augmentation=augmentations(), shown=SCENES["scatter"])
-def test_image__is_that_of_the_augmented_scene(image_size: str, augmentation: Augmentation, shown: Scene):
+def test_image__equals_the_image_of_the_augmented_scene(image_size: str, augmentation: Augmentation, shown: Scene):
     expected = augmentation.scene(shown)
     try:
         for box in expected.boxes:
@@ -284,7 +284,7 @@ def test_image__is_that_of_the_augmented_scene(image_size: str, augmentation: Au
 # Actions and the rules
 
 
-def test_action__boxes_colours_and_shapes():
+def test_action__permutes_boxes_colours_and_shapes():
     both = Augmentation((K, B, Y), (Shape.TRIANGLE, Shape.SQUARE, Shape.CIRCLE), (2, 0, 1))
     assert both.action(AddBlock(2, Y)) == AddBlock(0, K)
     assert both.action(RemoveBlock(0)) == RemoveBlock(1)
@@ -295,7 +295,7 @@ def test_action__boxes_colours_and_shapes():
 
 
 @pytest.mark.parametrize(("column", "size", "mirrored"), [(0, SMALL, 4), (0, LARGE, 3), (4, LARGE, 4), (8, SMALL, 10)])
-def test_action__a_mirrored_item_goes_where_its_corner_comes_to_lie(column: int, size: Any, mirrored: int):
+def test_action__mirrored_addition_targets_the_cell_of_the_mirrored_corner(column: int, size: Any, mirrored: int):
     action = AddItem(column, 1, Shape.CIRCLE, Y, size)
     assert MIRRORED.action(action) == action._replace(column=mirrored)
 
@@ -303,7 +303,7 @@ def test_action__a_mirrored_item_goes_where_its_corner_comes_to_lie(column: int,
 @pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))], ids=str)
 @settings(max_examples=10)
 @given(augmentation=augmentations())
-def test_action_indices__are_a_permutation_that_action_agrees_with(appearance: Appearance, augmentation: Augmentation):
+def test_action_indices__are_a_permutation_consistent_with_action(appearance: Appearance, augmentation: Augmentation):
     indices = augmentation.action_indices(appearance)
     assert np.array_equal(np.sort(indices), np.arange(appearance.action_count))
     grid = appearance.grid if isinstance(appearance, Scatter) else (19, 5)
@@ -324,7 +324,7 @@ EXACT = [
 
 
 @pytest.mark.parametrize(("augmentation", "appearance", "rules"), EXACT)
-def test_exact__augmenting_commutes_with_steps_and_masks(
+def test_is_exact__augmentation_commutes_with_steps_and_masks(
     augmentation: Augmentation, appearance: Appearance, rules: str
 ):
     assert augmentation.is_exact(appearance, rules)
@@ -359,17 +359,17 @@ def test_exact__augmenting_commutes_with_steps_and_masks(
         (TWO_AND_FIVE, Tower(), "paper"),
     ],
 )
-def test_exact__is_not_said_of_others(augmentation: Augmentation, appearance: Appearance, rules: str):
+def test_is_exact__false_for_other_augmentations(augmentation: Augmentation, appearance: Appearance, rules: str):
     assert not augmentation.is_exact(appearance, rules)
 
 
-def test_exact__unknown_rules_name_the_choices():
+def test_is_exact__unknown_rules_error_names_the_choices():
     with pytest.raises(ValueError, match=r"paper, release"):
         ROTATED.is_exact(APPEARANCES["tower"], "papers")
 
 
 def test_mirror__the_geometry_of_items_is_symmetric():
-    """What makes mirroring exact where items come to lie where they are put."""
+    """Makes mirroring exact where items are placed exactly as requested."""
     clear = clear_templates()
     for other, new in np.ndindex(9, 9):
         shift = FOOTPRINT_SIDES[other] - FOOTPRINT_SIDES[new]
@@ -381,10 +381,10 @@ def test_mirror__the_geometry_of_items_is_symmetric():
         assert np.array_equal(areas[:side], areas[:side][::-1])
 
 
-# Random ones
+# Random augmentations
 
 
-def test_random_augmentation__exchanges_what_is_asked_for_and_leaves_one_alone():
+def test_random_augmentation__permutes_selected_fields_and_keeps_the_number_one():
     made = [random_augmentation(np.random.default_rng(seed)) for seed in range(40)]
     assert {augmentation.colours for augmentation in made} == set(permutations(Colour))
     assert len({augmentation.numbers for augmentation in made}) > 10
@@ -393,7 +393,7 @@ def test_random_augmentation__exchanges_what_is_asked_for_and_leaves_one_alone()
     assert nothing.is_identity
 
 
-def test_random_pair__is_never_refused_and_often_new():
+def test_random_pair__gives_many_consistent_variants():
     statement, program = (
         "Just 3 of the circles are black.",
         "count(filter_obj(filter_color(all_items, Color.BLACK), is_circle)) == 3",
@@ -402,13 +402,13 @@ def test_random_pair__is_never_refused_and_often_new():
     assert len(made) > 20
     for new_statement, new_program in made:
         compile_program(new_program)
-        assert facts(new_statement, new_program) == facts(statement, program)._replace(
-            numbers=facts(new_statement, new_program).numbers,
-            named_numbers=facts(new_statement, new_program).named_numbers,
+        assert symmetries(new_statement, new_program) == symmetries(statement, program)._replace(
+            numbers=symmetries(new_statement, new_program).numbers,
+            named_numbers=symmetries(new_statement, new_program).named_numbers,
         )
 
 
-def test_random_pair__leaves_what_is_not_named_alike():
+def test_random_pair__keeps_names_that_differ():
     statement, program = "There is a blak triangle on 2 items.", "exist(filter_obj(all_items, is_black))"
     assert {random_pair(statement, program, np.random.default_rng(seed)) for seed in range(10)} == {
         (statement, program)
@@ -420,7 +420,7 @@ def test_random_pair__leaves_what_is_not_named_alike():
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_write_recoloured__every_exchange_is_a_task_once_and_loads(tmp_path: Path, appearance: str, start: str):
+def test_write_recoloured__writes_each_distinct_task_once_and_loads(tmp_path: Path, appearance: str, start: str):
     tasks = load_tasks(write_own_corpus(tmp_path / "own.jsonl"), appearance, start, "train")
     write_recoloured(tmp_path / "more.jsonl", tasks)
     more = load_tasks(tmp_path / "more.jsonl", appearance, start, "train")  # labels are checked against truths
@@ -430,5 +430,5 @@ def test_write_recoloured__every_exchange_is_a_task_once_and_loads(tmp_path: Pat
     assert {task.statement for task in more} == {
         *("There is something yellow.", "There is something black.", "There is something blue.", "Count them: 1."),
     }
-    assert COLOUR_EXCHANGES[0].is_identity
+    assert COLOUR_PERMUTATIONS[0].is_identity
     assert sorted(NUMBER_RANGE) == list(NUMBER_RANGE)

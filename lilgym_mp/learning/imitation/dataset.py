@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.augmentation import facts, random_pair
+from lilgym_mp.augmentation import random_pair, symmetries
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
@@ -72,7 +72,7 @@ def generated_entries(appearance: str, seed: int, starts: Sequence[Scene], rng: 
 
 
 def _entry(statement: str, program: str, starts: tuple[Scene, ...]) -> DatasetEntry:
-    return DatasetEntry(statement, compile_program(program), starts, facts(statement, program).colours)
+    return DatasetEntry(statement, compile_program(program), starts, symmetries(statement, program).colours)
 
 
 class Pool:

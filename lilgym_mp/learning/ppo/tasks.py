@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.augmentation import COLOUR_EXCHANGES, SHAPE_ORDERS, Augmentation
+from lilgym_mp.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_tasks
 from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.permutation import with_permuted_boxes
@@ -94,7 +94,7 @@ def _named(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) -> I
 
 def _exchanges(recipe: PPORecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
     """What is exchanged for a statement, the same for all of its tasks, with an ending of their ids."""
-    for number, colours in enumerate(COLOUR_EXCHANGES if recipe.recolour else COLOUR_EXCHANGES[:1]):
+    for number, colours in enumerate(COLOUR_PERMUTATIONS if recipe.recolour else COLOUR_PERMUTATIONS[:1]):
         yield (f"#{number}" if number else ""), lambda _, colours=colours: colours
         if recipe.exchange_shapes:
             yield f"#{number}s", lambda statement, colours=colours: _with_shapes(colours, statement)
@@ -102,7 +102,9 @@ def _exchanges(recipe: PPORecipe) -> Iterator[tuple[str, Callable[[str], Augment
 
 def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
     rng = np.random.default_rng([*colours.colours, crc32(statement.encode())])
-    return replace(colours, shapes=SHAPE_ORDERS[rng.integers(1, len(SHAPE_ORDERS))], mirrored=bool(rng.integers(2)))
+    return replace(
+        colours, shapes=SHAPE_PERMUTATIONS[rng.integers(1, len(SHAPE_PERMUTATIONS))], mirrored=bool(rng.integers(2))
+    )
 
 
 class TaskSampler:
