@@ -1,10 +1,10 @@
-"""Many people at once: how long the server takes to answer, and whether it keeps every submission.
+"""Load test with many concurrent users: measures latencies and checks that every acknowledged submission is stored.
 
     python -m checks.web_load [--annotators 50] [--players 50] [--seconds 300] [--pause 1.0]
 
-Starts `lilgym-mp serve` on a new database in a process of its own. Each person sends a request, waits for the answer
-and then for `--pause` seconds on average. Annotators save drafts, run programs and submit; players act, ask for legal
-places and begin anew. At the end every acknowledged submission is looked for.
+Starts `lilgym-mp serve` with a new database in a separate process. Each user sends a request, waits for the response,
+then pauses for `--pause` seconds on average. Annotators save drafts, run programs and submit; players act, request
+legal actions and start new episodes.
 """
 
 from __future__ import annotations
@@ -25,72 +25,75 @@ import httpx
 
 PROGRAM = "exist(filter_obj(all_items, lambda x: is_black(x)))"
 BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}
-EACH = 400  # statements for each annotator
+ASSIGNMENTS_EACH = 400  # per annotator
 ACTIONS = ("ADD(LEFT, BLUE)", "ADD(MIDDLE, BLACK)", "REMOVE(LEFT)", "ADD(RIGHT, YELLOW)", "STOP")
 
-Times = dict[str, list[float]]  # seconds, by kind of request
+Latencies = dict[str, list[float]]  # seconds, by kind of request
 
 
-class Person:
-    """Somebody with a browser."""
+class User:
+    """A simulated browser session."""
 
-    def __init__(self, url: str, times: Times, random: Random, pause: float) -> None:
+    def __init__(self, url: str, latencies: Latencies, random: Random, pause: float) -> None:
         self.client = httpx.AsyncClient(base_url=url, timeout=60)
-        self.times = times
+        self.latencies = latencies
         self.random = random
         self.pause = pause
-        self.refused: dict[int, int] = defaultdict(int)
+        self.failures: dict[int, int] = defaultdict(int)  # responses by status: 429 and 5xx
 
-    async def enter(self, path: str) -> None:
+    async def open(self, path: str) -> None:
+        """Opens a page and takes the session's CSRF token."""
         await self.client.get(path)
         self.client.headers["X-CSRF-Token"] = (await self.client.get("/api/session")).json()["csrf_token"]
 
-    async def ask(self, kind: str, method: str, path: str, **more: Any) -> httpx.Response:
+    async def request(self, kind: str, method: str, path: str, **options: Any) -> httpx.Response:
+        """Pauses, then sends a request and records its latency under `kind`."""
         await asyncio.sleep(self.random.expovariate(1 / self.pause))
-        began = time.perf_counter()
-        answer = await self.client.request(method, path, **more)
-        self.times[kind].append(time.perf_counter() - began)
-        if answer.status_code >= 500 or answer.status_code == 429:
-            self.refused[answer.status_code] += 1
-        return answer
+        start = time.perf_counter()
+        response = await self.client.request(method, path, **options)
+        self.latencies[kind].append(time.perf_counter() - start)
+        if response.status_code >= 500 or response.status_code == 429:
+            self.failures[response.status_code] += 1
+        return response
 
 
-async def play(person: Person, end: float) -> None:
-    await person.enter("/play")
+async def play(user: User, end: float) -> None:
+    await user.open("/play")
     while time.monotonic() < end:
-        kind = person.random.choice(("TowerScratch", "TowerFlipIt"))
-        begun = await person.ask("begin", "POST", "/api/play/episodes", json={"configuration": kind})
-        episode = begun.json()
+        configuration = user.random.choice(("TowerScratch", "TowerFlipIt"))
+        response = await user.request("begin", "POST", "/api/play/episodes", json={"configuration": configuration})
+        episode = response.json()
         while not episode["over"] and time.monotonic() < end:
             path = f"/api/play/episodes/{episode['id']}"
-            if person.random.random() < 0.3:
-                await person.ask("legal", "GET", f"{path}/legal")
-            action = {"action": person.random.choice(ACTIONS), "steps": episode["steps"]}
-            answer = await person.ask("act", "POST", f"{path}/actions", json=action)
-            episode = answer.json() if answer.status_code == 200 else episode
-        await person.ask("explain", "GET", f"/api/play/episodes/{episode['id']}/explanation")
+            if user.random.random() < 0.3:
+                await user.request("legal", "GET", f"{path}/legal")
+            action = {"action": user.random.choice(ACTIONS), "steps": episode["steps"]}
+            response = await user.request("act", "POST", f"{path}/actions", json=action)
+            episode = response.json() if response.status_code == 200 else episode
+        await user.request("explain", "GET", f"/api/play/episodes/{episode['id']}/explanation")
 
 
-async def annotate(person: Person, login: str, end: float, acknowledged: set[tuple[str, str]]) -> None:
-    await person.enter(login)
-    lines = (await person.client.get("/api/annotate/assignments")).json()
+async def annotate(user: User, login: str, end: float, acknowledged: set[tuple[str, str]]) -> None:
+    await user.open(login)
+    lines = (await user.client.get("/api/annotate/assignments")).json()
     for line in lines:
         if time.monotonic() > end:
             return
         path = f"/api/annotate/assignments/{line['id']}"
-        await person.ask("open", "GET", path)
-        await person.ask("check", "POST", "/api/annotate/check", json={"program": PROGRAM[:-3]})
-        await person.ask("draft", "PUT", f"{path}/draft", json={"program": PROGRAM, "version": 0})
-        await person.ask("run", "POST", f"{path}/run", json={"program": PROGRAM})
+        await user.request("open", "GET", path)
+        await user.request("check", "POST", "/api/annotate/check", json={"program": PROGRAM[:-3]})
+        await user.request("draft", "PUT", f"{path}/draft", json={"program": PROGRAM, "version": 0})
+        await user.request("run", "POST", f"{path}/run", json={"program": PROGRAM})
         key = f"key-{line['id']}"
         body = {"key": key, "program": PROGRAM, "comment": key}
-        answer = await person.ask("submit", "POST", f"{path}/submissions", json=body)
-        if answer.status_code == 201:
+        response = await user.request("submit", "POST", f"{path}/submissions", json=body)
+        if response.status_code == 201:
             acknowledged.add((login, key))
 
 
 async def prepare(url: str, organiser: str, count: int) -> list[str]:
-    """Statements and people; gives the annotators' login paths."""
+    """Imports statements and creates `count` annotators with assignments; returns their login paths."""
+    statements = count * ASSIGNMENTS_EACH // 10
     lines = [
         json.dumps(
             {
@@ -100,66 +103,72 @@ async def prepare(url: str, organiser: str, count: int) -> list[str]:
                 "structured_rep": [[BLOCK] * part, [], []],
             }
         )
-        for number in range(count * EACH // 10)
+        for number in range(statements)
         for part in (0, 1)
     ]
-    person = Person(url, defaultdict(list), Random(0), 1e-6)
-    await person.enter(organiser)
-    (await person.client.post("/api/annotate/imports", content="\n".join(lines).encode())).raise_for_status()
-    made = [
-        (await person.client.post("/api/annotate/people", json={"name": f"Annotator {number}"})).json()["path"]
+    user = User(url, defaultdict(list), Random(0), 1e-6)
+    await user.open(organiser)
+    (await user.client.post("/api/annotate/imports", content="\n".join(lines).encode())).raise_for_status()
+    logins = [
+        (await user.client.post("/api/annotate/people", json={"name": f"Annotator {number}"})).json()["path"]
         for number in range(count)
     ]
     people = [
-        line["id"] for line in (await person.client.get("/api/annotate/people")).json() if line["role"] == "annotator"
+        line["id"] for line in (await user.client.get("/api/annotate/people")).json() if line["role"] == "annotator"
     ]
-    body = {"name": "all", "people": people, "statements": count * EACH // 10, "annotators_each": min(10, count)}
-    (await person.client.post("/api/annotate/batches", json=body)).raise_for_status()
-    await person.client.aclose()
-    return made
+    body = {
+        "name": "all",
+        "people": people,
+        "statements": count * ASSIGNMENTS_EACH // 10,
+        "annotators_each": min(10, count),
+    }
+    (await user.client.post("/api/annotate/batches", json=body)).raise_for_status()
+    await user.client.aclose()
+    return logins
 
 
-async def lost(url: str, logins: list[str], acknowledged: set[tuple[str, str]]) -> int:
-    """How many acknowledged submissions are not there."""
-    there: set[tuple[str, str]] = set()
+async def count_lost(url: str, logins: list[str], acknowledged: set[tuple[str, str]]) -> int:
+    """The number of acknowledged submissions that are not stored."""
+    stored: set[tuple[str, str]] = set()
     for login in logins:
-        person = Person(url, defaultdict(list), Random(0), 1e-6)
-        await person.enter(login)
-        for line in (await person.client.get("/api/annotate/history")).json():
-            there.add((login, line["comment"]))
-        await person.client.aclose()
-    return len(acknowledged - there)
+        user = User(url, defaultdict(list), Random(0), 1e-6)
+        await user.open(login)
+        for line in (await user.client.get("/api/annotate/history")).json():
+            stored.add((login, line["comment"]))
+        await user.client.aclose()
+    return len(acknowledged - stored)
 
 
 def quantile(values: list[float], share: float) -> float:
+    """In milliseconds."""
     return 1000 * sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
 async def measure(url: str, organiser: str, args: argparse.Namespace) -> int:
     logins = await prepare(url, organiser, args.annotators)
-    times: Times = defaultdict(list)
+    latencies: Latencies = defaultdict(list)
     acknowledged: set[tuple[str, str]] = set()
-    people = [Person(url, times, Random(number), args.pause) for number in range(args.annotators + args.players)]
+    users = [User(url, latencies, Random(seed), args.pause) for seed in range(args.annotators + args.players)]
     end = time.monotonic() + args.seconds
-    work = [annotate(*pair, end, acknowledged) for pair in zip(people, logins, strict=False)]
-    work += [play(person, end) for person in people[args.annotators :]]
-    await asyncio.gather(*work)
-    missing = await lost(url, logins, acknowledged)
-    every = [value for values in times.values() for value in values]
-    for kind, values in sorted({**times, "all": every}.items()):
-        middle, high = quantile(values, 0.5), quantile(values, 0.95)
-        print(f"{kind:8} {len(values):7} requests   p50 {middle:7.1f} ms   p95 {high:7.1f} ms")
-    refused = sum(sum(person.refused.values()) for person in people)
-    print(f"{len(acknowledged)} submissions acknowledged, {missing} lost; {refused} answers of 429 or 5xx")
-    return 1 if missing or refused else 0
+    tasks = [annotate(*pair, end, acknowledged) for pair in zip(users, logins, strict=False)]
+    tasks += [play(user, end) for user in users[args.annotators :]]
+    await asyncio.gather(*tasks)
+    lost = await count_lost(url, logins, acknowledged)
+    every = [value for values in latencies.values() for value in values]
+    for kind, values in sorted({**latencies, "all": every}.items()):
+        p50, p95 = quantile(values, 0.5), quantile(values, 0.95)
+        print(f"{kind:8} {len(values):7} requests   p50 {p50:7.1f} ms   p95 {p95:7.1f} ms")
+    failures = sum(sum(user.failures.values()) for user in users)
+    print(f"{len(acknowledged)} submissions acknowledged, {lost} lost; {failures} responses with 429 or 5xx")
+    return 1 if lost or failures else 0
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Many people at once.")
+    parser = argparse.ArgumentParser(description="Load test of `lilgym-mp serve`.")
     parser.add_argument("--annotators", type=int, default=50)
     parser.add_argument("--players", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=300)
-    parser.add_argument("--pause", type=float, default=1.0, help="seconds between one's requests, on average")
+    parser.add_argument("--pause", type=float, default=1.0, help="mean seconds between a user's requests")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         command = [sys.executable, "-m", "lilgym_mp", "serve", "--port", "0"]

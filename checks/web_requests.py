@@ -1,10 +1,10 @@
-"""Malformed requests against every route of the browser suite: none may be answered with a 5xx.
+"""Fuzzes every route of the web application: no request may get a 5xx response.
 
     python -m checks.web_requests [--requests 10000] [--seed 0]
 
-Requests are made from the server's own /openapi.json: right ones, from which a value is then taken away, doubled,
-replaced by one of another type or by one that is known to hurt, and ones that are nonsense from the start. They go to
-an application in this process, as a stranger, an annotator and an organiser.
+Requests are generated from the application's OpenAPI schema, with values omitted, repeated, or replaced by values of
+another type and by ones that often break servers; some bodies are nonsense. They are sent to an in-process application
+as an anonymous visitor, an annotator and an organiser.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -26,7 +27,7 @@ from lilgym_mp.web import ServeOptions, create_app
 from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER, issue_token
 
 METHODS = ("get", "post", "put", "delete", "patch")
-HURTFUL: tuple[Any, ...] = (
+HOSTILE_VALUES: tuple[Any, ...] = (
     *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
     *(
         "",
@@ -54,12 +55,12 @@ HEADERS = (
 )
 
 
-class Requests:
-    """Draws requests from a schema."""
+class RequestGenerator:
+    """Endless iterator of random requests for the operations of an OpenAPI schema."""
 
     def __init__(self, schema: Mapping[str, Any], random: Random, known: Mapping[str, list[Any]]) -> None:
         self.random = random
-        self.known = known  # values that are there, by the parameter's name
+        self.known = known  # existing values by parameter name
         self._components: Mapping[str, Any] = schema.get("components", {}).get("schemas", {})
         self.operations = [
             (method, path, described)
@@ -68,7 +69,7 @@ class Requests:
         ]
 
     def __iter__(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Method, path, and what else httpx's client takes."""
+        """Method, path, and further arguments of httpx's `request`."""
         while True:
             method, path, described = self.random.choice(self.operations)
             query: list[tuple[str, Any]] = []
@@ -91,23 +92,23 @@ class Requests:
     def _body(self, content: Mapping[str, Any]) -> dict[str, Any]:
         if self.random.random() < 0.15 or "application/json" not in content:
             return {"content": self.random.choice(BODIES)}
-        body = self._value(content["application/json"]["schema"], "", hurtful=0.05)
+        body = self._value(content["application/json"]["schema"], "", hostile=0.05)
         data = json.dumps(body, ensure_ascii=True)
         if self.random.random() < 0.05:
             data = data[: self.random.randrange(1 + len(data))]
         return {"content": data.encode(), "headers": {"Content-Type": "application/json"}}
 
-    def _value(self, schema: Mapping[str, Any], name: str, hurtful: float = 0.25) -> Any:
-        """A value of the schema, or one that hurts."""
+    def _value(self, schema: Mapping[str, Any], name: str, hostile: float = 0.25) -> Any:
+        """A value that fits the schema, or with probability `hostile` one of HOSTILE_VALUES."""
         random = self.random
-        if random.random() < hurtful:
-            return random.choice(HURTFUL)
+        if random.random() < hostile:
+            return random.choice(HOSTILE_VALUES)
         if name in self.known and random.random() < 0.7:
             return random.choice(self.known[name])
         if "$ref" in schema:
-            return self._value(self._components[schema["$ref"].rpartition("/")[2]], name, hurtful)
+            return self._value(self._components[schema["$ref"].rpartition("/")[2]], name, hostile)
         if "anyOf" in schema:
-            return self._value(random.choice(schema["anyOf"]), name, hurtful)
+            return self._value(random.choice(schema["anyOf"]), name, hostile)
         if "enum" in schema:
             return random.choice(schema["enum"])
         match schema.get("type"):
@@ -115,7 +116,7 @@ class Requests:
                 required = schema.get("required", ())
                 fields = schema.get("properties", {}).items()
                 return {
-                    key: self._value(of, key, hurtful=0.12)
+                    key: self._value(of, key, hostile=0.12)
                     for key, of in fields
                     if random.random() < (0.95 if key in required else 0.6)
                 }
@@ -143,8 +144,8 @@ def _segment(value: Any) -> str:
     return quote(_text(value), safe="")[:2_000]
 
 
-def _browser(app: Any, name: str | None, role: str) -> Any:
-    """A client that is logged in, and its CSRF token."""
+def _client(app: Any, name: str | None, role: str) -> Any:
+    """A client with a CSRF token, logged in unless `name` is None."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from starlette.testclient import TestClient
@@ -158,8 +159,12 @@ def _browser(app: Any, name: str | None, role: str) -> Any:
     return client
 
 
+def _log_in(app: Any) -> list[Any]:
+    return [_client(app, "Olga", ORGANISER), _client(app, "Ada", ANNOTATOR), _client(app, None, "")]
+
+
 def _known(clients: list[Any]) -> dict[str, list[Any]]:
-    """Work to hit: statements, an assignment, an episode."""
+    """Creates statements, assignments and episodes; returns their ids by parameter name."""
     organiser, annotator = clients[0], clients[1]
     block = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}
     lines = [
@@ -188,40 +193,36 @@ def _known(clients: list[Any]) -> dict[str, list[Any]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Malformed requests against every route.")
+    parser = argparse.ArgumentParser(description="Fuzzes every route of the web application.")
     parser.add_argument("--requests", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     logging.getLogger("lilgym_mp.web").addHandler(logging.StreamHandler())
     random = Random(args.seed)
     statuses: Counter[int] = Counter()
-    by_route: Counter[str] = Counter()
     failed: list[str] = []
-    began = time.monotonic()
+    start = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         options = ServeOptions(database=f"sqlite:///{Path(name) / 'web.sqlite3'}", requests_per_second=None)
         app = create_app(options)
-        clients = [_browser(app, "Olga", ORGANISER), _browser(app, "Ada", ANNOTATOR), _browser(app, None, "")]
-        requests = Requests(app.openapi(), random, _known(clients))
-        for number, (method, path, more) in enumerate(requests):
-            if number >= args.requests:
-                break
+        clients = _log_in(app)
+        requests = RequestGenerator(app.openapi(), random, _known(clients))
+        for count, (method, path, options) in enumerate(islice(requests, args.requests)):
             client = random.choice(clients)
             try:
-                answer = client.request(method, path, follow_redirects=False, **more)
+                response = client.request(method, path, follow_redirects=False, **options)
             except (ValueError, UnicodeError, TypeError):
-                statuses[0] += 1  # httpx itself refuses to send it
+                statuses[0] += 1  # httpx refuses to send it
                 continue
-            statuses[answer.status_code] += 1
-            by_route[f"{method} {path.split('/')[1]}/{path.split('/')[2] if path.count('/') > 1 else ''}"] += 1
-            if answer.status_code >= 500:
-                failed.append(f"{answer.status_code} {method} {path} {str(more)[:300]}")
-            if path.endswith(("/logout", "/token")) or number % 500 == 0:  # somebody may be out: all log in again
-                clients = [_browser(app, "Olga", ORGANISER), _browser(app, "Ada", ANNOTATOR), _browser(app, None, "")]
+            statuses[response.status_code] += 1
+            if response.status_code >= 500:
+                failed.append(f"{response.status_code} {method} {path} {str(options)[:300]}")
+            if path.endswith(("/logout", "/token")) or count % 500 == 0:  # may have ended a login
+                clients = _log_in(app)
         app.state.services.close()
     for line in failed[:20]:
         print(line)
-    print(f"{sum(statuses.values())} requests, {len(requests.operations)} operations, {time.monotonic() - began:.0f} s")
+    print(f"{sum(statuses.values())} requests, {len(requests.operations)} operations, {time.monotonic() - start:.0f} s")
     print("by status:", dict(sorted(statuses.items())))
     print(f"5xx: {len(failed)}")
     return 1 if failed else 0

@@ -1,9 +1,8 @@
-"""Takes the pictures of docs/web.md: starts the server, fills it with work of invented people, opens every page.
+"""Takes the screenshots of docs/web.md: starts a server, creates example data, and opens every page.
 
     python scripts/web_screenshots.py [--out docs/pictures/web] [--all]
 
-Needs the extras `web` and `browser`, and a Chromium. With --all each page is taken in light and dark, 1200 and 360
-pixels wide.
+Needs the extras `web` and `browser`, and Chromium. --all takes each page in light and dark, 1200 and 360 pixels wide.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ from lilgym_mp.web.authentication import issue_token
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
 SCATTER_TASK = "scatter-dev-025-a"
-COLOURS = 96  # of a kept picture: what is on the pages needs no more
+COLOURS = 96  # palette size: enough for these pages
 
 
 class Theme(NamedTuple):
-    """A window."""
+    """A window size and colour scheme."""
 
     suffix: str
     width: int
@@ -55,7 +54,7 @@ THEMES = (
 
 
 class Shot(NamedTuple):
-    """A page, what is done there first, and what is cut out of it (None: the window)."""
+    """A page, and the actions performed on it before the screenshot."""
 
     name: str
     path: str
@@ -166,10 +165,10 @@ SHOTS = (
 )
 
 
-def recorded(directory: Path) -> Path:
-    """The directory, with recordings of the agents that come with the package."""
+def record_agents(directory: Path) -> Path:
+    """Creates the directory with recordings of the agents shipped with the package."""
     directory.mkdir()
-    with chdir(directory), redirect_stdout(io.StringIO()):  # so that names on the page are short, and of no machine
+    with chdir(directory), redirect_stdout(io.StringIO()):  # keeps paths shown on the pages short and relative
         for name in ("parse-and-plan", "imitation-tower"):
             Path(name).mkdir()
             Path(name, "agent.safetensors").write_bytes(
@@ -182,7 +181,7 @@ def recorded(directory: Path) -> Path:
 
 @contextmanager
 def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
-    """The URL of a server with a new database, and its application."""
+    """Runs a server with a new database; yields its URL and application."""
     options = ServeOptions(database=f"sqlite:///{directory / 'web.sqlite3'}", runs=runs, requests_per_second=None)
     app = create_app(options)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="warning"))
@@ -198,15 +197,15 @@ def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
         thread.join(10)
 
 
-class Work(NamedTuple):
-    """What the pages show: whose tokens there are, and an assignment of Ada's."""
+class ExampleData(NamedTuple):
+    """Login tokens by name, and the id of an open assignment of Ada's."""
 
     tokens: dict[str, str]
     assignment: int
 
 
-def fill(page: Page, url: str, app: Any, directory: Path) -> Work:
-    """Statements, two annotators and some of their work."""
+def create_example_data(page: Page, url: str, app: Any, directory: Path) -> ExampleData:
+    """Imports statements and creates an organiser and two annotators with some submissions."""
     with app.state.services.database.write_session() as session:
         tokens = {
             name: issue_token(session, name, role)
@@ -243,12 +242,12 @@ def fill(page: Page, url: str, app: Any, directory: Path) -> Work:
             f"/api/annotate/assignments/{lines[3]['id']}/skip",
         )
         open_assignment = lines[4]["id"]
-    return Work(tokens, open_assignment)
+    return ExampleData(tokens, open_assignment)
 
 
-def take(page: Page, url: str, shot: Shot, path: Path, work: Work) -> None:
-    page.goto(f"{url}/login?token={work.tokens[shot.person]}")
-    page.goto(url + shot.path.format(assignment=work.assignment), wait_until="networkidle")
+def take(page: Page, url: str, shot: Shot, path: Path, data: ExampleData) -> None:
+    page.goto(f"{url}/login?token={data.tokens[shot.person]}")
+    page.goto(url + shot.path.format(assignment=data.assignment), wait_until="networkidle")
     if shot.name == "explore-statement":
         page.wait_for_selector("#results a")
         page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
@@ -261,12 +260,12 @@ def take(page: Page, url: str, shot: Shot, path: Path, work: Work) -> None:
 
 
 def overflow(page: Page) -> int:
-    """Pixels by which the page is wider than its window."""
+    """The page's width beyond that of its window, in pixels."""
     return int(page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
 
 
 def violations(page: Page, axe: Path) -> list[str]:
-    """What axe-core finds wrong on the page."""
+    """Accessibility violations found by axe-core."""
     page.evaluate(axe.read_text(encoding="utf-8"))
     found = page.evaluate(
         "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']})"
@@ -275,11 +274,13 @@ def violations(page: Page, axe: Path) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Takes the pictures of docs/web.md.")
+    parser = argparse.ArgumentParser(description="Takes the screenshots of docs/web.md.")
     parser.add_argument("--out", type=Path, default=PICTURES)
     parser.add_argument("--all", action="store_true", help="in light and dark, 1200 and 360 pixels wide")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="of " + ", ".join(shot.name for shot in SHOTS))
-    parser.add_argument("--axe", type=Path, metavar="axe.min.js", help="also tell what axe-core finds wrong")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", help="take only these: " + ", ".join(shot.name for shot in SHOTS)
+    )
+    parser.add_argument("--axe", type=Path, metavar="axe.min.js", help="also report accessibility violations")
     parser.add_argument("--runs", type=Path, help="a directory with recorded episodes")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -287,12 +288,12 @@ def main() -> int:
     if program is None:
         print("no Chromium on the PATH", file=sys.stderr)
         return 1
-    wide = 0
+    too_wide = 0
     with tempfile.TemporaryDirectory() as name, sync_playwright() as web, ExitStack() as stack:
-        runs = args.runs or recorded(Path(name) / "runs")
+        runs = args.runs or record_agents(Path(name) / "runs")
         url, app = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
-        work = fill(browser.new_context().new_page(), url, app, Path(name))
+        data = create_example_data(browser.new_context().new_page(), url, app, Path(name))
         for theme in THEMES if args.all else THEMES[:1]:
             context = browser.new_context(
                 viewport={"width": theme.width, "height": theme.height},
@@ -301,21 +302,21 @@ def main() -> int:
             )
             page = context.new_page()
             page.set_default_timeout(60_000)
-            page.on("console", lambda told: print(f"{told.type}: {told.text}") if told.type == "error" else None)
+            page.on("console", lambda entry: print(f"{entry.type}: {entry.text}") if entry.type == "error" else None)
             page.on("pageerror", lambda fault: print(f"page error: {fault}"))
             for shot in SHOTS:
                 if args.only and shot.name not in args.only:
                     continue
                 file = args.out / f"{shot.name}{theme.suffix}.png"
-                take(page, url, shot, file, work)
-                wider = overflow(page)
-                wide += wider > 0
-                for found in violations(page, args.axe) if args.axe else ():
-                    print(f"  {found}")
-                print(f"{file.name}: {file.stat().st_size:,} bytes" + (f", {wider} pixels too wide" if wider else ""))
+                take(page, url, shot, file, data)
+                excess = overflow(page)
+                too_wide += excess > 0
+                for violation in violations(page, args.axe) if args.axe else ():
+                    print(f"  {violation}")
+                print(f"{file.name}: {file.stat().st_size:,} bytes" + (f", {excess} pixels too wide" if excess else ""))
             context.close()
         browser.close()
-    return 1 if wide else 0
+    return 1 if too_wide else 0
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ class Watched:
     """A page with its network requests and errors."""
 
     page: Any  # playwright.sync_api.Page
-    requests: list[str] = field(default_factory=list)  # URLs that are neither files nor part of the page
+    requests: list[str] = field(default_factory=list)  # URLs, except local ones
     faults: list[str] = field(default_factory=list)  # console errors and warnings, uncaught exceptions, failed requests
 
     def __post_init__(self) -> None:

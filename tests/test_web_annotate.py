@@ -1,4 +1,4 @@
-"""/annotate: the paper's procedure from import to export."""
+"""/annotate: the paper's annotation procedure, from import to export."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.web_app import Browser, server
 
 API = "/api/annotate"
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
-TASK_PROGRAMS = {
+TUTORIAL_PROGRAMS = {
     "exist": BLUE,
     "count": "equal_int(count(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: "
     "AND(is_black(x), is_bottom(x)))))), 2)",
@@ -38,13 +38,13 @@ def _block(colour: str) -> dict[str, Any]:
     return {"x_loc": 40, "y_loc": 80, "type": "square", "color": colour, "size": 20}
 
 
-def _lines(count: int) -> bytes:
-    """NLVR's form: statements of a blue block, each with a scene of which it is true and one of which it is not."""
+def nlvr_file(count: int) -> bytes:
+    """NLVR JSON lines: statements about a blue block, each with one scene where it is true and one where it is not."""
     lines = []
-    for number in range(count):
+    for index in range(count):
         for scene, label in (([[_block("#0099ff")], [], []], "true"), ([[_block("Black")], [], []], "false")):
-            identifier = f"{number}-{int(label == 'true')}"
-            sentence = f"Statement {number} says that something is blue."
+            identifier = f"{index}-{int(label == 'true')}"
+            sentence = f"Statement {index} says that something is blue."
             line = {"sentence": sentence, "identifier": identifier, "label": label, "structured_rep": scene}
             lines.append(json.dumps(line))
     return "\n".join(lines).encode()
@@ -62,13 +62,13 @@ def organiser(app: Any) -> Browser:
 
 
 def imported(organiser: Browser, data: bytes, **query: Any) -> dict[str, Any]:
-    answer = organiser.post(f"{API}/imports", content=data, params=query)
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    response = organiser.post(f"{API}/imports", content=data, params=query)
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
-def given(organiser: Browser, *names: str, statements: int = 1, each: int = 1) -> list[Browser]:
-    """Annotators with a batch."""
+def assigned(organiser: Browser, *names: str, statements: int = 1, each: int = 1) -> list[Browser]:
+    """Logged-in browsers of annotators who have been assigned a batch."""
     browsers = [Browser(organiser.app).log_in(name) for name in names]
     people = {line["name"]: line["id"] for line in organiser.get(f"{API}/people").json()}
     body = {
@@ -81,7 +81,8 @@ def given(organiser: Browser, *names: str, statements: int = 1, each: int = 1) -
     return browsers
 
 
-def first(browser: Browser) -> str:
+def first_assignment(browser: Browser) -> str:
+    """The API path of the first assignment."""
     return f"{API}/assignments/{browser.get(f'{API}/assignments').json()[0]['id']}"
 
 
@@ -89,18 +90,18 @@ def submit(browser: Browser, path: str, program: str, key: str = "k1", **more: A
     return browser.post(f"{path}/submissions", {"key": key, "program": program, **more})
 
 
-def test_procedure__from_import_to_an_export_that_the_check_accepts(organiser: Browser, tmp_path: Path):
-    assert imported(organiser, _lines(3)) == {"read": 3, "added": 3, "faults": 0, "first_faults": []}
-    (ada,) = given(organiser, "Ada", statements=3)
+def test_procedure__from_import_to_a_valid_corpus_file(organiser: Browser, tmp_path: Path):
+    assert imported(organiser, nlvr_file(3)) == {"read": 3, "added": 3, "faults": 0, "first_faults": []}
+    (ada,) = assigned(organiser, "Ada", statements=3)
     for line in ada.get(f"{API}/assignments").json():
         path = f"{API}/assignments/{line['id']}"
-        told = ada.get(path).json()
-        assert told["hidden_scenes"] == 1
+        body = ada.get(path).json()
+        assert body["hidden_scenes"] == 1
         run = ada.post(f"{path}/run", {"program": BLUE}).json()
         assert run["agrees"]
-        assert run["truth"] is told["label"]
-        answer = submit(ada, path, BLUE, confidence=5)
-        assert answer.json()["verdict"] == "accepted", answer.text
+        assert run["truth"] is body["label"]
+        response = submit(ada, path, BLUE, confidence=5)
+        assert response.json()["verdict"] == "accepted", response.text
     export = organiser.get(f"{API}/export")
     assert export.status_code == 200
     file = tmp_path / "annotated.jsonl"
@@ -114,45 +115,45 @@ def test_procedure__from_import_to_an_export_that_the_check_accepts(organiser: B
     assert statistics["median_seconds"] >= 0
 
 
-def test_hidden_scenes__are_nowhere_in_what_an_annotator_gets(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = first(ada)
-    told = ada.get(path).json()
-    always = "True" if told["label"] else "False"
-    answer = submit(ada, path, always)
-    assert answer.status_code == 201
-    assert answer.json()["verdict"] == "failed"
-    texts = [ada.get(path).text, answer.text, ada.get(f"{API}/history").text]
-    hidden = "black square" if told["label"] else "blue square"
+def test_hidden_scenes__never_reach_the_annotator(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = first_assignment(ada)
+    body = ada.get(path).json()
+    always = "True" if body["label"] else "False"
+    response = submit(ada, path, always)
+    assert response.status_code == 201
+    assert response.json()["verdict"] == "failed"
+    texts = [ada.get(path).text, response.text, ada.get(f"{API}/history").text]
+    hidden = "black square" if body["label"] else "blue square"
     assert "square" in texts[0]
     assert not any(hidden in text for text in texts)
-    assert set(answer.json()) == {"id", "verdict", "message"}
+    assert set(response.json()) == {"id", "verdict", "message"}
 
 
 def test_submission__that_disagrees_with_the_shown_scene_is_refused(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = first(ada)
-    answer = submit(ada, path, f"NOT({BLUE})")
-    assert answer.status_code == 409
-    assert "does not agree with the shown scene" in answer.json()["message"]
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = first_assignment(ada)
+    response = submit(ada, path, f"NOT({BLUE})")
+    assert response.status_code == 409
+    assert "does not agree with the shown scene" in response.json()["message"]
     assert ada.get(f"{API}/history").json() == []
 
 
-def test_submission__sent_twice_is_kept_once(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = first(ada)
+def test_submission__sent_twice_is_stored_once(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = first_assignment(ada)
     answers = [submit(ada, path, BLUE, key="same").json() for _ in range(3)]
     assert answers[0] == answers[1] == answers[2]
     assert len(ada.get(f"{API}/history").json()) == 1
 
 
-def test_submission__every_one_is_kept_with_its_history(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = first(ada)
+def test_submission__history_lists_all_newest_first(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = first_assignment(ada)
     always = "True" if ada.get(path).json()["label"] else "False"
     submit(ada, path, always, key="one", comment="a guess")
     submit(ada, path, BLUE, key="two", question="Is a <b>blue</b> circle meant?")
@@ -161,35 +162,35 @@ def test_submission__every_one_is_kept_with_its_history(organiser: Browser):
     assert history[0]["question"] == "Is a <b>blue</b> circle meant?"
 
 
-def test_program__that_is_none_is_refused_and_nothing_is_lost(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = first(ada)
+def test_program__invalid_or_too_long_is_refused_and_changes_nothing(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = first_assignment(ada)
     for program in ("", "   ", "exist(", "unknown(all_items)", "x" * 9_000, "x" * 10_000_000):
         for where in ("run", "submissions"):
-            answer = ada.post(f"{path}/{where}", {"program": program, "key": "k"})
-            assert answer.status_code == (413 if len(program) > 9_000 else 422), program[:20]
-            assert answer.json()["message"]
+            response = ada.post(f"{path}/{where}", {"program": program, "key": "k"})
+            assert response.status_code == (413 if len(program) > 9_000 else 422), program[:20]
+            assert response.json()["message"]
     assert ada.get(path).json()["state"] == "open"
 
 
-def test_program__without_a_value_says_why(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    run = ada.post(f"{first(ada)}/run", {"program": "is_blue(all_items)"}).json()
+def test_program__failing_on_the_shown_scene_says_why(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    run = ada.post(f"{first_assignment(ada)}/run", {"program": "is_blue(all_items)"}).json()
     assert run["truth"] is None
     assert "must be an item" in run["fault"]
 
 
-def test_program__without_a_value_of_the_empty_scene_is_refused(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    answer = submit(ada, first(ada), "is_blue(unique(all_items))")
-    assert answer.status_code == 409
-    assert "fails on a scene without items" in answer.json()["message"]
+def test_program__failing_on_the_empty_scene_is_refused(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    response = submit(ada, first_assignment(ada), "is_blue(unique(all_items))")
+    assert response.status_code == 409
+    assert "fails on a scene without items" in response.json()["message"]
 
 
-def test_evaluator__ends_a_program_that_takes_too_long_and_goes_on():
+def test_evaluator__kills_a_slow_program_and_recovers():
     evaluator = ProgramEvaluator(1, 0.000001)
     try:
         scenes = [Scene.empty()] * 50_000
@@ -201,10 +202,10 @@ def test_evaluator__ends_a_program_that_takes_too_long_and_goes_on():
         evaluator.close()
 
 
-def test_annotators__can_neither_see_nor_change_each_others_work(organiser: Browser):
-    imported(organiser, _lines(2))
-    ada, bob = given(organiser, "Ada", "Bob", statements=2)
-    path = first(ada)
+def test_annotators__can_neither_see_nor_change_each_others_assignments(organiser: Browser):
+    imported(organiser, nlvr_file(2))
+    ada, bob = assigned(organiser, "Ada", "Bob", statements=2)
+    path = first_assignment(ada)
     assert ada.get(path).status_code == 200
     assert bob.get(path).status_code == 404
     assert bob.get(path.replace("/api", "").replace("/assignments", "")).status_code == 404
@@ -220,29 +221,29 @@ def test_annotators__can_neither_see_nor_change_each_others_work(organiser: Brow
 
 
 @pytest.mark.parametrize("path", ["people", "batches", "reviews", "statistics", "export"])
-def test_organisers_work__is_not_for_annotators_or_strangers(app: Any, path: str):
+def test_organiser_routes__are_closed_to_annotators_and_anonymous_visitors(app: Any, path: str):
     assert Browser(app).log_in("Ada").get(f"{API}/{path}").status_code == 403
     assert Browser(app).get(f"{API}/{path}").status_code == 401
 
 
-def test_draft__of_two_tabs_loses_nothing(organiser: Browser):
-    imported(organiser, _lines(1))
-    (ada,) = given(organiser, "Ada")
-    path = f"{first(ada)}/draft"
+def test_draft__a_stale_tab_cannot_overwrite_a_newer_draft(organiser: Browser):
+    imported(organiser, nlvr_file(1))
+    (ada,) = assigned(organiser, "Ada")
+    path = f"{first_assignment(ada)}/draft"
     assert ada.send("PUT", path, {"program": "exist(", "version": 0}).json() == {"version": 1}
     assert ada.send("PUT", path, {"program": "exist(", "version": 0}).json() == {"version": 1}
-    answer = ada.send("PUT", path, {"program": "count(", "version": 0})
-    assert answer.status_code == 409
-    assert "another tab" in answer.json()["message"]
-    assert ada.get(first(ada)).json()["draft"] == "exist("
+    response = ada.send("PUT", path, {"program": "count(", "version": 0})
+    assert response.status_code == 409
+    assert "another tab" in response.json()["message"]
+    assert ada.get(first_assignment(ada)).json()["draft"] == "exist("
 
 
-def test_work__outlives_a_restart(tmp_path: Path):
+def test_assignment__survives_a_restart(tmp_path: Path):
     with server(tmp_path) as app:
         organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, _lines(1))
-        (ada,) = given(organiser, "Ada")
-        path = first(ada)
+        imported(organiser, nlvr_file(1))
+        (ada,) = assigned(organiser, "Ada")
+        path = first_assignment(ada)
         ada.send("PUT", f"{path}/draft", {"program": "exist(", "version": 0})
         ada.post(f"{path}/skip", {"key": "k", "reason": "ambiguous", "comment": "two readings"})
         cookies = dict(ada.client.cookies)
@@ -254,9 +255,9 @@ def test_work__outlives_a_restart(tmp_path: Path):
         assert before["submissions"][0]["reason"] == "ambiguous"
 
 
-def test_redistribution__gives_skipped_and_disputed_statements_to_others(organiser: Browser):
-    imported(organiser, _lines(3))
-    (ada,) = given(organiser, "Ada", statements=3)
+def test_redistribution__assigns_skipped_and_disputed_statements_to_others(organiser: Browser):
+    imported(organiser, nlvr_file(3))
+    (ada,) = assigned(organiser, "Ada", statements=3)
     skipped, disputed, kept = (line["id"] for line in ada.get(f"{API}/assignments").json())
     ada.post(f"{API}/assignments/{skipped}/skip", {"key": "k", "reason": "too hard"})
     for number in (disputed, kept):
@@ -279,17 +280,17 @@ def test_redistribution__gives_skipped_and_disputed_statements_to_others(organis
     assert again.status_code == 409
 
 
-def test_agreement__is_of_truths_and_not_of_texts(organiser: Browser):
-    imported(organiser, _lines(2))
-    ada, bob = given(organiser, "Ada", "Bob", statements=2, each=2)
+def test_agreement__compares_truth_values_and_not_texts(organiser: Browser):
+    imported(organiser, nlvr_file(2))
+    ada, bob = assigned(organiser, "Ada", "Bob", statements=2, each=2)
     programs = {
         0: (BLUE, "exist(filter_color(all_items, Color.BLUE))"),
         1: (BLUE, "AND(exist(filter_color(all_items, Color.BLUE)), count(all_items) == 1)"),
     }
     for browser, place in ((ada, 0), (bob, 1)):
         for number, line in enumerate(browser.get(f"{API}/assignments").json()):
-            answer = submit(browser, f"{API}/assignments/{line['id']}", programs[number][place])
-            assert answer.json()["verdict"] == "accepted", answer.text
+            response = submit(browser, f"{API}/assignments/{line['id']}", programs[number][place])
+            assert response.json()["verdict"] == "accepted", response.text
     towers = [[_block("#0099ff"), {**_block("Black"), "y_loc": 59}], [], []]
     more = {"sentence": "More.", "identifier": "m-0", "label": "true", "structured_rep": towers}
     imported(organiser, json.dumps(more).encode())
@@ -299,9 +300,9 @@ def test_agreement__is_of_truths_and_not_of_texts(organiser: Browser):
     assert other["agreement"] == pytest.approx(5 / 6, abs=1e-4)
 
 
-def test_tokens__a_revoked_one_ends_every_login(organiser: Browser):
-    answer = organiser.post(f"{API}/people", {"name": "Eve"})
-    path = answer.json()["path"]
+def test_tokens__revoking_one_ends_its_logins(organiser: Browser):
+    response = organiser.post(f"{API}/people", {"name": "Eve"})
+    path = response.json()["path"]
     eve = Browser(organiser.app)
     assert eve.get(path, follow_redirects=False).status_code == 303
     assert eve.get(f"{API}/assignments").status_code == 200
@@ -311,7 +312,7 @@ def test_tokens__a_revoked_one_ends_every_login(organiser: Browser):
     assert Browser(organiser.app).get(path).status_code == 401
 
 
-def test_import__of_the_corpus_format_and_what_is_wrong_in_a_file(organiser: Browser, tmp_path: Path):
+def test_import__reads_the_corpus_format_and_reports_errors(organiser: Browser, tmp_path: Path):
     tasks = load_tasks("builtin", "scatter", "flipit", "dev")
     entries = list(flipit_entries(tasks))[:5]
     write_corpus(tmp_path / "some.jsonl.gz", "some", "CC0-1.0", entries)
@@ -319,40 +320,40 @@ def test_import__of_the_corpus_format_and_what_is_wrong_in_a_file(organiser: Bro
     assert imported(organiser, data)["added"] == 5
     assert imported(organiser, data)["added"] == 0
     broken = b'{"sentence": "S.", "identifier": "1-0", "label": "maybe", "structured_rep": []}\n{"sentence": 1}\nno'
-    told = imported(organiser, broken)
-    assert (told["read"], told["faults"]) == (0, 3)
-    assert "label must be true or false" in told["first_faults"][0]
+    body = imported(organiser, broken)
+    assert (body["read"], body["faults"]) == (0, 3)
+    assert "label must be true or false" in body["first_faults"][0]
     for data in (b"", b"\xff\xfe", b"\x1f\x8b broken"):
-        answer = organiser.post(f"{API}/imports", content=data)
-        assert answer.status_code == 422
-        assert "the file" in answer.json()["message"]
+        response = organiser.post(f"{API}/imports", content=data)
+        assert response.status_code == 422
+        assert "the file" in response.json()["message"]
 
 
-def test_language__has_every_word_with_signature_and_documentation(app: Any):
-    told = Browser(app).get(f"{API}/language").json()
-    words = {word["name"]: word for word in told["words"]}
+def test_language__lists_every_word_with_signature_and_documentation(app: Any):
+    body = Browser(app).get(f"{API}/language").json()
+    words = {word["name"]: word for word in body["words"]}
     assert {name for name, word in words.items() if word["is_function"]} == set(WORDS)
     assert all(word["signature"] and word["meaning"] for word in words.values())
     assert {"all_boxes", "Color.BLUE", ".is_tower()", "lambda"} <= set(words)
 
 
 @pytest.mark.parametrize("program", [BLUE, "exist(all_itmes)", "exist((", "a ; b", "lambda: 1", ""])
-def test_check__says_what_the_language_says(app: Any, program: str):
-    told = Browser(app).post(f"{API}/check", {"program": program}).json()
-    if told["ok"]:
+def test_check__reports_the_parsers_error(app: Any, program: str):
+    body = Browser(app).post(f"{API}/check", {"program": program}).json()
+    if body["ok"]:
         parse(program)
         return
     with pytest.raises(ProgramError) as fault:
         parse(program)
-    assert (told["offset"], told["message"]) == (fault.value.offset, fault.value.reason)
+    assert (body["offset"], body["message"]) == (fault.value.offset, fault.value.reason)
 
 
-def test_tutorial__its_tasks_can_be_solved_and_are_remembered(app: Any):
+def test_tutorial__tasks_can_be_solved_and_stay_solved(app: Any):
     ada = Browser(app).log_in("Ada")
-    assert {task.name for task in TASKS} == set(TASK_PROGRAMS)
-    for name, program in TASK_PROGRAMS.items():
-        answer = ada.post(f"{API}/tutorial/{name}/submissions", {"program": program})
-        assert answer.json()["verdict"] == "accepted", (name, answer.text)
+    assert {task.name for task in TASKS} == set(TUTORIAL_PROGRAMS)
+    for name, program in TUTORIAL_PROGRAMS.items():
+        response = ada.post(f"{API}/tutorial/{name}/submissions", {"program": program})
+        assert response.json()["verdict"] == "accepted", (name, response.text)
     assert all(task["solved"] for task in ada.get(f"{API}/tutorial").json())
     assert ada.post(f"{API}/tutorial/none/run", {"program": BLUE}).status_code == 404
     spurious = {"program": "exist(filter_obj(all_items, lambda x: is_triangle(x)))"}
@@ -360,16 +361,16 @@ def test_tutorial__its_tasks_can_be_solved_and_are_remembered(app: Any):
 
 
 @pytest.mark.parametrize("path", ["", "/guidelines", "/tutorial", "/organise"])
-def test_pages__are_there(organiser: Browser, path: str):
+def test_pages__load_for_an_organiser(organiser: Browser, path: str):
     assert organiser.get(f"/annotate{path}").status_code == 200
 
 
-def test_pages__send_strangers_to_their_link(app: Any):
+def test_pages__ask_anonymous_visitors_to_log_in(app: Any):
     assert "to log in" in Browser(app).get("/annotate").text
     assert Browser(app).get("/annotate/tutorial").status_code == 401
 
 
-def test_database__of_an_older_version_is_migrated_and_keeps_what_it_has(tmp_path: Path):
+def test_database__of_an_older_version_is_migrated_and_keeps_its_rows(tmp_path: Path):
     from alembic import command
     from alembic.config import Config
     from sqlalchemy import create_engine
@@ -395,7 +396,7 @@ def test_database__of_an_older_version_is_migrated_and_keeps_what_it_has(tmp_pat
     database.close()
 
 
-def test_database__its_migrations_make_the_tables_that_the_code_has(tmp_path: Path):
+def test_database__migrations_create_the_schema_of_the_models(tmp_path: Path):
     from alembic.autogenerate import compare_metadata
     from alembic.migration import MigrationContext
 

@@ -1,4 +1,4 @@
-"""The pages in a real browser: by keyboard alone, 360 pixels wide, without a fault, with nothing from elsewhere."""
+"""The pages in Chromium: keyboard-only use, 360-pixel width, accessibility, no console errors or external resources."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PAGES = (
 
 @contextmanager
 def served(directory: Path, **options: Any) -> Iterator[tuple[str, Any]]:
-    """The URL of a server in a thread, and its application."""
+    """Runs a server in a thread; yields its URL and application."""
     with server(directory, **options) as app:
         running = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", lifespan="off"))
         thread = threading.Thread(target=running.run, daemon=True)
@@ -51,7 +51,8 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
-def _is_clean(watched: Watched, url: str, *allowed: str) -> None:
+def _assert_clean(watched: Watched, url: str, *allowed: str) -> None:
+    """All requests went to the server, and no errors occurred except those containing an allowed text."""
     assert {urlsplit(asked).netloc for asked in watched.requests} == {urlsplit(url).netloc}
     assert [fault for fault in watched.faults if not any(each in fault for each in allowed)] == []
 
@@ -80,11 +81,11 @@ def test_play__by_keyboard_alone(browser: Any, tmp_path: Path):
         page.keyboard.press("Enter")
         page.wait_for_selector("#parts li")
         assert page.inner_text("#end-title")
-        _is_clean(watched, url)
+        _assert_clean(watched, url)
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_pages__fit_360_pixels_and_load_nothing_from_elsewhere(browser: Any, tmp_path: Path, dark: bool):
+def test_pages__fit_360_pixels_and_load_no_external_resources(browser: Any, tmp_path: Path, dark: bool):
     with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark) as watched:
         watched.page.set_default_timeout(60_000)
         for path in PAGES:
@@ -95,7 +96,7 @@ def test_pages__fit_360_pixels_and_load_nothing_from_elsewhere(browser: Any, tmp
                 watched.page.wait_for_selector(".cells button")
             wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             assert watched.page.evaluate(wider) <= 0, path
-        _is_clean(watched, url, "404", "icon.svg")  # the icon is not waited for when the next page is opened
+        _assert_clean(watched, url, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 
 RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}"
@@ -126,7 +127,7 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
 
 
 def _barriers(page: Any, script: str, where: str) -> list[str]:
-    """What axe-core finds on the page as it is now."""
+    """Accessibility violations that axe-core finds in the current state of the page."""
     page.evaluate(script)
     violations = page.evaluate(f"axe.run({RULES})")["violations"]
     return [f"{where}: {each['id']}: {each['nodes'][0]['html'][:150]}" for each in violations]
@@ -134,28 +135,28 @@ def _barriers(page: Any, script: str, where: str) -> list[str]:
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_pages__pass_axe_while_and_after_something_is_done(browser: Any, tmp_path: Path, dark: bool, width: int):
-    """The editor of programs before, with a fault and when it agrees; the end of an episode and of a game."""
-    from tests.test_web_annotate import BLUE, _lines, given, imported
+def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Path, dark: bool, width: int):
+    """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
+    from tests.test_web_annotate import BLUE, assigned, imported, nlvr_file
 
     script = axe_script()
     with served(tmp_path) as (url, app), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
         page, found = watched.page, list[str]()
         page.set_default_timeout(60_000)
         organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, _lines(1))
-        given(organiser, "Ada")
+        imported(organiser, nlvr_file(1))
+        assigned(organiser, "Ada")
         page.goto(url + organiser.post("/api/annotate/people", {"name": "Ada"}).json()["path"])
         page.click("#work a")
         page.wait_for_selector("#work:not([aria-busy])")
         found += _barriers(page, script, "editor")
         page.fill("#program", "exist(")
         page.wait_for_selector("#program-fault:not(:empty)")
-        found += _barriers(page, script, "editor with a fault")
+        found += _barriers(page, script, "editor with an error")
         page.fill("#program", BLUE)
         page.click("#run")
         page.wait_for_selector("#submit:not([disabled])")
-        found += _barriers(page, script, "editor that agrees")
+        found += _barriers(page, script, "editor with an agreeing program")
         page.goto(f"{url}/play")
         page.click("#setup [type=submit]")
         page.wait_for_selector(".cells button")
@@ -174,13 +175,13 @@ def test_pages__pass_axe_while_and_after_something_is_done(browser: Any, tmp_pat
         assert found == []
 
 
-def test_annotate__a_draft_outlives_a_server_that_does_not_answer(browser: Any, tmp_path: Path):
-    from tests.test_web_annotate import BLUE, _lines, given, imported
+def test_annotate__a_draft_survives_an_unreachable_server(browser: Any, tmp_path: Path):
+    from tests.test_web_annotate import BLUE, assigned, imported, nlvr_file
 
     with served(tmp_path) as (url, app), watched_page(browser) as watched:
         organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, _lines(1))
-        given(organiser, "Ada")
+        imported(organiser, nlvr_file(1))
+        assigned(organiser, "Ada")
         path = organiser.post("/api/annotate/people", {"name": "Ada"}).json()["path"]
         page = watched.page
         page.set_default_timeout(60_000)
@@ -212,7 +213,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp_path: Path, runs: Path):
+def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path: Path, runs: Path):
     with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
         page = watched.page
         page.set_default_timeout(60_000)
@@ -250,10 +251,10 @@ def test_watch__two_recordings_are_stepped_through_by_keyboard(browser: Any, tmp
         page.wait_for_selector("#step-line:has-text('Step 1 ')")
         page.reload()
         page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
-        _is_clean(watched, url)
+        _assert_clean(watched, url)
 
 
-def test_watch__shows_what_a_language_model_answered(browser: Any, tmp_path: Path):
+def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
     from lilgym_mp.evaluation import Settings
     from lilgym_mp.llm import Player
     from lilgym_mp.llm.recording import write_recording
@@ -269,28 +270,28 @@ def test_watch__shows_what_a_language_model_answered(browser: Any, tmp_path: Pat
         page.locator("#episodes button").first.click()
         page.wait_for_selector(".side .answer")
         assert page.locator(".side h3", has_text="Answer, not understood as an action").count() == 1
-        told = page.locator(".side .answer").all_inner_texts()
-        assert told[0] == "Let me think."
-        assert told[1].startswith("Thus\n")
+        answers = page.locator(".side .answer").all_inner_texts()
+        assert answers[0] == "Let me think."
+        assert answers[1].startswith("Thus\n")
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#step-line:has-text('Step 2')")
         assert page.locator(".side .answer").count() == 1
-        _is_clean(watched, url)
+        _assert_clean(watched, url)
 
 
 def _of_expert(title: str) -> bool:
     return title.startswith("expert")
 
 
-def test_watch__without_recordings_tells_how_to_make_some(browser: Any, tmp_path: Path):
+def test_watch__without_recordings_explains_how_to_record(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         watched.page.goto(f"{url}/watch")
         watched.page.wait_for_selector("#nothing:has-text('--record-decisions')")
-        _is_clean(watched, url)
+        _assert_clean(watched, url)
 
 
 @pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person")])
-def test_game__every_protocol_is_played_to_its_end(browser: Any, tmp_path: Path, seats: tuple[str, str]):
+def test_game__every_protocol_can_be_played_to_the_end(browser: Any, tmp_path: Path, seats: tuple[str, str]):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         page = watched.page
         page.set_default_timeout(60_000)
@@ -306,11 +307,11 @@ def test_game__every_protocol_is_played_to_its_end(browser: Any, tmp_path: Path,
                 page.click("#legal")
             _play_out(page)
             assert "Your reward: " in page.inner_text("#turn")
-        _is_clean(watched, url)
+        _assert_clean(watched, url)
 
 
 def _play_out(page: Any) -> None:
-    """As proposer adds and removes in turn, from an empty scene, and stops; as verifier gives each answer in turn."""
+    """Plays a Tower game to its end: alternates ADD and REMOVE, then STOP, as proposer; cycles answers as verifier."""
     kinds = cycle(("ADD", "REMOVE"))
     for turn in range(60):
         page.wait_for_selector("#turn:text-matches('your turn|is over')")
@@ -328,7 +329,7 @@ def _play_out(page: Any) -> None:
     raise AssertionError("the game did not end")
 
 
-def test_game__a_verdict_is_chosen_from_the_protocols_bins(browser: Any, tmp_path: Path):
+def test_game__a_verdict_is_chosen_from_the_bins(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         page = watched.page
         page.set_default_timeout(60_000)
@@ -344,4 +345,4 @@ def test_game__a_verdict_is_chosen_from_the_protocols_bins(browser: Any, tmp_pat
         page.focus("#answers button")
         page.keyboard.press("5")
         page.wait_for_selector("#turn:text-matches('Your reward: -0.(01|81)')")  # of a true claim, of a false one
-        _is_clean(watched, url)
+        _assert_clean(watched, url)

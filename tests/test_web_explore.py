@@ -1,4 +1,4 @@
-"""/explore: the corpus searched, and what is known of each statement."""
+"""/explore: search, filters, and the details of a statement."""
 
 from __future__ import annotations
 
@@ -27,44 +27,44 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 def found(browser: Browser, **filters: Any) -> dict[str, Any]:
-    answer = browser.get(f"{API}/statements", params={"appearance": "tower", "split": "dev", **filters})
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    response = browser.get(f"{API}/statements", params={"appearance": "tower", "split": "dev", **filters})
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def test_search__finds_every_statement_of_a_split(browser: Browser):
-    told = found(browser)
-    assert told["total"] == len({task.statement for task in load_tasks("builtin", "tower", "scratch", "dev")})
-    assert len(told["statements"]) == told["page"]
-    assert found(browser, first=told["total"])["statements"] == []
+    body = found(browser)
+    assert body["total"] == len({task.statement for task in load_tasks("builtin", "tower", "scratch", "dev")})
+    assert len(body["statements"]) == body["page"]
+    assert found(browser, first=body["total"])["statements"] == []
 
 
-def test_filters__keep_what_they_say(browser: Browser):
+def test_filters__keep_matching_statements_only(browser: Browser):
     programs = {task.statement: task.program for task in load_tasks("builtin", "tower", "scratch", "dev")}
-    told = found(browser, phenomenon="negation")
-    assert 0 < told["total"] < found(browser)["total"]
-    assert all("negation" in phenomena(programs[line["statement"]]) for line in told["statements"])
-    told = found(browser, word="exist", text="blue")
-    assert told["total"]
-    assert all("exist(" in programs[line["statement"]] for line in told["statements"])
-    told = found(browser, least=6, most=6)
-    assert told["total"]
-    assert all(len(corpus.words(line["statement"])) == 6 for line in told["statements"])
+    body = found(browser, phenomenon="negation")
+    assert 0 < body["total"] < found(browser)["total"]
+    assert all("negation" in phenomena(programs[line["statement"]]) for line in body["statements"])
+    body = found(browser, word="exist", text="blue")
+    assert body["total"]
+    assert all("exist(" in programs[line["statement"]] for line in body["statements"])
+    body = found(browser, least=6, most=6)
+    assert body["total"]
+    assert all(len(corpus.words(line["statement"])) == 6 for line in body["statements"])
 
 
 def test_choices__count_statements(browser: Browser):
-    told = browser.get(f"{API}/choices").json()
-    for name, count in told["phenomena"].items():
+    body = browser.get(f"{API}/choices").json()
+    for name, count in body["phenomena"].items():
         assert found(browser, phenomenon=name)["total"] == count
-    word, count = next(iter(told["words"].items()))
+    word, count = next(iter(body["words"].items()))
     assert found(browser, word=word)["total"] == count
 
 
 def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
     line = found(browser, text="blue")["statements"][0]
-    told = browser.get(f"{API}/statement", params={"statement_id": line["id"]}).json()
-    assert told["statement"] == line["statement"]
-    for scene in told["scenes"]:
+    body = browser.get(f"{API}/statement", params={"statement_id": line["id"]}).json()
+    assert body["statement"] == line["statement"]
+    for scene in body["scenes"]:
         settings = Settings(scene["configuration"])
         task = load_tasks("builtin", "tower", settings.start, "dev").by_id(scene["task_id"])
         solver = Solver(settings.dynamics())
@@ -73,10 +73,10 @@ def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
         assert scene["truth"] == task.truth(task.start)
         assert scene["parts"][0]["value"] == str(scene["truth"])
     assert browser.get(f"/explore/tower/dev/{line['id']}").status_code == 200
-    assert browser.get(f"/explore/tower/dev/{told['scenes'][-1]['task_id']}").status_code == 200
+    assert browser.get(f"/explore/tower/dev/{body['scenes'][-1]['task_id']}").status_code == 200
 
 
-def test_statement__tells_what_recorded_runs_did(tmp_path: Path):
+def test_statement__lists_outcomes_of_recorded_runs(tmp_path: Path):
     runs = tmp_path / "runs"
     runs.mkdir()
     tasks = load_tasks("builtin", "tower", "scratch", "dev")
@@ -92,11 +92,11 @@ def test_statement__tells_what_recorded_runs_did(tmp_path: Path):
     write_episodes(runs / "some.episodes.jsonl.gz", header, [episode])
     (runs / "broken.episodes.jsonl.gz").write_bytes(b"no recording")
     with server(tmp_path, runs=runs) as app:
-        told = Browser(app).get(f"{API}/statement", params={"statement_id": task.id}).json()
-    assert [run["task_id"] for run in told["runs"]] == [task.id]
-    assert (told["runs"][0]["agent"], told["runs"][0]["outcome"]) == ("stops at once", "wrong_stop")
-    assert "broken" in told["unreadable"][0]
-    assert str(tmp_path) not in str(told)
+        body = Browser(app).get(f"{API}/statement", params={"statement_id": task.id}).json()
+    assert [run["task_id"] for run in body["runs"]] == [task.id]
+    assert (body["runs"][0]["agent"], body["runs"][0]["outcome"]) == ("stops at once", "wrong_stop")
+    assert "broken" in body["unreadable"][0]
+    assert str(tmp_path) not in str(body)
 
 
 @pytest.mark.parametrize(
@@ -109,11 +109,11 @@ def test_statement__tells_what_recorded_runs_did(tmp_path: Path):
         (f"{API}/statements?least=-1", 422),
     ],
 )
-def test_bad_requests__are_told(browser: Browser, path: str, status: int):
-    answer = browser.get(path)
-    assert answer.status_code == status
-    assert "Traceback" not in answer.text
+def test_bad_requests__get_an_error_response(browser: Browser, path: str, status: int):
+    response = browser.get(path)
+    assert response.status_code == status
+    assert "Traceback" not in response.text
 
 
-def test_page__is_there(browser: Browser):
+def test_page__loads(browser: Browser):
     assert browser.get("/explore").status_code == 200

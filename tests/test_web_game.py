@@ -1,4 +1,4 @@
-"""/game: seats for people beside partners, each told what its view says and nothing else."""
+"""/game: every protocol is playable from either seat, and a seat's responses contain nothing outside of its view."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ def browser(app: Any) -> Browser:
 
 
 def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
-    answer = browser.post(GAMES, chosen)
-    assert answer.status_code == 201, answer.text
-    return answer.json()
+    response = browser.post(GAMES, chosen)
+    assert response.status_code == 201, response.text
+    return response.json()
 
 
-def seen(browser: Browser, key: str) -> dict[str, Any]:
-    answer = browser.get(f"{SEATS}/{key}")
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+def seat(browser: Browser, key: str) -> dict[str, Any]:
+    response = browser.get(f"{SEATS}/{key}")
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def act(browser: Browser, key: str, action: str, own_actions: int | None = None) -> Any:
     if own_actions is None:
-        own_actions = len(seen(browser, key)["own_actions"])
+        own_actions = len(seat(browser, key)["own_actions"])
     return browser.post(f"{SEATS}/{key}/actions", {"action": action, "own_actions": own_actions})
 
 
@@ -67,25 +67,26 @@ def live_game(app: Any, key: str) -> live_games.LiveGame:
 
 
 def play_out(browser: Browser, keys: dict[str, str], seed: int = 0) -> list[str]:
-    """A whole game of random legal actions in the people's seats; every answer of the server, as it came."""
+    """Plays random legal actions in the people's seats to the end; returns all response bodies."""
     rng = np.random.default_rng(seed)
-    traffic: list[str] = []
+    bodies: list[str] = []
     for _ in range(400):
         for key in keys.values():
-            answer = browser.get(f"{SEATS}/{key}")
-            traffic.append(answer.text)
-            body = answer.json()
-            if body["over"]:
-                return traffic
-            if body["your_turn"]:
+            response = browser.get(f"{SEATS}/{key}")
+            bodies.append(response.text)
+            state = response.json()
+            if state["over"]:
+                return bodies
+            if state["your_turn"]:
                 names = browser.get(f"{SEATS}/{key}/legal")
-                traffic.append(names.text)
+                bodies.append(names.text)
                 name = str(rng.choice(names.json()["actions"]))
-                traffic.append(act(browser, key, name).text)
+                bodies.append(act(browser, key, name).text)
     raise AssertionError("the game did not end")
 
 
 def people(made: dict[str, Any]) -> dict[str, str]:
+    """The seat keys by role."""
     return {role: key for role, key in made.items() if key is not None}
 
 
@@ -94,13 +95,13 @@ PROTOCOLS = ["veto", "joint", "audit", "critique"]
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person")])
-def test_game__every_protocol_is_played_to_its_end(browser: Browser, protocol: str, seats: tuple[str, str]):
+def test_game__every_protocol_can_be_played_to_the_end(browser: Browser, protocol: str, seats: tuple[str, str]):
     made = begin(browser, protocol=protocol, proposer=seats[0], verifier=seats[1], configuration="TowerFlipIt")
     keys = people(made)
     assert set(keys) == {role for role, who in zip(("proposer", "verifier"), seats, strict=True) if who == "person"}
     play_out(browser, keys)
     for key in keys.values():
-        body = seen(browser, key)
+        body = seat(browser, key)
         assert body["over"]
         assert not body["your_turn"]
         assert body["reward"] == pytest.approx(live_game(browser.app, key).rewards[Role[body["role"].upper()]])
@@ -108,7 +109,7 @@ def test_game__every_protocol_is_played_to_its_end(browser: Browser, protocol: s
 
 
 def keys_of(value: Any) -> set[str]:
-    """Every key in a JSON value."""
+    """Every key in a JSON value, recursively."""
     if isinstance(value, dict):
         return {str(key) for key in value} | {name for inner in value.values() for name in keys_of(inner)}
     if isinstance(value, list):
@@ -119,13 +120,13 @@ def keys_of(value: Any) -> set[str]:
 @pytest.mark.parametrize(
     ("protocol", "configuration"), list(zip(PROTOCOLS, ["TowerFlipIt", "ScatterFlipIt"] * 2, strict=True))
 )
-def test_traffic__has_no_truth_no_program_and_nothing_of_infos(browser: Browser, protocol: str, configuration: str):
+def test_responses__contain_no_truth_value_program_or_infos(browser: Browser, protocol: str, configuration: str):
     made = begin(
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
-    traffic = play_out(browser, people(made))
+    bodies = play_out(browser, people(made))
     task = live_game(browser.app, made["proposer"]).engine.state.mdp.task
-    for text in traffic:
+    for text in bodies:
         assert task.program not in text
         assert task.id not in text
         found = keys_of(json.loads(text))
@@ -133,11 +134,11 @@ def test_traffic__has_no_truth_no_program_and_nothing_of_infos(browser: Browser,
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_traffic__the_intent_reaches_the_proposer_alone(browser: Browser, protocol: str):
+def test_responses__the_intent_reaches_only_the_proposer(browser: Browser, protocol: str):
     intents: set[str] = set()
     for _ in range(2):
         made = begin(browser, protocol=protocol, proposer="person", verifier="person", rewards="hidden")
-        intents.add(seen(browser, made["proposer"])["intent"])
+        intents.add(seat(browser, made["proposer"])["intent"])
         play_out(browser, people(made))
         verifiers = browser.get(f"{SEATS}/{made['verifier']}")
         assert verifiers.json()["intent"] is None
@@ -146,12 +147,11 @@ def test_traffic__the_intent_reaches_the_proposer_alone(browser: Browser, protoc
     assert intents <= {"helpful", "sneaky"}
 
 
-def test_traffic__rewards_are_told_at_the_end_and_each_seat_its_own(browser: Browser):
+def test_responses__each_seat_learns_its_own_reward_at_the_end(browser: Browser):
     made = begin(browser, proposer="person", verifier="person", rewards="correctness", protocol="audit")
-    traffic = play_out(browser, people(made))
-    bodies = [json.loads(text) for text in traffic]
+    bodies = [json.loads(text) for text in play_out(browser, people(made))]
     assert all(body["reward"] is None for body in bodies if "over" in body and not body["over"])
-    ends = [seen(browser, key) for key in people(made).values()]
+    ends = [seat(browser, key) for key in people(made).values()]
     game = live_game(browser.app, made["proposer"])
     assert [end["reward"] for end in ends] == [pytest.approx(reward) for reward in game.rewards]
 
@@ -159,7 +159,7 @@ def test_traffic__rewards_are_told_at_the_end_and_each_seat_its_own(browser: Bro
 @pytest.mark.parametrize(
     ("view", "part"), [("no picture", "scene"), ("no statement", "statement"), ("no target", "target")]
 )
-def test_view__what_it_lacks_never_reaches_the_seat(browser: Browser, view: str, part: str):
+def test_view__hidden_parts_never_reach_the_seat(browser: Browser, view: str, part: str):
     made = begin(browser, proposer="random", verifier="person", verifier_view=view, configuration="ScatterFlipIt")
     game = live_game(browser.app, made["verifier"])
     for text in play_out(browser, people(made)):
@@ -172,14 +172,14 @@ def test_view__what_it_lacks_never_reaches_the_seat(browser: Browser, view: str,
         if part == "scene":
             assert "data:image" not in text
     others = {"scene", "statement", "target"} - {part}
-    assert all(seen(browser, made["verifier"])[other] is not None for other in others)
+    assert all(seat(browser, made["verifier"])[other] is not None for other in others)
 
 
-def test_view__one_seats_choice_is_not_told_to_the_other_before_both_have_chosen(browser: Browser):
+def test_view__simultaneous_choices_stay_hidden_until_both_are_made(browser: Browser):
     made = begin(browser, protocol="joint", proposer="person", verifier="person")
     before = browser.get(f"{SEATS}/{made['verifier']}").text
-    answer = act(browser, made["proposer"], "ADD(LEFT, BLUE)").json()
-    assert (answer["waiting_for_other"], answer["your_turn"]) == (True, False)
+    response = act(browser, made["proposer"], "ADD(LEFT, BLUE)").json()
+    assert (response["waiting_for_other"], response["your_turn"]) == (True, False)
     assert browser.get(f"{SEATS}/{made['verifier']}").text == before
     after = act(browser, made["verifier"], "continue").json()
     assert after["history"][-1] == {
@@ -190,19 +190,19 @@ def test_view__one_seats_choice_is_not_told_to_the_other_before_both_have_chosen
     }
 
 
-def test_seat__two_browsers_sit_in_one_game(app: Any):
+def test_seat__two_browsers_share_a_game(app: Any):
     one, other = Browser(app), Browser(app)
     made = begin(one, proposer="person", verifier="person")
-    assert not seen(other, made["verifier"])["your_turn"]
+    assert not seat(other, made["verifier"])["your_turn"]
     act(one, made["proposer"], "ADD(MIDDLE, BLACK)")
-    asked = seen(other, made["verifier"])
+    asked = seat(other, made["verifier"])
     assert (asked["proposal"], asked["answers"]) == ("ADD(MIDDLE, BLACK)", ["reject", "accept"])
     act(other, made["verifier"], "accept")
-    scene = seen(one, made["proposer"])["scene"]
+    scene = seat(one, made["proposer"])["scene"]
     assert [(item["box"], item["description"]) for item in scene["items"]] == [(1, "medium black square at (40, 80)")]
 
 
-def test_seat__a_rejection_leaves_the_scene_and_the_proposer_sees_it(browser: Browser):
+def test_seat__a_rejection_keeps_the_scene_and_is_visible_to_the_proposer(browser: Browser):
     made = begin(browser, proposer="person", verifier="always_reject")
     body = act(browser, made["proposer"], "ADD(LEFT, BLUE)").json()
     assert body["scene"]["items"] == []
@@ -210,34 +210,34 @@ def test_seat__a_rejection_leaves_the_scene_and_the_proposer_sees_it(browser: Br
     assert body["your_turn"]
 
 
-def test_critique__a_word_reaches_the_proposer(browser: Browser):
+def test_critique__a_message_reaches_the_proposer(browser: Browser):
     made = begin(browser, protocol="critique", proposer="person", verifier="person")
     act(browser, made["proposer"], "ADD(LEFT, BLUE)")
-    answers = seen(browser, made["verifier"])["answers"]
+    answers = seat(browser, made["verifier"])["answers"]
     assert "reject, message 3" in answers
     act(browser, made["verifier"], "reject, message 3")
-    assert seen(browser, made["proposer"])["message"] == 3
+    assert seat(browser, made["proposer"])["message"] == 3
 
 
-def test_audit__a_verdict_is_one_of_the_bins_probabilities(browser: Browser):
+def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
     chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="sneaky", verifier="person", **chosen)
-    assert seen(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
+    assert seat(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
     game = live_game(browser.app, made["verifier"]).engine
-    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the partner may find nothing false to claim
+    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the sneaky partner may find no false claim
     body = act(browser, made["verifier"], "holds with probability 0.25").json()
     assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.25 if holds else 0.75), abs=1e-5))
 
 
-def test_legal__is_the_agents_mask(browser: Browser):
+def test_legal__equals_the_agents_mask(browser: Browser):
     made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
     game = live_game(browser.app, made["proposer"])
     mask = game.engine.observe(Role.PROPOSER)["action_mask"]
     names = set(legal(browser, made["proposer"]))
     assert names == {game.engine.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
     query = "shape=CIRCLE&colour=BLUE&size=SMALL"
-    of_look = browser.get(f"{SEATS}/{made['proposer']}/legal?{query}").json()["actions"]
-    assert set(of_look) == {name for name in names if "CIRCLE, BLUE, SMALL" in name or "ADD" not in name}
+    matching = browser.get(f"{SEATS}/{made['proposer']}/legal?{query}").json()["actions"]
+    assert set(matching) == {name for name in names if "CIRCLE, BLUE, SMALL" in name or "ADD" not in name}
 
 
 @pytest.mark.parametrize(
@@ -249,23 +249,23 @@ def test_legal__is_the_agents_mask(browser: Browser):
         ("ADD(LEFT, BLUE)", 5, 409, "you have acted since"),
     ],
 )
-def test_action__that_cannot_be_is_refused_and_changes_nothing(
+def test_action__invalid_is_refused_and_changes_nothing(
     browser: Browser, action: str, own_actions: int, status: int, said: str
 ):
     made = begin(browser, proposer="person", verifier="oracle")
-    before = seen(browser, made["proposer"])
-    answer = act(browser, made["proposer"], action, own_actions)
-    assert answer.status_code == status
-    assert said in answer.json()["message"]
-    assert seen(browser, made["proposer"]) == before
+    before = seat(browser, made["proposer"])
+    response = act(browser, made["proposer"], action, own_actions)
+    assert response.status_code == status
+    assert said in response.json()["message"]
+    assert seat(browser, made["proposer"]) == before
 
 
 def test_action__out_of_turn_is_refused(browser: Browser):
     made = begin(browser, proposer="person", verifier="person")
     assert act(browser, made["verifier"], "accept").status_code == 409
     assert act(browser, made["proposer"], "ADD(LEFT, BLUE)").status_code == 200
-    answer = act(browser, made["verifier"], "perhaps")
-    assert (answer.status_code, "choose from reject, accept" in answer.json()["message"]) == (422, True)
+    response = act(browser, made["verifier"], "perhaps")
+    assert (response.status_code, "choose from reject, accept" in response.json()["message"]) == (422, True)
 
 
 @pytest.mark.parametrize(
@@ -283,12 +283,12 @@ def test_action__out_of_turn_is_refused(browser: Browser):
         ({"protocol": "audit", "verdict_bins": 1}, 422, "greater than or equal to 2"),
     ],
 )
-def test_begin__says_what_is_wrong(browser: Browser, chosen: dict[str, Any], status: int, said: str):
+def test_begin__names_the_invalid_setting(browser: Browser, chosen: dict[str, Any], status: int, said: str):
     if "agent:" in chosen.get("verifier", "") or "run:" in chosen.get("verifier", ""):
         pytest.importorskip("torch")
-    answer = browser.post(GAMES, chosen)
-    assert answer.status_code == status, answer.text
-    assert said in answer.json()["message"]
+    response = browser.post(GAMES, chosen)
+    assert response.status_code == status, response.text
+    assert said in response.json()["message"]
 
 
 @pytest.mark.parametrize("seats", [("agent:parse-and-plan", "person"), ("person", "agent:parse-and-plan")])
@@ -298,7 +298,7 @@ def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, 
     (key,) = people(made).values()
     if seats[1] == "person":
         accepted = 0
-        while not seen(browser, key)["over"]:
+        while not seat(browser, key)["over"]:
             assert act(browser, key, "accept").status_code == 200
             accepted += 1
             assert accepted <= 12, "the horizon did not end the game"
@@ -319,9 +319,9 @@ def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pyt
     assert browser.get(f"{SEATS}/{keys[-1]}").status_code == 404
 
 
-def test_seat__an_unknown_key_is_told(browser: Browser):
-    answer = browser.get(f"{SEATS}/nobody")
-    assert (answer.status_code, "no such seat" in answer.json()["message"]) == (404, True)
+def test_seat__an_unknown_key_is_refused(browser: Browser):
+    response = browser.get(f"{SEATS}/nobody")
+    assert (response.status_code, "no such seat" in response.json()["message"]) == (404, True)
 
 
 def test_game_page__offers_every_protocol_and_partner(browser: Browser):

@@ -1,4 +1,4 @@
-"""A server that is killed amid submissions: every one that it acknowledged is there after a restart."""
+"""Kills the server during submissions: every acknowledged submission must be stored after a restart."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCENE = {"label": "true", "structured_rep": [[BLOCK], [], []]}
 
 
 def _started(directory: Path) -> tuple[subprocess.Popen[str], str, str]:
-    """A server of its own process, its URL, and the organiser's path."""
+    """A server in a separate process, its URL, and the organiser's login path."""
     command = [sys.executable, "-m", "lilgym_mp", "serve", "--port", "0", "--database", "web.sqlite3"]
     running = subprocess.Popen(command, cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert running.stdout is not None
@@ -32,7 +32,7 @@ def _started(directory: Path) -> tuple[subprocess.Popen[str], str, str]:
 
 
 def _prepare(directory: Path) -> list[str]:
-    """Statements for as many annotators as send; gives their login paths."""
+    """Imports and assigns statements to SENDERS annotators; returns their login paths."""
     lines = [
         json.dumps(
             {"sentence": f"S {n}.", "identifier": f"{n}-0", "label": "true", "structured_rep": [[BLOCK], [], []]}
@@ -50,7 +50,7 @@ def _prepare(directory: Path) -> list[str]:
 
 
 def _send(url: str, path: str, acknowledged: list[tuple[int, str]]) -> None:
-    """Submits until the server is gone; notes what it acknowledged."""
+    """Submits until the connection breaks; collects acknowledged submissions."""
     with httpx.Client(base_url=url, timeout=60) as client:
         client.get(path)
         client.headers["X-CSRF-Token"] = client.get("/api/session").json()["csrf_token"]
@@ -58,10 +58,10 @@ def _send(url: str, path: str, acknowledged: list[tuple[int, str]]) -> None:
             key = f"key-{line['id']}"
             where = f"/api/annotate/assignments/{line['id']}/skip"
             try:
-                answer = client.post(where, json={"key": key, "reason": "other", "comment": key})
+                response = client.post(where, json={"key": key, "reason": "other", "comment": key})
             except httpx.HTTPError:
                 return
-            if answer.status_code == 201:
+            if response.status_code == 201:
                 acknowledged.append((line["id"], key))
 
 
@@ -86,12 +86,12 @@ def test_kill__loses_no_acknowledged_submission(tmp_path: Path):
     for thread in threads:
         thread.join()
     sent = sum(map(len, acknowledged))
-    assert ENOUGH <= sent < STATEMENTS, "the server was to be killed while submissions came"
+    assert ENOUGH <= sent < STATEMENTS, "the server must be killed while submissions are under way"
     with server(tmp_path) as app:
         for path, kept in zip(paths, acknowledged, strict=True):
             browser = Browser(app)
             browser.get(path, follow_redirects=False)
             found: list[dict[str, Any]] = browser.get("/api/annotate/history").json()
-            there = {(line["assignment"], line["comment"]) for line in found}
-            assert set(kept) <= there
-            assert len(there) == len(found) <= len(kept) + 1
+            stored = {(line["assignment"], line["comment"]) for line in found}
+            assert set(kept) <= stored
+            assert len(stored) == len(found) <= len(kept) + 1

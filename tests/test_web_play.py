@@ -1,4 +1,4 @@
-"""/play: episodes by the package's rules, explained at their end."""
+"""/play: episodes follow the environment's rules and are explained at their end."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def browser(app: Any) -> Browser:
 
 
 def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
-    answer = browser.post(EPISODES, {"configuration": "ScatterFlipIt", **chosen})
-    assert answer.status_code == 201, answer.text
-    return answer.json()
+    response = browser.post(EPISODES, {"configuration": "ScatterFlipIt", **chosen})
+    assert response.status_code == 201, response.text
+    return response.json()
 
 
 def act(browser: Browser, episode: dict[str, Any], action: str, steps: int | None = None) -> Any:
@@ -41,7 +41,7 @@ def act(browser: Browser, episode: dict[str, Any], action: str, steps: int | Non
 
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
-def test_play__the_experts_solution_succeeds_with_the_reward_of_the_environment(browser: Browser, configuration: str):
+def test_play__the_experts_solution_earns_the_environments_reward(browser: Browser, configuration: str):
     episode = begin(browser, configuration=configuration)
     env = Settings(configuration).make("dev")
     env.reset(options={"task": episode["task_id"]})
@@ -50,9 +50,9 @@ def test_play__the_experts_solution_succeeds_with_the_reward_of_the_environment(
     for step in solution["steps"]:
         appearance = env.dynamics.appearance
         assert episode["scene"]["picture"].endswith(base64.b64encode(png(env.scene)).decode())
-        answer = act(browser, episode, step["action"])
-        assert answer.status_code == 200, answer.text
-        episode = answer.json()
+        response = act(browser, episode, step["action"])
+        assert response.status_code == 200, response.text
+        episode = response.json()
         (index,) = [i for i in range(appearance.action_count) if _name(appearance, i) == step["action"]]
         _, given, _, _, info = env.step(index)
         reward += float(given)
@@ -67,7 +67,7 @@ def _name(appearance: Any, index: int) -> str:
     return describe(appearance.decode(index))
 
 
-def test_legal__is_the_exact_mask(browser: Browser):
+def test_legal__equals_the_exact_mask(browser: Browser):
     episode = begin(browser)
     names = set()
     for shape in ("CIRCLE", "SQUARE", "TRIANGLE"):
@@ -81,33 +81,33 @@ def test_legal__is_the_exact_mask(browser: Browser):
     assert names == {_name(env.dynamics.appearance, index) for index in range(len(mask)) if mask[index]}
 
 
-def test_illegal__is_refused_with_its_reason_and_nothing_is_lost(browser: Browser):
+def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser: Browser):
     episode = begin(browser)
-    answer = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)")
-    assert answer.status_code == 409
-    assert "not legal here: separator" in answer.json()["message"]
+    response = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)")
+    assert response.status_code == 409
+    assert "not legal here: separator" in response.json()["message"]
     assert browser.get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
-def test_illegal__ends_a_strict_episode_as_the_rules_say(browser: Browser):
+def test_illegal_action__ends_a_strict_episode(browser: Browser):
     episode = begin(browser, strict=True)
     episode = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)").json()
     assert (episode["outcome"], episode["reward"]) == ("invalid_action", -1.0)
-    told = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
-    assert told["invalid_reason"] == "separator"
+    body = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
+    assert body["invalid_reason"] == "separator"
 
 
 @pytest.mark.parametrize(
     ("action", "status"),
     [("JUMP", 422), ("ADD(LEFT, BLUE)", 422), ("ADD(99, 0, CIRCLE, BLUE, SMALL)", 422), ("", 422), ("x" * 300, 422)],
 )
-def test_action__that_is_none_is_refused(browser: Browser, action: str, status: int):
-    answer = act(browser, begin(browser), action)
-    assert answer.status_code == status
-    assert answer.json()["message"]
+def test_action__with_an_invalid_name_is_refused(browser: Browser, action: str, status: int):
+    response = act(browser, begin(browser), action)
+    assert response.status_code == status
+    assert response.json()["message"]
 
 
-def test_action__after_the_end_or_from_a_page_that_is_behind_is_refused(browser: Browser):
+def test_action__after_the_end_or_from_a_stale_page_is_refused(browser: Browser):
     episode = begin(browser)
     assert act(browser, episode, "STOP", steps=3).status_code == 409
     ended = act(browser, episode, "STOP").json()
@@ -117,21 +117,21 @@ def test_action__after_the_end_or_from_a_page_that_is_behind_is_refused(browser:
     assert "over" in again.json()["message"]
 
 
-def test_explanation__comes_at_the_end_only_and_marks_the_items_of_the_program(browser: Browser):
+def test_explanation__is_available_at_the_end_and_marks_items(browser: Browser):
     episode = begin(browser)
     assert browser.get(f"{EPISODES}/{episode['id']}/explanation").status_code == 409
     assert "program" not in str(episode)
     act(browser, episode, "STOP")
-    told = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
+    body = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
     (task,) = [task for task in load_tasks("builtin", "scatter", "flipit", "dev") if task.id == episode["task_id"]]
-    assert told["program"] == task.program
-    assert told["truth"] == task.truth(task.start) != told["target"]
-    assert told["parts"][0]["value"] == str(told["truth"])
-    places = {(item["box"], item["index"]) for item in episode["scene"]["items"]}
-    assert all(tuple(place) in places for part in told["parts"] for place in part["items"])
+    assert body["program"] == task.program
+    assert body["truth"] == task.truth(task.start) != body["target"]
+    assert body["parts"][0]["value"] == str(body["truth"])
+    items = {(item["box"], item["index"]) for item in episode["scene"]["items"]}
+    assert all(tuple(item) in items for part in body["parts"] for item in part["items"])
 
 
-def test_episode__of_another_browser_is_not_there(app: Any, browser: Browser):
+def test_episode__of_another_browser_is_not_found(app: Any, browser: Browser):
     episode = begin(browser)
     other = Browser(app)
     assert other.get(f"{EPISODES}/{episode['id']}").status_code == 404
@@ -139,7 +139,7 @@ def test_episode__of_another_browser_is_not_there(app: Any, browser: Browser):
     assert browser.get(f"{EPISODES}/{episode['id']}").json()["over"] is False
 
 
-def test_episode__goes_on_after_a_restart(tmp_path: Path):
+def test_episode__survives_a_restart(tmp_path: Path):
     with server(tmp_path) as app:
         browser = Browser(app)
         episode = begin(browser, configuration="TowerScratch")
@@ -151,7 +151,7 @@ def test_episode__goes_on_after_a_restart(tmp_path: Path):
         assert again.get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
-def test_tables__count_solved_tasks_but_not_those_looked_up(browser: Browser):
+def test_leaderboard__excludes_episodes_whose_solution_was_shown(browser: Browser):
     for looks_up in (True, False):
         episode = begin(browser, configuration="TowerScratch")
         task = load_tasks("builtin", "tower", "scratch", "dev").by_id(episode["task_id"])
@@ -170,17 +170,17 @@ def test_tables__count_solved_tasks_but_not_those_looked_up(browser: Browser):
 
 
 @pytest.mark.parametrize("nickname", ["<b>", "", "x" * 41, "a\nb"])
-def test_nickname__is_plain(browser: Browser, nickname: str):
+def test_nickname__must_be_plain_text(browser: Browser, nickname: str):
     assert browser.send("PUT", "/api/play/nickname", {"nickname": nickname}).status_code == 422
 
 
-def test_tasks__are_searched_and_unknown_ones_are_told(browser: Browser):
+def test_tasks__can_be_searched_and_unknown_ids_are_refused(browser: Browser):
     found = browser.get("/api/play/tasks", params={"configuration": "TowerScratch", "text": "BLUE"}).json()
     assert found["total"] >= len(found["tasks"]) > 0
     assert all("blue" in task["statement"].lower() for task in found["tasks"])
-    answer = browser.post(EPISODES, {"configuration": "TowerScratch", "task_id": "nowhere"})
-    assert answer.status_code == 404
-    assert "no task 'nowhere'" in answer.json()["message"]
+    response = browser.post(EPISODES, {"configuration": "TowerScratch", "task_id": "nowhere"})
+    assert response.status_code == 404
+    assert "no task 'nowhere'" in response.json()["message"]
     assert browser.post(EPISODES, {"configuration": "Towers"}).status_code == 422
 
 

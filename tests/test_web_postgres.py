@@ -1,4 +1,4 @@
-"""The browser suite on a PostgreSQL server of its own; skipped by name where PostgreSQL is not installed."""
+"""The web application on a temporary PostgreSQL server; skipped if PostgreSQL is not installed."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 
 from lilgym_mp.web.store import DatabaseError, open_database
-from tests.test_web_annotate import API, BLUE, _lines, first, given, imported, submit
+from tests.test_web_annotate import API, BLUE, assigned, first_assignment, imported, nlvr_file, submit
 from tests.web_app import Browser, server
 
 
 def _programs() -> Path:
-    """The directory of PostgreSQL's programs."""
+    """The directory with PostgreSQL's binaries."""
     found = shutil.which("initdb")
     places = [Path(found).parent] if found else sorted(Path("/usr/lib/postgresql").glob("*/bin"))
     if not places:
@@ -29,7 +29,7 @@ def _programs() -> Path:
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    """An URL of a database of a new cluster, which goes when the tests are through."""
+    """The URL of a database in a temporary cluster."""
     pytest.importorskip("psycopg", reason="needs psycopg: pip install 'psycopg[binary]'")
     programs = _programs()
     user: dict[str, Any] = {"user": "postgres", "cwd": "/"} if os.geteuid() == 0 else {}
@@ -52,12 +52,12 @@ def url() -> Iterator[str]:
             run("pg_ctl", "-D", data, "-m", "immediate", "stop")
 
 
-def test_postgres__keeps_play_and_annotation(url: str, tmp_path: Path):
+def test_postgres__stores_play_and_annotation(url: str, tmp_path: Path):
     with server(tmp_path, database=url) as app:
         organiser = Browser(app).log_in("Olga", "organiser")
-        assert imported(organiser, _lines(2))["added"] == 2
-        (ada,) = given(organiser, "Ada", statements=2)
-        path = first(ada)
+        assert imported(organiser, nlvr_file(2))["added"] == 2
+        (ada,) = assigned(organiser, "Ada", statements=2)
+        path = first_assignment(ada)
         assert ada.send("PUT", f"{path}/draft", {"program": BLUE, "version": 0}).json() == {"version": 1}
         assert submit(ada, path, BLUE).json()["verdict"] == "accepted"
         assert submit(ada, path, BLUE).json()["verdict"] == "accepted"
@@ -65,20 +65,20 @@ def test_postgres__keeps_play_and_annotation(url: str, tmp_path: Path):
         assert organiser.get(f"{API}/statistics").json()["kept"] == 1
         assert organiser.get(f"{API}/export").status_code == 200
         episode = ada.post("/api/play/episodes", {"configuration": "TowerScratch"}).json()
-        answer = ada.post(f"/api/play/episodes/{episode['id']}/actions", {"action": "ADD(LEFT, BLUE)", "steps": 0})
-        assert answer.status_code == 200
+        response = ada.post(f"/api/play/episodes/{episode['id']}/actions", {"action": "ADD(LEFT, BLUE)", "steps": 0})
+        assert response.status_code == 200
         assert ada.get("/api/play/best").status_code == 200
         cookies = dict(ada.client.cookies)
     with server(tmp_path, database=url) as app:
         again = Browser(app)
         again.client.cookies.update(cookies)
         assert again.get(path).json()["state"] == "done"
-        assert again.get(f"/api/play/episodes/{episode['id']}").json() == answer.json()
+        assert again.get(f"/api/play/episodes/{episode['id']}").json() == response.json()
 
 
-def test_postgres__a_server_that_is_not_there_is_told_without_its_password(url: str):
+def test_postgres__an_unreachable_server_is_reported_without_the_password(url: str):
     assert url
-    with pytest.raises(DatabaseError) as told:
+    with pytest.raises(DatabaseError) as raised:
         open_database("postgresql+psycopg://lilgym:secret@127.0.0.1:1/nowhere")
-    assert "secret" not in str(told.value)
-    assert "127.0.0.1:1" in str(told.value)
+    assert "secret" not in str(raised.value)
+    assert "127.0.0.1:1" in str(raised.value)

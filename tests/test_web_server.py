@@ -1,4 +1,4 @@
-"""The server itself: headers, limits, CSRF, tokens, errors, databases, the command."""
+"""Security headers, limits, CSRF, tokens, error responses, databases, and the command `lilgym-mp serve`."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def app(tmp_path: Path) -> Iterator[Any]:
         yield made
 
 
-def test_pages__have_a_strict_policy_and_a_cookie_that_scripts_cannot_read(app: Any):
-    answer = Browser(app).get("/")
-    assert answer.status_code == 200
-    policy = answer.headers["content-security-policy"]
+def test_pages__set_a_strict_policy_and_an_http_only_cookie(app: Any):
+    response = Browser(app).get("/")
+    assert response.status_code == 200
+    policy = response.headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    cookie = answer.headers["set-cookie"]
+    assert response.headers["x-content-type-options"] == "nosniff"
+    cookie = response.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=Lax" in cookie
 
 
-def test_pages__load_nothing_from_elsewhere(app: Any):
+def test_pages__load_no_external_resources(app: Any):
     browser = Browser(app)
     for entry in ("/", "/assets/style.css", "/assets/common.js", "/nowhere"):
         text = browser.get(entry).text.replace("http://www.w3.org/2000/svg", "")
@@ -48,23 +48,23 @@ def test_pages__load_nothing_from_elsewhere(app: Any):
         assert "https://" not in text
 
 
-def test_errors__are_json_under_api_and_pages_elsewhere(app: Any):
+def test_errors__are_json_under_api_and_html_elsewhere(app: Any):
     browser = Browser(app)
-    answer = browser.get("/api/nowhere")
-    assert answer.status_code == 404
-    assert answer.json()["status"] == 404
-    answer = browser.get("/nowhere")
-    assert answer.status_code == 404
-    assert "<h1>Not Found</h1>" in answer.text
-    assert f"there is nothing at {answer.url.path}" in answer.text
+    response = browser.get("/api/nowhere")
+    assert response.status_code == 404
+    assert response.json()["status"] == 404
+    response = browser.get("/nowhere")
+    assert response.status_code == 404
+    assert "<h1>Not Found</h1>" in response.text
+    assert f"there is nothing at {response.url.path}" in response.text
 
 
-def test_csrf__a_request_without_the_token_or_from_elsewhere_is_refused(app: Any):
+def test_csrf__a_request_without_the_token_or_from_another_origin_is_refused(app: Any):
     browser = Browser(app)
     assert browser.client.post("/api/session/logout").status_code == 403
     assert browser.post("/api/session/logout").status_code == 204
-    answer = browser.post("/api/session/logout", headers={"Origin": "http://elsewhere.example"})
-    assert answer.status_code == 403
+    response = browser.post("/api/session/logout", headers={"Origin": "http://elsewhere.example"})
+    assert response.status_code == 403
     assert Browser(app).client.post("/api/session/logout", headers={"X-CSRF-Token": "x"}).status_code == 403
 
 
@@ -75,23 +75,23 @@ def test_csrf__the_token_of_another_browser_is_refused(app: Any):
     assert browser.client.post("/api/session/logout", headers={"X-CSRF-Token": other}).status_code == 403
 
 
-def test_hosts__another_name_is_refused(app: Any):
-    answer = Browser(app).get("/", headers={"Host": "elsewhere.example"})
-    assert answer.status_code == 400
-    assert "elsewhere.example" in answer.text
+def test_hosts__an_unknown_host_name_is_refused(app: Any):
+    response = Browser(app).get("/", headers={"Host": "elsewhere.example"})
+    assert response.status_code == 400
+    assert "elsewhere.example" in response.text
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_size__a_large_body_is_refused_by_what_it_says_and_by_what_comes(app: Any, told: bool):
+@pytest.mark.parametrize("has_content_length", [True, False])
+def test_size__a_large_body_is_refused_by_header_and_by_received_bytes(app: Any, has_content_length: bool):
     body = b"x" * 10_000_000
     browser = Browser(app)
     token = browser.get("/api/session").json()["csrf_token"]
-    content: Any = body if told else iter([body[:100_000]] * 100)
-    answer = browser.client.post("/api/session/logout", content=content, headers={"X-CSRF-Token": token})
-    assert answer.status_code in ((413,) if told else (204, 413))  # a body that nobody reads does no harm
+    content: Any = body if has_content_length else iter([body[:100_000]] * 100)
+    response = browser.client.post("/api/session/logout", content=content, headers={"X-CSRF-Token": token})
+    assert response.status_code in ((413,) if has_content_length else (204, 413))  # 204: a body that is never read
 
 
-def test_rate__more_requests_than_allowed_are_refused(tmp_path: Path):
+def test_rate__requests_beyond_the_limit_are_refused(tmp_path: Path):
     with server(tmp_path, requests_per_second=1.0) as app:
         browser = Browser(app)
         answers = [browser.get("/api/session").status_code for _ in range(14)]
@@ -99,7 +99,7 @@ def test_rate__more_requests_than_allowed_are_refused(tmp_path: Path):
     assert answers[-1] == 429
 
 
-def test_tokens__nobody_gets_in_without_one_where_they_are_required(tmp_path: Path):
+def test_tokens__are_needed_for_every_page_if_required(tmp_path: Path):
     with server(tmp_path, requires_tokens=True, hosts=None) as app:
         browser = Browser(app)
         assert browser.get("/").status_code == 401
@@ -114,7 +114,7 @@ def test_tokens__nobody_gets_in_without_one_where_they_are_required(tmp_path: Pa
         assert browser.get("/").status_code == 401
 
 
-def test_login__gives_a_new_cookie_and_an_older_token_ends(app: Any):
+def test_login__sets_a_new_cookie(app: Any):
     browser = Browser(app)
     browser.get("/")
     before = browser.client.cookies["lilgym_visitor"]
@@ -122,7 +122,7 @@ def test_login__gives_a_new_cookie_and_an_older_token_ends(app: Any):
     assert browser.client.cookies["lilgym_visitor"] != before
 
 
-def test_login__outlives_a_restart(tmp_path: Path):
+def test_login__survives_a_restart(tmp_path: Path):
     with server(tmp_path) as app:
         browser = Browser(app).log_in("Ada")
         cookies = dict(browser.client.cookies)
@@ -132,7 +132,7 @@ def test_login__outlives_a_restart(tmp_path: Path):
         assert again.get("/api/session").json()["person"] == "Ada"
 
 
-def test_database__a_file_that_is_none_is_refused(tmp_path: Path):
+def test_database__another_kind_of_file_is_refused(tmp_path: Path):
     (tmp_path / "notes.txt").write_text("no database " * 100)
     with pytest.raises(DatabaseError, match="not a database"):
         open_database(f"sqlite:///{tmp_path / 'notes.txt'}")
@@ -160,7 +160,7 @@ def test_database__of_a_newer_version_is_refused(tmp_path: Path):
     ("url", "reason"),
     [("sqlite://", "in-memory"), ("mysql://host/name", "must be SQLite or PostgreSQL"), ("://", "not a database URL")],
 )
-def test_database__urls_that_will_not_do_are_refused(url: str, reason: str):
+def test_database__unsupported_urls_are_refused(url: str, reason: str):
     with pytest.raises(DatabaseError, match=reason):
         open_database(url)
 
@@ -171,7 +171,7 @@ def _serve(*words: str, directory: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-def test_command__serves_and_ends_cleanly_at_an_interrupt(tmp_path: Path):
+def test_command__serves_and_stops_cleanly_on_interrupt(tmp_path: Path):
     running = _serve("--port", "0", directory=tmp_path)
     assert running.stdout is not None
     lines = [running.stdout.readline() for _ in range(3)]
@@ -183,7 +183,7 @@ def test_command__serves_and_ends_cleanly_at_an_interrupt(tmp_path: Path):
     assert errors == "stopped\n"
 
 
-def test_command__a_port_that_is_taken_is_told_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__a_taken_port_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -194,16 +194,16 @@ def test_command__a_port_that_is_taken_is_told_in_a_line(tmp_path: Path, capsys:
     )
 
 
-def test_command__an_unwritable_database_is_told_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__an_unwritable_database_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     place = tmp_path / "nowhere" / "web.sqlite3"
     assert main(["serve", "--port", "0", "--database", str(place)]) == USAGE_ERROR
-    told = capsys.readouterr().err
-    assert str(place) in told
-    assert "unable to open" in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert str(place) in error
+    assert "unable to open" in error
+    assert error.count("\n") == 1
 
 
-def test_command__a_locked_database_is_told_in_a_line(
+def test_command__a_locked_database_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("lilgym_mp.web.store.database.LOCK_SECONDS", 0.1)
@@ -213,9 +213,9 @@ def test_command__a_locked_database_is_told_in_a_line(
     holder.execute("BEGIN EXCLUSIVE")
     assert main(["serve", "--port", "0", "--database", str(place)]) == USAGE_ERROR
     holder.close()
-    told = capsys.readouterr().err
-    assert "locked by another program" in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "locked by another program" in error
+    assert error.count("\n") == 1
 
 
 def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
@@ -226,7 +226,7 @@ def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, caps
     assert capsys.readouterr().err == f"lilgym-mp serve: needs fastapi: {install('web')}\n"
 
 
-def test_command__a_missing_directory_of_runs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__a_missing_runs_directory_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["serve", "--port", "0", "--runs", str(tmp_path / "none")]) == USAGE_ERROR
     assert "there is no such directory" in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""/watch: recordings found by listing, filtered, played again step by step, damaged ones told."""
+"""/watch: recordings are listed, filtered and replayed step by step; damaged ones are reported."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def record(
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with recordings of two policies in one configuration, of another one, and one without decisions."""
+    """Recordings of two policies on the same tasks, of another configuration, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 3))
     record(place / "tower", "random-legal", corpus=thin)
@@ -49,25 +49,25 @@ def browser(tmp_path: Path, runs: Path) -> Iterator[Browser]:
 
 
 def found(browser: Browser, name: str) -> dict[str, Any]:
-    """The recording whose name has the text."""
+    """The recording whose name contains the text."""
     lines = browser.get(API).json()["recordings"]
     (line,) = [line for line in lines if name in line["name"]]
     return browser.get(f"{API}/{line['id']}").json()
 
 
-def test_recordings__are_listed_with_what_their_headers_say(browser: Browser):
+def test_recordings__are_listed_with_their_headers(browser: Browser):
     body = browser.get(API).json()
     assert [line["name"].split("/")[0] for line in body["recordings"]] == ["old", "scatter", "tower", "tower"]
     assert {line["configuration"] for line in body["recordings"]} == {"TowerScratch", "ScatterFlipIt", "TowerFlipIt"}
     assert not any(line["fault"] for line in body["recordings"])
 
 
-def test_recordings__without_a_directory_there_are_none(tmp_path: Path):
+def test_recordings__are_empty_without_a_directory(tmp_path: Path):
     with server(tmp_path) as app:
         assert Browser(app).get(API).json() == {"directory": None, "recordings": [], "runs": []}
 
 
-def test_recordings__a_run_without_recording_comes_with_the_command(tmp_path: Path):
+def test_recordings__a_run_is_listed_with_its_record_command(tmp_path: Path):
     runs = tmp_path / "runs"
     (runs / "mine").mkdir(parents=True)
     (runs / "mine" / "agent.safetensors").write_bytes(b"")
@@ -77,7 +77,7 @@ def test_recordings__a_run_without_recording_comes_with_the_command(tmp_path: Pa
     assert line["command"] == f"lilgym-mp evaluate {runs / 'mine'} --record {runs / 'mine'} --record-decisions"
 
 
-def test_recording__tells_how_it_went_and_what_it_can_be_compared_with(browser: Browser, runs: Path):
+def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browser, runs: Path):
     body = found(browser, "tower/random-legal")
     recorded = read_episodes(next((runs / "tower").glob("random-legal*.gz")))
     assert body["successes"] == sum(episode.is_success for episode in recorded.episodes)
@@ -86,7 +86,7 @@ def test_recording__tells_how_it_went_and_what_it_can_be_compared_with(browser: 
     assert (body["has_decisions"], body["has_judgements"]) == (True, True)
 
 
-def test_recording__without_decisions_comes_with_the_command_that_records_them(browser: Browser, runs: Path):
+def test_recording__without_decisions_has_the_command_that_records_them(browser: Browser, runs: Path):
     body = found(browser, "old/")
     assert not body["has_decisions"]
     assert body["command"] == (
@@ -98,7 +98,7 @@ def test_recording__without_decisions_comes_with_the_command_that_records_them(b
 
 
 @pytest.mark.parametrize(
-    ("query", "passes"),
+    ("query", "matches"),
     [
         ("success=false", lambda episode: not episode.is_success),
         ("outcome=wrong_stop", lambda episode: episode.outcome == "wrong_stop"),
@@ -109,22 +109,22 @@ def test_recording__without_decisions_comes_with_the_command_that_records_them(b
         ("text=CIRCLE", lambda episode: "circle" in episode.statement.lower()),
     ],
 )
-def test_episodes__filters_let_through_what_they_say(browser: Browser, runs: Path, query: str, passes: Any):
+def test_episodes__filters_keep_matching_episodes(browser: Browser, runs: Path, query: str, matches: Any):
     recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
-    wanted = [index for index, episode in enumerate(recorded.episodes) if passes(episode)]
+    wanted = [index for index, episode in enumerate(recorded.episodes) if matches(episode)]
     body = browser.get(f"{API}/{found(browser, 'scatter/')['id']}/episodes?{query}").json()
     assert body["total"] == len(wanted)
-    assert 0 < len(wanted) < len(recorded.episodes) or query.startswith("seen")  # none here is seen in training
+    assert 0 < len(wanted) < len(recorded.episodes) or query.startswith("seen")  # no statement here occurs in training
     assert [line["index"] for line in body["episodes"]] == wanted[:100]
 
 
-def test_episodes__the_rest_comes_by_offset(browser: Browser):
+def test_episodes__offset_selects_the_next_page(browser: Browser):
     recording = found(browser, "scatter/")
     pages = [browser.get(f"{API}/{recording['id']}/episodes?offset={at}").json()["episodes"] for at in (0, 100)]
     assert [line["index"] for line in pages[0] + pages[1]] == list(range(200))
 
 
-def test_episode__the_expert_is_certain_optimal_and_right_about_what_is_left(browser: Browser):
+def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Browser):
     recording = found(browser, "expert")
     for index in range(5):
         episode = browser.get(f"{API}/{recording['id']}/episodes/{index}").json()
@@ -137,15 +137,15 @@ def test_episode__the_expert_is_certain_optimal_and_right_about_what_is_left(bro
             assert decision["likeliest"] == [{"action": step["action"], "probability": 1.0}]
 
 
-def test_episode__legal_places_are_those_of_the_exact_mask(browser: Browser, runs: Path):
+def test_episode__legal_cells_match_the_exact_mask(browser: Browser, runs: Path):
     recording = found(browser, "scatter/")
     recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
     episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
     env = Settings("ScatterFlipIt").make("dev")
     env.reset(options={"task": recorded.episodes[0].task})
     legal = env.action_masks()
-    told = episode["steps"][0]["legal"]
-    assert 1 + sum(cell["add"] for cell in told) + sum(cell["remove"] for cell in told) == legal.sum()
+    cells = episode["steps"][0]["legal"]
+    assert 1 + sum(cell["add"] for cell in cells) + sum(cell["remove"] for cell in cells) == legal.sum()
     decision = episode["steps"][0]["decision"]
     assert decision["legal_add"] + decision["legal_remove"] + decision["legal_stop"] == legal.sum()
     assert {(cell["column"], cell["row"]) for cell in decision["cells"]} <= {
@@ -153,7 +153,7 @@ def test_episode__legal_places_are_those_of_the_exact_mask(browser: Browser, run
     }
 
 
-def test_episode__tower_has_its_boxes_as_cells(browser: Browser):
+def test_episode__tower_cells_are_its_boxes(browser: Browser):
     recording = found(browser, "tower/random-legal")
     episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
     assert episode["grid"] == [3, 1]
@@ -180,20 +180,20 @@ def test_episode__the_same_task_is_found_in_another_recording(browser: Browser):
         (f"{API}/%2e%2e", 422),
     ],
 )
-def test_recording__only_listed_ids_lead_anywhere(browser: Browser, path: str, status: int):
-    answer = browser.get(path)
-    assert answer.status_code == status, answer.text
-    assert "root:" not in answer.text
+def test_recording__only_listed_ids_are_found(browser: Browser, path: str, status: int):
+    response = browser.get(path)
+    assert response.status_code == status, response.text
+    assert "root:" not in response.text
 
 
-def test_episode__beyond_the_last_is_told(browser: Browser):
-    answer = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
-    assert answer.status_code == 404
-    assert "this recording has episodes 0 to" in answer.json()["message"]
+def test_episode__beyond_the_last_is_not_found(browser: Browser):
+    response = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
+    assert response.status_code == 404
+    assert "this recording has episodes 0 to" in response.json()["message"]
 
 
 def damaged(runs: Path, place: Path, how: str) -> None:
-    """A copy of a recording, damaged."""
+    """Writes a damaged copy of a recording."""
     source = next((runs / "old").glob("*.gz"))
     target = place / "bad.episodes.jsonl.gz"
     place.mkdir(parents=True, exist_ok=True)
@@ -214,7 +214,7 @@ def damaged(runs: Path, place: Path, how: str) -> None:
     ("how", "said"),
     [("text", "damaged"), ("cut", "truncated"), ("empty", "first line"), ("horizon", "horizon")],
 )
-def test_recording__a_damaged_file_is_told_and_the_rest_works(tmp_path: Path, runs: Path, how: str, said: str):
+def test_recording__a_damaged_file_is_reported_and_the_others_work(tmp_path: Path, runs: Path, how: str, said: str):
     place = tmp_path / "runs"
     damaged(runs, place, how)
     shutil.copytree(runs / "tower", place / "tower")
@@ -224,17 +224,17 @@ def test_recording__a_damaged_file_is_told_and_the_rest_works(tmp_path: Path, ru
         assert len(lines) == 3
         line = lines.pop("bad")
         opened = browser.get(f"{API}/{line['id']}")
-        told = line["fault"] or opened.json().get("message")
+        message = line["fault"] or opened.json().get("message")
         if opened.status_code == 200:
             opened = browser.get(f"{API}/{line['id']}/episodes/0")
-            told = opened.json()["message"]
+            message = opened.json()["message"]
         assert opened.status_code == 422
-        assert said in told
-        assert str(tmp_path) not in told
+        assert said in message
+        assert str(tmp_path) not in message
         assert not any(line["fault"] for line in lines.values())
 
 
-def test_recording__a_file_written_anew_is_read_anew(tmp_path: Path, runs: Path):
+def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
     place = tmp_path / "runs"
     path = record(place, "expert", "TowerScratch")
     with server(tmp_path, runs=place) as app:

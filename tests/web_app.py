@@ -1,4 +1,4 @@
-"""A server of the browser suite in this process, and browsers that send it requests."""
+"""The web application in this process, and test clients that behave like browsers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("fastapi", reason="the browser suite needs the extra `web`")
-pytest.importorskip("sqlalchemy", reason="the browser suite needs the extra `web`")
-pytest.importorskip("httpx", reason="the browser suite's tests need httpx")
+pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
+pytest.importorskip("sqlalchemy", reason="the web application needs the extra `web`")
+pytest.importorskip("httpx", reason="tests of the web application need httpx")
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # Starlette would rather have the successor of httpx, which few have yet
+    warnings.simplefilter("ignore")  # Starlette deprecates httpx in favour of a successor
     from starlette.testclient import TestClient
 
 from lilgym_mp.web import ServeOptions, create_app
@@ -25,7 +25,7 @@ UNLIMITED: dict[str, Any] = {"requests_per_second": None}
 
 
 class Browser:
-    """One browser: its cookie, and the CSRF token that its pages hold."""
+    """A test client with its own cookie and CSRF token."""
 
     def __init__(self, app: Any, **headers: str) -> None:
         self.app = app
@@ -36,7 +36,7 @@ class Browser:
         return self.client.get(path, **options)
 
     def send(self, method: str, path: str, body: Any = None, **options: Any) -> Any:
-        """A state-changing request as a page sends it."""
+        """Sends a state-changing request with the CSRF token."""
         if self._token is None:
             self._token = self.client.get("/api/session").json()["csrf_token"]
         headers = {"X-CSRF-Token": self._token, **options.pop("headers", {})}
@@ -46,7 +46,7 @@ class Browser:
         return self.send("POST", path, body, **options)
 
     def log_in(self, name: str, role: str = "annotator") -> Browser:
-        """Opens the link of a person, who is made where there is none."""
+        """Logs in as a person, created if missing."""
         with self.app.state.services.database.write_session() as session:
             token = issue_token(session, name, role)
         assert self.client.get("/login", params={"token": token}, follow_redirects=False).status_code == 303
@@ -56,7 +56,7 @@ class Browser:
 
 @contextmanager
 def server(directory: Path, **options: Any) -> Iterator[Any]:
-    """The application on a database in the directory."""
+    """The application, with a database in the directory."""
     database = f"sqlite:///{directory / 'web.sqlite3'}"
     app = create_app(ServeOptions(**{"database": database, **UNLIMITED, **options}))
     try:
