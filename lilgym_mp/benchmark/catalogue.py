@@ -1,4 +1,4 @@
-"""What is measured: a table of subjects. Adding one is one line."""
+"""The table of benchmark cases. Adding a case takes one line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lilgym_mp.benchmark import parts, players
+from lilgym_mp.benchmark import components, players
 from lilgym_mp.benchmark.players import Play
 from lilgym_mp.benchmark.traces import Workload
 from lilgym_mp.choices import choose
@@ -17,12 +17,12 @@ from lilgym_mp.wrappers import stop_forcing_v0
 
 BATCHES = (8, 64, 256)
 WORKER_BATCHES = (64, 256)
-LIMIT = "copy"  # the group that is always measured, and the others are compared with
+COPY_GROUP = "copy"  # always measured: the upper bound that others are compared with
 
 
 @dataclass(frozen=True)
-class Subject:
-    """Something to measure, in steps per second or, for the group "parts", in microseconds."""
+class BenchmarkCase:
+    """Something to measure, in steps per second or, in the group "parts", in microseconds per call."""
 
     group: str
     name: str
@@ -31,30 +31,35 @@ class Subject:
     is_part: bool = False
 
 
-def _copies() -> list[Subject]:
-    return [Subject(LIMIT, "memory copy", count, partial(players.copying, num_envs=count)) for count in (1, *BATCHES)]
+def _copies() -> list[BenchmarkCase]:
+    return [
+        BenchmarkCase(COPY_GROUP, "memory copy", count, partial(players.copying, num_envs=count))
+        for count in (1, *BATCHES)
+    ]
 
 
-def _single() -> list[Subject]:
+def _single() -> list[BenchmarkCase]:
     forcing = partial(players.single, wrap=stop_forcing_v0, masks=True)
     openers: dict[str, Callable[[Workload], AbstractContextManager[Play]]] = {
         "single": players.single,
         "single, masks": partial(players.single, masks=True),
         "single, stop forcing": forcing,
     }
-    return [Subject("single", name, 1, opener) for name, opener in openers.items()]
+    return [BenchmarkCase("single", name, 1, opener) for name, opener in openers.items()]
 
 
-def _vector(group: str, name: str, count: int, make: Callable[[Workload, int], Any], *, masks: bool = False) -> Subject:
-    return Subject(group, name, count, partial(players.vector, num_envs=count, make=make, masks=masks))
+def _vector(
+    group: str, name: str, count: int, make: Callable[[Workload, int], Any], *, masks: bool = False
+) -> BenchmarkCase:
+    return BenchmarkCase(group, name, count, partial(players.vector, num_envs=count, make=make, masks=masks))
 
 
-def _batched() -> list[Subject]:
+def _batched() -> list[BenchmarkCase]:
     kept, reused = players.batched_env, partial(players.batched_env, copy=False)
     return [
-        subject
+        case
         for count in BATCHES
-        for subject in (
+        for case in (
             _vector("batched", "batched", count, kept),
             _vector("batched", "batched, no copy", count, reused),
             _vector("batched", "batched, masks", count, kept, masks=True),
@@ -65,7 +70,7 @@ def _batched() -> list[Subject]:
 
 
 def process_counts() -> list[int]:
-    """1, 2, 4 ... as far as there are cores; 1 and 2 in any case."""
+    """1, 2, 4, ... up to the number of cores, but at least 1 and 2."""
     counts = [1, 2]
     while 2 * counts[-1] <= usable_cores():
         counts.append(2 * counts[-1])
@@ -76,8 +81,8 @@ def worker_name(processes: int) -> str:
     return f"workers, {processes} process{'es' if processes > 1 else ''}"
 
 
-def _workers() -> list[Subject]:
-    found: list[Subject] = []
+def _workers() -> list[BenchmarkCase]:
+    found: list[BenchmarkCase] = []
     for count in WORKER_BATCHES:
         for processes in process_counts():
             name = worker_name(processes)
@@ -91,48 +96,50 @@ def _workers() -> list[Subject]:
     return found
 
 
-def _sb3() -> list[Subject]:
-    def subject(backend: str, count: int, *, masks: bool = False, **options: Any) -> Subject:
+def _sb3() -> list[BenchmarkCase]:
+    def case(backend: str, count: int, *, masks: bool = False, **options: Any) -> BenchmarkCase:
         name = f"SB3, {backend}{', masks' if masks else ''}"
-        return Subject(
+        return BenchmarkCase(
             "sb3", name, count, partial(players.sb3, num_envs=count, backend=backend, masks=masks, **options)
         )
 
     return [
-        *(subject("batched", count) for count in BATCHES),
-        *(subject("workers", count, num_workers=2) for count in WORKER_BATCHES),
-        *(subject("dummy", count) for count in (8, 64)),
-        *(subject("subproc", count) for count in (8, 64)),
-        *(subject("batched", count, masks=True) for count in (8, 64)),
-        subject("subproc", 8, masks=True),
+        *(case("batched", count) for count in BATCHES),
+        *(case("workers", count, num_workers=2) for count in WORKER_BATCHES),
+        *(case("dummy", count) for count in (8, 64)),
+        *(case("subproc", count) for count in (8, 64)),
+        *(case("batched", count, masks=True) for count in (8, 64)),
+        case("subproc", 8, masks=True),
     ]
 
 
-def _pettingzoo() -> list[Subject]:
+def _pettingzoo() -> list[BenchmarkCase]:
     return [
-        Subject("pettingzoo", "PettingZoo, parallel", 1, players.parallel_game),
-        Subject("pettingzoo", "PettingZoo, AEC (raw_env)", 1, partial(players.turn_game, checked=False)),
-        Subject("pettingzoo", "PettingZoo, AEC (env)", 1, partial(players.turn_game, checked=True)),
-        Subject("pettingzoo", "games, batched", 64, partial(players.batched_games, num_envs=64, copy=True)),
-        Subject("pettingzoo", "games, batched, no copy", 64, partial(players.batched_games, num_envs=64, copy=False)),
+        BenchmarkCase("pettingzoo", "PettingZoo, parallel", 1, players.parallel_game),
+        BenchmarkCase("pettingzoo", "PettingZoo, AEC (raw_env)", 1, partial(players.turn_game, checked=False)),
+        BenchmarkCase("pettingzoo", "PettingZoo, AEC (env)", 1, partial(players.turn_game, checked=True)),
+        BenchmarkCase("pettingzoo", "games, batched", 64, partial(players.batched_games, num_envs=64, copy=True)),
+        BenchmarkCase(
+            "pettingzoo", "games, batched, no copy", 64, partial(players.batched_games, num_envs=64, copy=False)
+        ),
     ]
 
 
-def _parts() -> list[Subject]:
+def _parts() -> list[BenchmarkCase]:
     openers: dict[tuple[str, int], Callable[[Workload], AbstractContextManager[Play]]] = {
-        ("program truth", 1): parts.truth,
-        ("mask", 1): parts.mask,
-        ("mask, in a batch", 64): partial(parts.batched_masks, num_envs=64),
-        ("reset", 1): parts.reset,
-        ("reset, in a batch", 64): partial(parts.batched_reset, num_envs=64),
-        ("image, brought up to date", 1): parts.image,
-        ("image, drawn whole", 1): parts.whole_image,
+        ("program truth", 1): components.truth,
+        ("mask", 1): components.mask,
+        ("mask, in a batch", 64): partial(components.batched_masks, num_envs=64),
+        ("reset", 1): components.reset,
+        ("reset, in a batch", 64): partial(components.batched_reset, num_envs=64),
+        ("image, brought up to date", 1): components.image_update,
+        ("image, drawn whole", 1): components.full_image,
     }
-    return [Subject("parts", name, count, opener, is_part=True) for (name, count), opener in openers.items()]
+    return [BenchmarkCase("parts", name, count, opener, is_part=True) for (name, count), opener in openers.items()]
 
 
-_GROUPS: dict[str, Callable[[], list[Subject]]] = {
-    LIMIT: _copies,
+_GROUPS: dict[str, Callable[[], list[BenchmarkCase]]] = {
+    COPY_GROUP: _copies,
     "single": _single,
     "batched": _batched,
     "workers": _workers,
@@ -143,7 +150,7 @@ _GROUPS: dict[str, Callable[[], list[Subject]]] = {
 GROUPS = tuple(_GROUPS)
 
 
-def subjects(groups: Sequence[str] = GROUPS) -> list[Subject]:
-    """What there is to measure in the groups and, always, the copying of memory. Raises ValueError with the choices."""
+def benchmark_cases(groups: Sequence[str] = GROUPS) -> list[BenchmarkCase]:
+    """All cases of the groups, and always those of COPY_GROUP. Raises ValueError naming the choices."""
     chosen = {choose("group", group, _GROUPS): group for group in groups}
-    return [subject for build in _GROUPS.values() if build is _copies or build in chosen for subject in build()]
+    return [case for build in _GROUPS.values() if build is _copies or build in chosen for case in build()]

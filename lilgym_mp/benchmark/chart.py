@@ -1,4 +1,4 @@
-"""How each way of running the environments scales: steps per second against environments, both in powers."""
+"""Chart of scaling: steps per second by number of environments, on logarithmic axes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-PANEL_WIDTH, PANEL_HEIGHT = 490, 360  # pixels, each configuration's
+PANEL_WIDTH, PANEL_HEIGHT = 490, 360  # pixels, of a configuration's panel
 COLUMNS = 2
 LEGEND_HEIGHT = 80
 COLOURS: Mapping[str, str] = {
@@ -27,11 +27,11 @@ COLOURS: Mapping[str, str] = {
     "SB3, dummy": "#8c3a86",
     "SB3, subproc": "#c0272d",
 }
-SINGLE = "single"  # drawn as the first point of the batch's line
+SINGLE = "single"  # the first point of the line "batched"
 
 
 def scaling_chart(bench: Bench) -> Figure | None:
-    """A panel for each configuration, a line for each way; None where nothing was measured that scales.
+    """A panel per configuration, a line per case; None if no case was measured with several numbers of environments.
 
     Raises ImportError without matplotlib.
     """
@@ -55,20 +55,20 @@ def scaling_chart(bench: Bench) -> Figure | None:
         for label, points in lines.items():
             style = {"color": COLOURS[label], "linewidth": 2, "markersize": 4}
             (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", **style)
-    for axes in grid:  # of three panels, the fourth place
+    for axes in grid:  # left over in the last row
         figure.delaxes(axes)
     figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=4, frameon=False)
     return figure
 
 
 def _lines(bench: Bench, configuration: str) -> dict[str, list[Point]]:
-    """The points of each way that was measured with several numbers of environments."""
+    """Points by case; empty if none was measured with several numbers of environments."""
     found: dict[str, list[Point]] = {}
     for label in COLOURS:
         points = sorted(
-            (float(one.subject.num_envs), one.median)
-            for one in bench.results
-            if one.configuration == configuration and one.subject.name == label
+            (float(measurement.case.num_envs), measurement.median)
+            for measurement in bench.results
+            if measurement.configuration == configuration and measurement.case.name == label
         )
         if label == "batched" and points and (single := bench.find(configuration, SINGLE, 1)):
             points.insert(0, (1.0, single.median))

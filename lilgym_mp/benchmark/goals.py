@@ -1,4 +1,4 @@
-"""The figures that were asked of this package, beside what was measured."""
+"""Required and desired speeds of this package, compared with the measurements."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 
 class Goal(NamedTuple):
-    """A figure with what it must be and should be."""
+    """A required speed and, if there is one, a better one to aim for."""
 
     what: str
     unit: str
     must: float
     aim: float | None
     appearances: Sequence[str]
-    value: Callable[[Bench, str], float | None]  # of a configuration; None where it was not measured
+    value: Callable[[Bench, str], float | None]  # measured for a configuration, None if not measured
 
     @property
     def less_is_better(self) -> bool:
@@ -26,14 +26,14 @@ class Goal(NamedTuple):
 
 
 class GoalResult(NamedTuple):
-    """What was measured for a goal: the worst of the configurations."""
+    """The measurement for a goal: the worst of its configurations."""
 
     goal: Goal
     value: float
 
     @property
-    def says(self) -> str:
-        """Whether the aim or the must was met."""
+    def verdict(self) -> str:
+        """Whether the aim, or at least the requirement, was met."""
         goal = self.goal
         for bound, name in ((goal.aim, "aim met"), (goal.must, "must met")):
             if bound is not None and (self.value <= bound if goal.less_is_better else self.value >= bound):
@@ -42,17 +42,17 @@ class GoalResult(NamedTuple):
 
 
 def _rate(name: str, num_envs: int) -> Callable[[Bench, str], float | None]:
-    return _of(name, num_envs, lambda one: one.median)
+    return _of(name, num_envs, lambda measurement: measurement.median)
 
 
 def _microseconds(name: str, num_envs: int) -> Callable[[Bench, str], float | None]:
-    return _of(name, num_envs, lambda one: 1e6 / one.median)
+    return _of(name, num_envs, lambda measurement: 1e6 / measurement.median)
 
 
 def _of(name: str, num_envs: int, value: Callable[[Measurement], float]) -> Callable[[Bench, str], float | None]:
     def find(bench: Bench, configuration: str) -> float | None:
-        one = bench.find(configuration, name, num_envs)
-        return None if one is None else value(one)
+        measurement = bench.find(configuration, name, num_envs)
+        return None if measurement is None else value(measurement)
 
     return find
 
@@ -87,7 +87,7 @@ GOALS = (
 
 
 def goal_results(bench: Bench) -> list[GoalResult]:
-    """For each goal whose figure was measured, the worst figure among the configurations that it is about."""
+    """The result of each goal for which something was measured."""
     found: list[GoalResult] = []
     for goal in GOALS:
         configurations = [name for name in bench.configurations if CONFIGURATIONS[name][0] in goal.appearances]

@@ -1,4 +1,4 @@
-"""Rounds in which every subject is measured once, so that what slows the machine for a while slows all alike."""
+"""Measures all cases once per round, so that temporary load on the machine affects all of them alike."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import NamedTuple
 
-from lilgym_mp.benchmark.catalogue import LIMIT, Subject
-from lilgym_mp.benchmark.players import Play, Timed
+from lilgym_mp.benchmark.catalogue import COPY_GROUP, BenchmarkCase
+from lilgym_mp.benchmark.players import Play, Timing
 from lilgym_mp.benchmark.traces import ACTIONS, Workload
 
 OPTIONAL_PACKAGES = ("stable_baselines3", "torch", "pettingzoo")
 
 
 class Effort(NamedTuple):
-    """How thoroughly to measure."""
+    """How long to measure."""
 
-    repeats: int
-    seconds: float  # that one measurement lasts at least
-    actions: int = ACTIONS  # of a course's play
+    repeats: int  # rounds
+    seconds: float  # minimum time of one measurement
+    actions: int = ACTIONS  # of a workload, for all environments together
 
 
 EFFORTS: Mapping[str, Effort] = {"full": Effort(9, 0.1), "quick": Effort(3, 0.01, ACTIONS // 8)}
@@ -29,10 +29,10 @@ EFFORTS: Mapping[str, Effort] = {"full": Effort(9, 0.1), "quick": Effort(3, 0.01
 
 @dataclass
 class Measurement:
-    """A subject's steps (or calls) per second in each round."""
+    """The steps (or calls) per second of a case in each round."""
 
     configuration: str
-    subject: Subject
+    case: BenchmarkCase
     rates: list[float] = field(default_factory=list)
 
     @property
@@ -40,74 +40,88 @@ class Measurement:
         return median(self.rates)
 
     def ratio_to(self, other: Measurement) -> float:
-        """The median of what this is of the other, round by round."""
+        """The median of the ratios in each round."""
         return median(ours / theirs for ours, theirs in zip(self.rates, other.rates, strict=False))
 
 
 def load_average() -> float:
-    """Processes that ran or waited to run over the last minute; not a number where that is not known."""
+    """Load average of the last minute, NaN if unknown."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
 
 
 class Bench:
-    """Measurements of any number of configurations, as far as they have come."""
+    """Collects the measurements of any number of configurations."""
 
     def __init__(self, effort: Effort) -> None:
         self.effort = effort
         self.results: list[Measurement] = []
         self.notes: list[str] = []
         self.is_interrupted = False
-        self.load_averages = (load_average(), float("nan"))  # at the beginning and after the last measurement
+        self.load_averages = (load_average(), float("nan"))  # before the first and after the last measurement
 
-    def measure(self, workload: Workload, subjects: Sequence[Subject], on_round: Callable[[], object]) -> None:
-        """Measures the subjects on a course; Ctrl-C ends that, and what has been measured stays.
+    def measure(
+        self, workload: Workload, benchmark_cases: Sequence[BenchmarkCase], on_round: Callable[[], object]
+    ) -> None:
+        """Measures the cases on a workload; Ctrl-C stops, and keeps the measurements made so far.
 
-        Subjects whose packages are not installed are noted and left out.
+        Cases whose packages are not installed are skipped, with a note.
         """
-        measured = [Measurement(workload.configuration, subject) for subject in subjects]
+        measured = [Measurement(workload.configuration, case) for case in benchmark_cases]
         try:
             with ExitStack() as stack:
-                plays = [(one, play) for one in measured if (play := self._opened(one, workload, stack)) is not None]
-                for number in range(self.effort.repeats):
-                    for one, play in plays if number % 2 == 0 else reversed(plays):
-                        one.rates.append(self._rate(play))
+                plays = [
+                    (measurement, play)
+                    for measurement in measured
+                    if (play := self._opened(measurement, workload, stack)) is not None
+                ]
+                for round_index in range(self.effort.repeats):
+                    for measurement, play in plays if round_index % 2 == 0 else reversed(plays):
+                        measurement.rates.append(self._rate(play))
                     on_round()
         except KeyboardInterrupt:
             self.is_interrupted = True
-        self.results += [one for one in measured if one.rates]
+        self.results += [measurement for measurement in measured if measurement.rates]
         self.load_averages = (self.load_averages[0], load_average())
 
-    def _opened(self, one: Measurement, workload: Workload, stack: ExitStack) -> Play | None:
+    def _opened(self, measurement: Measurement, workload: Workload, stack: ExitStack) -> Play | None:
         try:
-            return stack.enter_context(one.subject.open(workload))
+            return stack.enter_context(measurement.case.open(workload))
         except ImportError as missing:
             if (missing.name or "").partition(".")[0] not in OPTIONAL_PACKAGES:
                 raise
-            note = f"not measured: {one.subject.group} (needs {missing.name})"
+            note = f"not measured: {measurement.case.group} (needs {missing.name})"
             if note not in self.notes:
                 self.notes.append(note)
             return None
 
     def _rate(self, play: Play) -> float:
-        play()  # warms up what other subjects have driven out of the processor's caches
-        total = Timed(0, 0.0)
+        play()  # refills the CPU caches after the other cases
+        total = Timing(0, 0.0)
         while total.seconds < self.effort.seconds:
             steps, seconds = play()
-            assert steps, "a play without a step would be repeated for ever"
-            total = Timed(total.steps + steps, total.seconds + seconds)
+            assert steps, "would loop forever"
+            total = Timing(total.steps + steps, total.seconds + seconds)
         return total.steps / total.seconds
 
     def find(self, configuration: str, name: str, num_envs: int) -> Measurement | None:
-        for one in self.results:
-            if (one.configuration, one.subject.name, one.subject.num_envs) == (configuration, name, num_envs):
-                return one
+        for measurement in self.results:
+            if (measurement.configuration, measurement.case.name, measurement.case.num_envs) == (
+                configuration,
+                name,
+                num_envs,
+            ):
+                return measurement
         return None
 
-    def of_copying(self, one: Measurement) -> float | None:
-        """How fast the subject is, compared with copying the images of as many environments in the same rounds."""
-        limit = self.find(one.configuration, "memory copy", one.subject.num_envs)
-        return None if limit is None or one.subject.group == LIMIT or one.subject.is_part else one.ratio_to(limit)
+    def ratio_to_copying(self, measurement: Measurement) -> float | None:
+        """Speed relative to copying the images of as many environments in the same rounds."""
+        limit = self.find(measurement.configuration, "memory copy", measurement.case.num_envs)
+        return (
+            None
+            if limit is None or measurement.case.group == COPY_GROUP or measurement.case.is_part
+            else measurement.ratio_to(limit)
+        )
 
     @property
     def configurations(self) -> list[str]:
-        return list(dict.fromkeys(one.configuration for one in self.results))
+        return list(dict.fromkeys(measurement.configuration for measurement in self.results))

@@ -1,7 +1,7 @@
-"""Every way of running the environments, as something that plays a course and is timed.
+"""Players: each runs the environments in one way, and gives a function that plays a workload and times it.
 
-A step is one action of the MDP (of the turn-by-turn game: one agent's turn). The resets within are timed and count
-as no step; the one at the beginning, which seeds the generators, is not timed. Each opener is a context manager.
+A step is one action of the MDP (in the AEC game, one agent's turn). Resets are timed but do not count as steps, except
+the initial one, which seeds the generators and is not timed. Each player is a context manager.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from lilgym_mp.benchmark.traces import Trace, Workload, vector_trace
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.wrappers import stop_forcing_v0
 
-COPIES = 2_048  # observations copied in a play
+COPIES = 2_048  # images copied per play
 
 
-class Timed(NamedTuple):
-    """What was done, and how long it took."""
+class Timing(NamedTuple):
+    """Steps and their duration."""
 
     steps: int
     seconds: float
 
 
-Play = Callable[[], Timed]
+Play = Callable[[], Timing]
 Wrap = Callable[[Any], Any]
 
 
@@ -40,40 +40,40 @@ def unwrapped(env: Any) -> Any:
 
 @contextmanager
 def copying(workload: Workload, num_envs: int) -> Iterator[Play]:
-    """Copies of N images, which nobody who gives them away can do without."""
+    """Copying N images: an upper bound on the speed of any environment that copies its observations."""
     image = workload.recorder.reset(seed=0)[0]["image"]
     images = np.repeat(image[None], num_envs, 0)
     count = -(-COPIES // num_envs)
 
-    def play() -> Timed:
+    def play() -> Timing:
         copy = images.copy
         started = perf_counter()
         for _ in range(count):
             copy()
-        return Timed(count * num_envs, perf_counter() - started)
+        return Timing(count * num_envs, perf_counter() - started)
 
     yield play
 
 
 @contextmanager
 def single(workload: Workload, *, wrap: Wrap = unwrapped, masks: bool = False) -> Iterator[Play]:
-    """One environment from `gymnasium.make`; with `masks`, its mask is asked for before each action."""
+    """One environment from `gymnasium.make`; `masks`: also get the mask before each action."""
     env = wrap(workload.make())
     (script,) = workload.scripts(1)
     count = sum(len(episode.actions) for episode in script.episodes)
-    ask = getattr(env, "action_masks", env.unwrapped.action_masks) if masks else None
+    get_masks = getattr(env, "action_masks", env.unwrapped.action_masks) if masks else None
 
-    def play() -> Timed:
+    def play() -> Timing:
         step, reset = env.step, env.reset
         reset(seed=script.seed)
         started = perf_counter()
         for episode in script.episodes:
             for action in episode.actions:
-                if ask is not None:
-                    ask()
+                if get_masks is not None:
+                    get_masks()
                 step(action)
             reset()
-        return Timed(count, perf_counter() - started)
+        return Timing(count, perf_counter() - started)
 
     yield play
     env.close()
@@ -94,67 +94,67 @@ def vector(
     """One of this package's vector environments."""
     env = make(workload, num_envs)
     trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
-    play = _stepped(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
+    play = _timed_steps(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
     try:
         yield play
     finally:
         env.close()
 
 
-def _stepped(
-    trace: Trace, begin: Callable[[], object], step: Callable[[Any], object], ask: Callable[[], object] | None
+def _timed_steps(
+    trace: Trace, reset: Callable[[], object], step: Callable[[Any], object], get_masks: Callable[[], object] | None
 ) -> Play:
-    def play() -> Timed:
-        begin()
+    def play() -> Timing:
+        reset()
         started = perf_counter()
-        if ask is None:
+        if get_masks is None:
             for row in trace.rows:
                 step(row)
         else:
             for row in trace.rows:
-                ask()
+                get_masks()
                 step(row)
-        return Timed(trace.actions, perf_counter() - started)
+        return Timing(trace.actions, perf_counter() - started)
 
     return play
 
 
 def stop_forced(workload: Workload, num_envs: int) -> Any:
-    """The batched environment with stop forcing: masks then depend on whether STOP succeeds."""
+    """The batched environment with stop forcing, whose masks depend on whether STOP succeeds."""
     return stop_forcing_v0(batched_env(workload, num_envs))
 
 
 @contextmanager
 def sb3(workload: Workload, num_envs: int, backend: str, *, masks: bool = False, **options: Any) -> Iterator[Play]:
-    """A Stable-Baselines3 `VecEnv`, with monitor, as the trainer uses it."""
+    """A Stable-Baselines3 `VecEnv` with monitor, as used in training."""
     from lilgym_mp.sb3 import make_vec_env
 
     if backend == "subproc" and "fork" in multiprocessing.get_all_start_methods():
-        options["start_method"] = "fork"  # its processes then start in a second, not in a minute; as fast afterwards
+        options["start_method"] = "fork"  # starts in a second instead of a minute; stepping is equally fast
     venv = make_vec_env(workload.environment_id, num_envs, backend, **workload.arguments, **options)
     trace = vector_trace(workload.scripts(num_envs), AutoresetMode.SAME_STEP)
 
-    def begin() -> None:
+    def reset() -> None:
         venv.seed(0)
         venv.reset()
 
-    ask = (lambda: venv.env_method("action_masks")) if masks else None
+    get_masks = (lambda: venv.env_method("action_masks")) if masks else None
     try:
-        yield _stepped(trace, begin, venv.step, ask)
+        yield _timed_steps(trace, reset, venv.step, get_masks)
     finally:
-        with suppress(OSError, EOFError):  # Ctrl-C reaches SB3's processes too, and they may be gone
+        with suppress(OSError, EOFError):  # after Ctrl-C, SB3's processes may have ended
             venv.close()
 
 
 def game_settings(workload: Workload) -> dict[str, Any]:
-    """The proposer-verifier game in which every round takes one action of the MDP."""
-    where = {"appearance": workload.appearance, "start": workload.start}
-    return {**where, **workload.arguments, "protocol": "joint", "ending": "either"}
+    """Arguments of a proposer-verifier game in which every round takes one action of the MDP."""
+    configuration = {"appearance": workload.appearance, "start": workload.start}
+    return {**configuration, **workload.arguments, "protocol": "joint", "ending": "either"}
 
 
 @contextmanager
 def parallel_game(workload: Workload) -> Iterator[Play]:
-    """PettingZoo's parallel form: the proposer plays the script, the verifier lets it go on."""
+    """The PettingZoo parallel environment: the proposer plays the script, the verifier continues."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
 
     env = parallel_env(**game_settings(workload))
@@ -163,13 +163,13 @@ def parallel_game(workload: Workload) -> Iterator[Play]:
     games = [(e.task, [{proposer: action, verifier: 0} for action in e.actions]) for e in script.episodes]
     count = sum(len(pairs) for _, pairs in games)
 
-    def play() -> Timed:
+    def play() -> Timing:
         started = perf_counter()
         for task, pairs in games:
             env.reset(options={"task": task})
             for pair in pairs:
                 env.step(pair)
-        return Timed(count, perf_counter() - started)
+        return Timing(count, perf_counter() - started)
 
     yield play
     env.close()
@@ -177,7 +177,7 @@ def parallel_game(workload: Workload) -> Iterator[Play]:
 
 @contextmanager
 def turn_game(workload: Workload, *, checked: bool) -> Iterator[Play]:
-    """PettingZoo's turn-by-turn form: each turn is a call of `step` and one of `last`."""
+    """The PettingZoo AEC environment: each turn calls `step` and `last`."""
     from lilgym_mp.envs.proposer_verifier import env as checked_env
     from lilgym_mp.envs.proposer_verifier import raw_env
 
@@ -186,14 +186,14 @@ def turn_game(workload: Workload, *, checked: bool) -> Iterator[Play]:
     games = [(e.task, [turn for action in e.actions for turn in (action, 0)]) for e in script.episodes]
     count = sum(len(turns) for _, turns in games)
 
-    def play() -> Timed:
+    def play() -> Timing:
         started = perf_counter()
         for task, turns in games:
             env.reset(options={"task": task})
             for action in turns:
                 env.step(action)
                 env.last()
-        return Timed(count, perf_counter() - started)
+        return Timing(count, perf_counter() - started)
 
     yield play
     env.close()
@@ -207,10 +207,10 @@ def batched_games(workload: Workload, num_envs: int, *, copy: bool) -> Iterator[
     games = BatchedGames(num_envs, copy=copy, **game_settings(workload))
     trace = vector_trace(workload.scripts(num_envs), AutoresetMode.SAME_STEP)
     proposer, verifier = AGENTS
-    going_on = np.zeros(num_envs, np.int64)
+    continues = np.zeros(num_envs, np.int64)
 
     def step(row: Any) -> None:
-        games.step({proposer: row, verifier: going_on})
+        games.step({proposer: row, verifier: continues})
 
-    yield _stepped(trace, lambda: games.reset(seed=0), step, None)
+    yield _timed_steps(trace, lambda: games.reset(seed=0), step, None)
     games.close()

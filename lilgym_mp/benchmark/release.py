@@ -1,4 +1,4 @@
-"""A checked-out lilGym release, played beside this package in a process of its own."""
+"""A checkout of the lilGym release as a benchmark case, run in a subprocess."""
 
 from __future__ import annotations
 
@@ -13,39 +13,37 @@ from select import select
 from typing import Any
 
 from lilgym_mp.benchmark import release_player
-from lilgym_mp.benchmark.catalogue import Subject
-from lilgym_mp.benchmark.players import Play, Timed
+from lilgym_mp.benchmark.catalogue import BenchmarkCase
+from lilgym_mp.benchmark.players import Play, Timing
 from lilgym_mp.benchmark.traces import Workload
 
 PACKAGE = "lilgym"
-PATIENCE_SECONDS = 300.0  # for the release to start, or to play once
-OWN_PYTHON = Path(".venv", "bin", "python")  # of the checkout, where the release's requirements are installed
+TIMEOUT_SECONDS = 300.0  # for the release to start, or to play once
+OWN_PYTHON = Path(".venv", "bin", "python")  # of the checkout, with the release's requirements
 
 
 class ReleaseError(ValueError):
-    """A directory that holds no lilGym release, or one that cannot be played."""
+    """A directory does not contain a lilGym release, or the release does not run."""
 
 
-def checked_release(directory: Path) -> Path:
-    """The directory as an absolute path. Raises ReleaseError unless it holds the package."""
+def check_release(directory: Path) -> Path:
+    """The directory as an absolute path. Raises ReleaseError unless it contains the package."""
     if not directory.is_dir():
         raise ReleaseError(f"no lilGym release in {directory}: there is no such directory")
     if not (directory / PACKAGE).is_dir() and not (directory / f"{PACKAGE}.py").is_file():
-        raise ReleaseError(
-            f"no lilGym release in {directory}: name the checkout that has the package {PACKAGE!r} in it"
-        )
+        raise ReleaseError(f"no lilGym release in {directory}: name the checkout that contains the package {PACKAGE!r}")
     return directory.resolve()
 
 
-def release_subject(directory: Path, options: Mapping[str, Any]) -> Subject:
-    """The release's own environment; `options` go to its `make`. Raises ReleaseError as `checked_release` does."""
-    opener = partial(_played, directory=checked_release(directory), options=options)
-    return Subject("release", "lilGym release", 1, opener)
+def release_case(directory: Path, options: Mapping[str, Any]) -> BenchmarkCase:
+    """The release's own environment; `options` go to its `gym.make`. Raises ReleaseError as `check_release` does."""
+    opener = partial(_player, directory=check_release(directory), options=options)
+    return BenchmarkCase("release", "lilGym release", 1, opener)
 
 
 @contextmanager
-def _played(workload: Workload, directory: Path, options: Mapping[str, Any]) -> Iterator[Play]:
-    """Raises ReleaseError when the release has no such environment or does not run."""
+def _player(workload: Workload, directory: Path, options: Mapping[str, Any]) -> Iterator[Play]:
+    """Raises ReleaseError if the release has no such environment or does not run."""
     python = directory / OWN_PYTHON
     command = [str(python) if python.is_file() else sys.executable, release_player.__file__]
     child = subprocess.Popen(
@@ -54,21 +52,21 @@ def _played(workload: Workload, directory: Path, options: Mapping[str, Any]) -> 
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        start_new_session=True,  # Ctrl-C is ours to handle
+        start_new_session=True,  # so that Ctrl-C does not reach it
     )
     try:
-        _asked(child, _order(workload, directory, options))
+        _request(child, _setup_request(workload, directory, options))
 
-        def play() -> Timed:
-            answer = _asked(child, {})
-            return Timed(answer["steps"], answer["seconds"])
+        def play() -> Timing:
+            answer = _request(child, {})
+            return Timing(answer["steps"], answer["seconds"])
 
         yield play
     finally:
-        _ended(child)
+        _close(child)
 
 
-def _order(workload: Workload, directory: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+def _setup_request(workload: Workload, directory: Path, options: Mapping[str, Any]) -> dict[str, Any]:
     (script,) = workload.scripts(1)
     decode = workload.recorder.decode_action
     return {
@@ -79,15 +77,16 @@ def _order(workload: Workload, directory: Path, options: Mapping[str, Any]) -> d
     }
 
 
-def _asked(child: subprocess.Popen[str], order: Mapping[str, Any]) -> dict[str, Any]:
+def _request(child: subprocess.Popen[str], request: Mapping[str, Any]) -> dict[str, Any]:
+    """Sends a request to `release_player` and gives its answer. Raises ReleaseError."""
     assert child.stdin is not None
     assert child.stdout is not None
     line = ""
-    with suppress(BrokenPipeError):  # it has ended: then there is no answer either
-        child.stdin.write(json.dumps(order) + "\n")
+    with suppress(BrokenPipeError):  # it has exited, which the empty answer shows
+        child.stdin.write(json.dumps(request) + "\n")
         child.stdin.flush()
-        if not select([child.stdout], [], [], PATIENCE_SECONDS)[0]:
-            raise ReleaseError(f"the lilGym release has not answered for {PATIENCE_SECONDS:g} seconds")
+        if not select([child.stdout], [], [], TIMEOUT_SECONDS)[0]:
+            raise ReleaseError(f"the lilGym release has not answered for {TIMEOUT_SECONDS:g} seconds")
         line = child.stdout.readline()
     answer = json.loads(line) if line else {"error": f"ended with exit code {child.wait()}"}
     if "error" in answer:
@@ -95,7 +94,7 @@ def _asked(child: subprocess.Popen[str], order: Mapping[str, Any]) -> dict[str, 
     return answer
 
 
-def _ended(child: subprocess.Popen[str]) -> None:
+def _close(child: subprocess.Popen[str]) -> None:
     for stream in (child.stdin, child.stdout):
         assert stream is not None
         with suppress(OSError):

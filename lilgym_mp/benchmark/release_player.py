@@ -1,8 +1,8 @@
-"""The script that plays a lilGym release: run by its own Python, so it needs nothing but the standard library.
+"""Script that plays a lilGym release; run by the release's own Python, so it uses only the standard library.
 
-The first line of its input says what to play, every other one asks for playing it once; each is answered by a line
-of JSON. The release registers its environments with Gym or Gymnasium when `lilgym` is imported; the one whose id
-names the configuration is made.
+Input and output are lines of JSON: the first request describes the environment and the episodes, and every further
+line requests to play the episodes once. Importing `lilgym` registers its environments with Gym or Gymnasium; the one
+whose id contains the configuration's name is used.
 """
 
 import importlib
@@ -15,7 +15,7 @@ TOOLKITS = ("gym", "gymnasium")
 
 
 def find_maker(configuration):  # type: ignore[no-untyped-def]
-    """A function that makes the environment. Raises LookupError naming what there is."""
+    """A function that makes the environment. Raises LookupError naming the registered ones."""
     seen = []
     for name in TOOLKITS:
         try:
@@ -23,18 +23,18 @@ def find_maker(configuration):  # type: ignore[no-untyped-def]
         except ImportError:
             continue
         registry = toolkit.envs.registry
-        ids = list(getattr(registry, "env_specs", registry))  # older versions keep a table within
+        ids = list(getattr(registry, "env_specs", registry))  # older versions of Gym have env_specs
         seen += ids
-        fitting = [each for each in ids if configuration.lower() in each.lower().replace("-", "").replace("_", "")]
-        if fitting:
-            return lambda options: toolkit.make(fitting[0], **options)
-    ours = [each for each in seen if "tower" in each.lower() or "scatter" in each.lower()]
-    found = ", ".join(ours) or "none of tower or scatter"
+        matches = [each for each in ids if configuration.lower() in each.lower().replace("-", "").replace("_", "")]
+        if matches:
+            return lambda options: toolkit.make(matches[0], **options)
+    related = [each for each in seen if "tower" in each.lower() or "scatter" in each.lower()]
+    found = ", ".join(related) or "none of tower or scatter"
     raise LookupError(f"no environment {configuration} was registered by importing lilgym; there are: {found}")
 
 
 def play(env, episodes):  # type: ignore[no-untyped-def]
-    """Steps taken and seconds. Where the release's own task ends an episode early, the next one begins."""
+    """Steps and seconds. If the release ends an episode early, the next one begins."""
     steps = 0
     env.reset()
     started = perf_counter()
@@ -50,20 +50,20 @@ def play(env, episodes):  # type: ignore[no-untyped-def]
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # the release prints
+    os.dup2(2, 1)  # as the release prints to standard output
 
-    def answer(said):  # type: ignore[no-untyped-def]
-        answers.write(json.dumps(said) + "\n")
+    def answer(content):  # type: ignore[no-untyped-def]
+        answers.write(json.dumps(content) + "\n")
         answers.flush()
 
     try:
-        order = json.loads(sys.stdin.readline())
-        sys.path.insert(0, order["directory"])
+        setup = json.loads(sys.stdin.readline())
+        sys.path.insert(0, setup["directory"])
         importlib.import_module("lilgym")
-        env = find_maker(order["configuration"])(order["options"])
+        env = find_maker(setup["configuration"])(setup["options"])
         answer({"ready": True})
         for _ in sys.stdin:
-            answer(play(env, order["episodes"]))
+            answer(play(env, setup["episodes"]))
     except BrokenPipeError:
         return
     except Exception as error:

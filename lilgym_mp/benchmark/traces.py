@@ -1,6 +1,6 @@
-"""Fixed play: what every way of running a configuration is given to do, so that all do the same work.
+"""Workloads: fixed episodes for each configuration, so that all players do the same work.
 
-Environment i of any number has the seed i, and with it the same tasks and actions: random legal edits, then STOP.
+Environment i has the seed i, and thus the same tasks and actions in every player: random legal edits, then STOP.
 """
 
 from __future__ import annotations
@@ -20,55 +20,52 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 SPLIT = "train"
-STOP = 0  # number of the action
+STOP = 0  # index of the action
 EPISODE_ACTIONS = 11  # edits and a STOP
-ACTIONS = 4_400  # of a course's play, shared among the environments
-FEWEST_EPISODES = 4  # of each environment
+ACTIONS = 4_400  # of a workload, for all environments together
+MIN_EPISODES = 4  # per environment
 
 
 class Episode(NamedTuple):
-    """A task and what is done in it."""
+    """A task and the actions taken in it."""
 
     task: str
     actions: tuple[int, ...]  # legal edits, then STOP
 
 
 class Script(NamedTuple):
-    """What one environment does from its seed on. The first episode is cut short, by another length in each."""
+    """The episodes of one environment. The first is shorter, by a different length in each environment."""
 
     seed: int
     episodes: tuple[Episode, ...]
 
 
 class Trace(NamedTuple):
-    """The scripts of N environments as calls of `step`."""
+    """The scripts of N environments as batched actions."""
 
     rows: list[Int64Array]  # (N,) each
-    actions: int  # taken in all; calls that only begin an episode are none
-    ends: int  # episodes ended in all
+    actions: int  # total number, without those ignored by autoreset
+    ends: int  # total number of completed episodes
 
 
 class Workload:
-    """One configuration and its play."""
+    """The environments of one configuration and their scripts."""
 
     def __init__(self, configuration: str, corpus: str = "builtin", *, actions: int = ACTIONS) -> None:
-        """`actions`: how long the play is, for all environments together.
+        """`actions`: length, for all environments together.
 
         Raises ValueError naming the choices, CorpusError (a ValueError) for an unusable corpus.
         """
         self.configuration = configuration
         self.appearance, self.start = choose("configuration", configuration, CONFIGURATIONS)
         self.environment_id = environment_id(self.appearance, self.start)
-        self.arguments: dict[str, Any] = {
-            "corpus": corpus,
-            "split": SPLIT,
-        }  # that every way of making the environments takes
+        self.arguments: dict[str, Any] = {"corpus": corpus, "split": SPLIT}  # of every kind of environment
         self.recorder = self.make_bare()
         self._actions = actions
         self._scripts: dict[tuple[int, int], Script] = {}
 
     def make(self) -> gym.Env[Any, Any]:
-        """One environment, as users make it."""
+        """One environment, made as usual."""
         return gym.make(self.environment_id, **self.arguments)
 
     def make_bare(self) -> LilGymEnv:
@@ -76,8 +73,8 @@ class Workload:
         return cast("LilGymEnv", self.make().unwrapped)
 
     def scripts(self, num_envs: int) -> list[Script]:
-        """For each of N environments what it does."""
-        episodes = max(FEWEST_EPISODES, self._actions // EPISODE_ACTIONS // num_envs)
+        """The scripts of N environments."""
+        episodes = max(MIN_EPISODES, self._actions // EPISODE_ACTIONS // num_envs)
         return [self._script(seed, episodes) for seed in range(num_envs)]
 
     def _script(self, seed: int, count: int) -> Script:
@@ -87,34 +84,34 @@ class Workload:
         return self._scripts[key]
 
     def _recorded(self, seed: int, count: int) -> Script:
-        env, chance = self.recorder, np.random.default_rng(seed)
+        env, rng = self.recorder, np.random.default_rng(seed)
         episodes: list[Episode] = []
         env.reset(seed=seed)
-        for number in range(count):
-            length = EPISODE_ACTIONS if number else 1 + seed % EPISODE_ACTIONS
-            task, edits = env.task.id, self._edits(length - 1, chance)
+        for index in range(count):
+            length = EPISODE_ACTIONS if index else 1 + seed % EPISODE_ACTIONS
+            task, edits = env.task.id, self._edits(length - 1, rng)
             episodes.append(Episode(task, (*edits, STOP)))
             env.reset()
         return Script(seed, tuple(episodes))
 
-    def _edits(self, count: int, chance: np.random.Generator) -> list[int]:
+    def _edits(self, count: int, rng: np.random.Generator) -> list[int]:
         actions: list[int] = []
         for _ in range(count):
             legal = np.flatnonzero(self.recorder.action_masks())
-            actions.append(int(legal[chance.integers(1, len(legal))]))  # the first is STOP
+            actions.append(int(legal[rng.integers(1, len(legal))]))  # the first is STOP
             self.recorder.step(actions[-1])
         return actions
 
 
 def vector_trace(scripts: Sequence[Script], autoreset: AutoresetMode) -> Trace:
-    """The calls of `step` that play the scripts, as long as every one of them has something left to do."""
-    begins = [STOP] if autoreset is AutoresetMode.NEXT_STEP else []  # in the call after an end actions are ignored
+    """The batched actions that play the scripts, up to the end of the shortest."""
+    begins = [STOP] if autoreset is AutoresetMode.NEXT_STEP else []  # the action after an end is ignored
     columns = [[a for episode in script.episodes for a in (*episode.actions, *begins)] for script in scripts]
     length = min(map(len, columns))
     ends = idle = 0
     for script in scripts:
         spans = accumulate(len(episode.actions) + len(begins) for episode in script.episodes)
-        last = [span - len(begins) for span in spans]  # calls made when an episode has ended
+        last = [span - len(begins) for span in spans]  # number of calls until the end of each episode
         ends += sum(calls <= length for calls in last)
         idle += sum(calls < length for calls in last) if begins else 0
     table = np.array([column[:length] for column in columns], np.int64).T

@@ -70,15 +70,15 @@ def _json_object(text: str) -> dict[str, Any]:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Workload, subjects
-    from lilgym_mp.benchmark.release import release_subject
+    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Workload, benchmark_cases
+    from lilgym_mp.benchmark.release import release_case
 
     names = args.configurations or (QUICK_CONFIGURATIONS if args.quick else CONFIGURATIONS)
     for name in names:
         choose("configuration", name, CONFIGURATIONS)
-    chosen = subjects(args.only or GROUPS)
+    chosen = benchmark_cases(args.only or GROUPS)
     if args.against is not None:
-        chosen.append(release_subject(args.against, args.against_options))
+        chosen.append(release_case(args.against, args.against_options))
     output = writable_directory(args.output)
     if args.write_docs is not None:
         _with_tables(args.write_docs, "")  # fails now if the document has no place for tables
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         for name in names:
             if not bench.is_interrupted:
                 workload = Workload(name, args.corpus, actions=effort.actions)
-                note = f"{name}, {len(chosen)} subjects"
+                note = f"{name}, {len(chosen)} cases"
                 bench.measure(workload, chosen, partial(progress.advance, note=note))
     _write(bench, output, args.write_docs)
     return INTERRUPTED if bench.is_interrupted else 0
@@ -122,10 +122,10 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
 
 def _with_tables(document: Path, text: str) -> str:
     """The document's text with its tables replaced."""
-    from lilgym_mp.benchmark.report import DocumentError, in_document
+    from lilgym_mp.benchmark.report import DocumentError, insert_tables
 
     try:
-        return in_document(document.read_text(encoding="utf-8"), text)
+        return insert_tables(document.read_text(encoding="utf-8"), text)
     except OSError as error:
         raise CommandError(f"cannot read {document}: {error.strerror or error}") from None
     except DocumentError as error:

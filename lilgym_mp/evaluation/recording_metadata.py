@@ -86,13 +86,16 @@ def _git(root: Path, *arguments: str) -> str:
 
 
 @cache
-def machine() -> str:
-    """The CPU model and how many of its cores this process may use."""
+def cpu_model() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    name = names[0] if names else platform.processor() or platform.machine()
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def machine() -> str:
+    """The CPU model and how many of its cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return f"{name}, {cores} cores"
+    return f"{cpu_model()}, {cores} cores"

@@ -15,12 +15,12 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from PIL import Image
 
-from lilgym_mp.benchmark import Bench, Effort, Workload, goals, players, subjects
-from lilgym_mp.benchmark.catalogue import LIMIT, Subject
+from lilgym_mp.benchmark import Bench, Effort, Workload, benchmark_cases, goals, players
+from lilgym_mp.benchmark.catalogue import COPY_GROUP, BenchmarkCase
 from lilgym_mp.benchmark.chart import COLOURS, scaling_chart
-from lilgym_mp.benchmark.players import Play, Timed
-from lilgym_mp.benchmark.release import ReleaseError, release_subject
-from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, in_document, report_text
+from lilgym_mp.benchmark.players import Play, Timing
+from lilgym_mp.benchmark.release import ReleaseError, release_case
+from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, insert_tables, report_text
 from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
 from lilgym_mp.cli import main
 
@@ -109,18 +109,18 @@ def test_games__take_each_action_of_the_script() -> None:
 
 
 def _subject_names() -> list[str]:
-    return [f"{subject.name} {subject.num_envs}" for subject in subjects()]
+    return [f"{case.name} {case.num_envs}" for case in benchmark_cases()]
 
 
-def test_subjects__have_names_of_their_own_and_lines_in_the_chart() -> None:
+def test_cases__have_unique_names_and_lines_in_the_chart() -> None:
     assert len(set(_subject_names())) == len(_subject_names())
-    assert COLOURS.keys() <= {subject.name for subject in subjects()}
+    assert COLOURS.keys() <= {case.name for case in benchmark_cases()}
 
 
 @pytest.mark.parametrize("goal", goals.GOALS, ids=lambda goal: goal.what)
 def test_goal__is_about_something_that_is_measured(goal: goals.Goal) -> None:
     bench = Bench(SHORT)
-    bench.measure(Workload("ScatterFlipIt", actions=11), [_fake(subject) for subject in subjects()], lambda: None)
+    bench.measure(Workload("ScatterFlipIt", actions=11), [_fake(case) for case in benchmark_cases()], lambda: None)
     assert goal.value(bench, "ScatterFlipIt") == pytest.approx(_expected(goal))
 
 
@@ -128,23 +128,23 @@ def _expected(goal: goals.Goal) -> float:
     return {"steps/s": 1000.0, "us": 1000.0, "times": 1.0}[goal.unit]
 
 
-def _fake(subject: Subject, rate: float = 1000.0) -> Subject:
+def _fake(case: BenchmarkCase, rate: float = 1000.0) -> BenchmarkCase:
     """The subject, as fast as said."""
-    return Subject(subject.group, subject.name, subject.num_envs, partial(_pretend, rate=rate), subject.is_part)
+    return BenchmarkCase(case.group, case.name, case.num_envs, partial(_pretend, rate=rate), case.is_part)
 
 
 @contextmanager
 def _pretend(workload: Workload, rate: float) -> Iterator[Play]:
-    yield lambda: Timed(int(rate), 1.0)
+    yield lambda: Timing(int(rate), 1.0)
 
 
-@pytest.mark.parametrize(("rate", "says"), [(300e3, "aim met"), (200e3, "must met"), (100e3, "missed")])
-def test_verdict__says_which_bound_was_met(rate: float, says: str) -> None:
+@pytest.mark.parametrize(("rate", "verdict"), [(300e3, "aim met"), (200e3, "must met"), (100e3, "missed")])
+def test_goals__verdict_is_the_bound_that_was_met(rate: float, verdict: str) -> None:
     bench = Bench(SHORT)
-    chosen = [_fake(subject, rate) for subject in subjects(["single"])]
+    chosen = [_fake(case, rate) for case in benchmark_cases(["single"])]
     bench.measure(Workload("TowerScratch", actions=11), chosen, lambda: None)
-    assert [(goal_result.goal.what, goal_result.says) for goal_result in goals.goal_results(bench)] == [
-        ("single, gym.make, Tower", says)
+    assert [(goal_result.goal.what, goal_result.verdict) for goal_result in goals.goal_results(bench)] == [
+        ("single, gym.make, Tower", verdict)
     ]
 
 
@@ -153,33 +153,33 @@ def test_ratio__is_to_copying_in_the_same_round() -> None:
     bench = Bench(Effort(2, 0.5))
     bench.measure(
         Workload("TowerScratch", actions=11),
-        [_counted(LIMIT, "memory copy", lambda: next(copies)), _counted("single", "single", lambda: next(steps))],
+        [_counted(COPY_GROUP, "memory copy", lambda: next(copies)), _counted("single", "single", lambda: next(steps))],
         lambda: None,
     )
     ours = bench.results[1]
     assert ours.rates == [4.0, 1.0]
-    assert bench.of_copying(ours) == (4 / 4 + 1 / 2) / 2
+    assert bench.ratio_to_copying(ours) == (4 / 4 + 1 / 2) / 2
 
 
-def _counted(group: str, name: str, count: Callable[[], int]) -> Subject:
+def _counted(group: str, name: str, count: Callable[[], int]) -> BenchmarkCase:
     @contextmanager
-    def open_window(workload: Workload) -> Iterator[Play]:
-        yield lambda: Timed(count(), 1.0)
+    def open_case(workload: Workload) -> Iterator[Play]:
+        yield lambda: Timing(count(), 1.0)
 
-    return Subject(group, name, 1, open_window)
+    return BenchmarkCase(group, name, 1, open_case)
 
 
 def test_missing_package__is_noted_and_the_rest_measured() -> None:
     @contextmanager
-    def open_window(workload: Workload) -> Iterator[Play]:
+    def open_case(workload: Workload) -> Iterator[Play]:
         raise ModuleNotFoundError("no SB3", name="stable_baselines3.common")
         yield
 
     bench = Bench(SHORT)
-    rest = _fake(subjects(["single"])[0])
-    bench.measure(Workload("TowerScratch", actions=11), [Subject("sb3", "SB3", 8, open_window), rest], lambda: None)
+    rest = _fake(benchmark_cases(["single"])[0])
+    bench.measure(Workload("TowerScratch", actions=11), [BenchmarkCase("sb3", "SB3", 8, open_case), rest], lambda: None)
     assert bench.notes == ["not measured: sb3 (needs stable_baselines3.common)"]
-    assert [one.subject for one in bench.results] == [rest]
+    assert [measurement.case for measurement in bench.results] == [rest]
 
 
 def test_interrupted__keeps_the_rounds_that_are_done() -> None:
@@ -187,16 +187,16 @@ def test_interrupted__keeps_the_rounds_that_are_done() -> None:
         raise KeyboardInterrupt
 
     bench = Bench(SHORT)
-    bench.measure(Workload("TowerScratch", actions=11), [_fake(subjects(["single"])[0])], interrupt)
+    bench.measure(Workload("TowerScratch", actions=11), [_fake(benchmark_cases(["single"])[0])], interrupt)
     assert bench.is_interrupted
-    assert [len(one.rates) for one in bench.results] == [1]
+    assert [len(measurement.rates) for measurement in bench.results] == [1]
     assert "Interrupted" in report_text(bench)
 
 
 def test_chart__has_a_panel_for_each_configuration() -> None:
     bench = Bench(SHORT)
     for name in ("TowerScratch", "TowerFlipIt", "ScatterScratch"):
-        bench.measure(Workload(name, actions=11), [_fake(subject) for subject in subjects(["batched"])], lambda: None)
+        bench.measure(Workload(name, actions=11), [_fake(case) for case in benchmark_cases(["batched"])], lambda: None)
     chart = scaling_chart(bench)
     assert chart is not None
     assert chart.get_figwidth() * chart.dpi <= 1000
@@ -208,14 +208,14 @@ def test_chart__has_a_panel_for_each_configuration() -> None:
 
 
 def test_document__holds_the_new_tables_where_the_old_were() -> None:
-    assert in_document(f"Before\n{BEGIN}\nold\n{END}\nafter\n", "new") == f"Before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
+    assert insert_tables(f"Before\n{BEGIN}\nold\n{END}\nafter\n", "new") == f"Before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
     with pytest.raises(DocumentError, match="begin"):
-        in_document("no marks", "new")
+        insert_tables("no marks", "new")
 
 
 def test_release__is_played_in_its_own_process(release: Path) -> None:
     workload = Workload("TowerFlipIt", actions=33)
-    with release_subject(release, {"horizon": 3}).open(workload) as play:
+    with release_case(release, {"horizon": 3}).open(workload) as play:
         assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that this release ends early
 
 
@@ -229,15 +229,15 @@ def test_release__is_played_in_its_own_process(release: Path) -> None:
 def test_release__says_why_it_cannot_be_played(
     release: Path, configuration: str, options: dict[str, int], message: str
 ) -> None:
-    subject = release_subject(release, options)
-    with pytest.raises(ReleaseError, match=message), subject.open(Workload(configuration, actions=11)):
+    case = release_case(release, options)
+    with pytest.raises(ReleaseError, match=message), case.open(Workload(configuration, actions=11)):
         pass
 
 
 def test_release__that_does_not_run_is_told_of(release: Path) -> None:
     (release / "lilgym" / "__init__.py").write_text("raise SystemExit(3)")
-    subject = release_subject(release, {})
-    with pytest.raises(ReleaseError, match="exit code 3"), subject.open(Workload("TowerFlipIt", actions=11)):
+    case = release_case(release, {})
+    with pytest.raises(ReleaseError, match="exit code 3"), case.open(Workload("TowerFlipIt", actions=11)):
         pass
 
 
@@ -294,7 +294,7 @@ def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: p
         (["--only", "speed"], "unknown group 'speed'; choose from batched, copy, parts"),
         (["--configurations", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
         (["--against", "nowhere"], "no lilGym release in nowhere: there is no such directory"),
-        (["--against", "."], "name the checkout that has the package 'lilgym' in it"),
+        (["--against", "."], "name the checkout that contains the package 'lilgym'"),
         (["--against-options", "[1]"], "must be a JSON object"),
         (["--write-docs", "missing.md"], "cannot read missing.md"),
         (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),

@@ -1,6 +1,6 @@
-"""What a step is made of, each part timed alone while a course is played.
+"""The components of a step, each timed on its own while a workload is played.
 
-The clock is read around every call, so each figure holds about a tenth of a microsecond of reading it.
+The clock is read around every call, which adds about a tenth of a microsecond to each figure.
 """
 
 from __future__ import annotations
@@ -9,71 +9,71 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-from lilgym_mp.benchmark.players import Play, Timed, batched_env
+from lilgym_mp.benchmark.players import Play, Timing, batched_env
 from lilgym_mp.benchmark.traces import Workload, vector_trace
 from lilgym_mp.render import Canvas, draw
 from lilgym_mp.rules import Dynamics, State
 
-Part = Callable[[State], object]
+Component = Callable[[State], object]
 
 
-def _in_play(workload: Workload, make_part: Callable[[Dynamics], Part], *, every: int = 1) -> Play:
-    """The time that a part takes in every n-th episode's states, each scene met for the first time."""
+def _timed_in_states(workload: Workload, make_component: Callable[[Dynamics], Component], *, every: int = 1) -> Play:
+    """Times a component in all states of every n-th episode; no scene is reused, so nothing is cached."""
     env = workload.recorder
     dynamics, decode = env.dynamics, env.dynamics.appearance.decode
-    part = make_part(dynamics)
+    component = make_component(dynamics)
     (script,) = workload.scripts(1)
     games = [
         (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
     ]
 
-    def play() -> Timed:
+    def play() -> Timing:
         seconds, count = 0.0, 0
         for task, edits in games:
             state = dynamics.start(task)
             for edit in edits:
                 state = dynamics.step(state, edit).state
                 started = perf_counter()
-                part(state)
+                component(state)
                 seconds += perf_counter() - started
                 count += 1
-        return Timed(count, seconds)
+        return Timing(count, seconds)
 
     return play
 
 
 @contextmanager
 def truth(workload: Workload) -> Iterator[Play]:
-    """Whether STOP would succeed: the program's truth in the scene."""
-    yield _in_play(workload, lambda dynamics: dynamics.goal_reached)
+    """Evaluating the program in a scene: whether STOP would succeed."""
+    yield _timed_in_states(workload, lambda dynamics: dynamics.goal_reached)
 
 
 @contextmanager
 def mask(workload: Workload) -> Iterator[Play]:
     """The mask of all actions."""
-    yield _in_play(workload, lambda dynamics: dynamics.legal_mask)
+    yield _timed_in_states(workload, lambda dynamics: dynamics.legal_mask)
 
 
 @contextmanager
-def image(workload: Workload) -> Iterator[Play]:
-    """Bringing the image up to date, without copying it."""
+def image_update(workload: Workload) -> Iterator[Play]:
+    """Updating the image, without copying it."""
     canvas = Canvas()
-    yield _in_play(workload, lambda dynamics: lambda state: canvas.show(state.scene))
+    yield _timed_in_states(workload, lambda dynamics: lambda state: canvas.show(state.scene))
 
 
 @contextmanager
-def whole_image(workload: Workload) -> Iterator[Play]:
-    """Drawing a scene from nothing, as the image is defined."""
-    yield _in_play(workload, lambda dynamics: lambda state: draw(state.scene, "half"), every=20)
+def full_image(workload: Workload) -> Iterator[Play]:
+    """Drawing the whole image, with the reference implementation."""
+    yield _timed_in_states(workload, lambda dynamics: lambda state: draw(state.scene, "half"), every=20)
 
 
 @contextmanager
 def reset(workload: Workload) -> Iterator[Play]:
-    """`reset` of one environment without wrappers, after an episode, its observation included."""
+    """`reset` of one environment without wrappers after an episode, including the observation."""
     env = workload.make_bare()
     (script,) = workload.scripts(1)
 
-    def play() -> Timed:
+    def play() -> Timing:
         seconds = 0.0
         env.reset(seed=script.seed)
         for episode in script.episodes:
@@ -82,7 +82,7 @@ def reset(workload: Workload) -> Iterator[Play]:
             started = perf_counter()
             env.reset()
             seconds += perf_counter() - started
-        return Timed(len(script.episodes), seconds)
+        return Timing(len(script.episodes), seconds)
 
     yield play
     env.close()
@@ -90,11 +90,11 @@ def reset(workload: Workload) -> Iterator[Play]:
 
 @contextmanager
 def batched_masks(workload: Workload, num_envs: int) -> Iterator[Play]:
-    """`action_masks` of a batch, an environment's share."""
+    """`action_masks` of a batch, per environment."""
     env = batched_env(workload, num_envs)
     trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
 
-    def play() -> Timed:
+    def play() -> Timing:
         seconds = 0.0
         env.reset(seed=0)
         for row in trace.rows:
@@ -102,7 +102,7 @@ def batched_masks(workload: Workload, num_envs: int) -> Iterator[Play]:
             started = perf_counter()
             env.action_masks()
             seconds += perf_counter() - started
-        return Timed(len(trace.rows) * num_envs, seconds)
+        return Timing(len(trace.rows) * num_envs, seconds)
 
     yield play
     env.close()
@@ -110,16 +110,16 @@ def batched_masks(workload: Workload, num_envs: int) -> Iterator[Play]:
 
 @contextmanager
 def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
-    """`reset` of a whole batch, an environment's share."""
+    """`reset` of a whole batch, per environment."""
     env = batched_env(workload, num_envs, copy=True)
     env.reset(seed=0)
     resets = 10
 
-    def play() -> Timed:
+    def play() -> Timing:
         started = perf_counter()
         for _ in range(resets):
             env.reset()
-        return Timed(resets * num_envs, perf_counter() - started)
+        return Timing(resets * num_envs, perf_counter() - started)
 
     yield play
     env.close()
