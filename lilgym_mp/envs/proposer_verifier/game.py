@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Iterable
 from typing import SupportsIndex
 
 import numpy as np
@@ -97,11 +96,17 @@ def _judgement(decision: TurnDecision, *, holds: bool) -> Judgement | None:
     return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
 
 
+def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
+    mask = np.zeros(size, np.int8)
+    mask[list(legal)] = 1
+    mask.flags.writeable = False
+    return mask
+
+
 class TurnError(ValueError):
     """An agent acted out of turn, did not act in its turn, or acted after the end."""
 
 
-@dataclass(frozen=True, slots=True)
 class Game:
     """The rules of one game, as pure functions of states.
 
@@ -110,59 +115,53 @@ class Game:
     one out of turn. Message 0 is silence.
     """
 
-    protocol: GameProtocol
-    config: ProtocolConfig
-    rewards: RewardScheme
-    message_sizes: tuple[int, int]  # number of messages besides silence, by Role
-    message_cost: float  # to the sender, for each message but silence
-    history_length: int  # turns kept in the state
-    homogeneous: bool  # both action spaces have the size of the larger one; the surplus actions are illegal
-    decision_table: DecisionTable = field(init=False, repr=False)
-    choices: tuple[range, range] = field(init=False)  # legal in an agent's turn, by Role; "wait" follows them
-    action_counts: tuple[int, int] = field(init=False)  # by Role
-    wait_actions: tuple[int | None, int | None] = field(init=False)  # by Role; None in simultaneous protocols
-    wait_masks: tuple[Int8Array, Int8Array] = field(init=False, repr=False)  # out of turn, by Role
-    answer_mask: Int8Array = field(init=False, repr=False)  # the verifier's in its turn
-    turn_based: bool = field(init=False)  # `GameProtocol.turn_based`
-    _has_messages: bool = field(init=False, repr=False)  # whether any agent can send messages
-    _proposer_mask_is_mdp: bool = field(init=False, repr=False)  # whether the proposer's actions are the MDP's
-
-    def __post_init__(self) -> None:
-        appearance, ending = self.config.dynamics.appearance, self.config.ending
+    def __init__(
+        self,
+        protocol: GameProtocol,
+        config: ProtocolConfig,
+        rewards: RewardScheme,
+        *,
+        message_sizes: tuple[int, int],
+        message_cost: float,
+        history_length: int,
+        homogeneous: bool,
+    ) -> None:
+        """`message_sizes`: number of messages besides silence, by Role. `message_cost`: to the sender, for each message
+        but silence. `history_length`: turns kept in the state. `homogeneous`: both action spaces have the size of the
+        larger one; the surplus actions are illegal.
+        """
+        self.protocol = protocol
+        self.config = config
+        self.rewards = rewards
+        self.message_sizes = message_sizes
+        self.message_cost = message_cost
+        self.history_length = history_length
+        self.homogeneous = homogeneous
+        self.turn_based = protocol.turn_based
+        self.decision_table = DecisionTable(protocol, config, rewards)
+        appearance, ending = config.dynamics.appearance, config.ending
         first = STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1
-        choices = (range(first, appearance.action_count), range(len(self.protocol.answers(self.config))))
-        turn_based = self.protocol.turn_based
+        # Legal in an agent's turn, by Role; "wait" follows them.
+        self.choices = (range(first, appearance.action_count), range(len(protocol.answers(config))))
         proposer, verifier = (
-            (own.stop + turn_based) * (size + 1) for own, size in zip(choices, self.message_sizes, strict=True)
+            (own.stop + self.turn_based) * (size + 1) for own, size in zip(self.choices, message_sizes, strict=True)
         )
         largest = max(proposer, verifier)
-        derive = partial(object.__setattr__, self)
-        derive("decision_table", DecisionTable(self.protocol, self.config, self.rewards))
-        derive("choices", choices)
-        derive("action_counts", (largest, largest) if self.homogeneous else (proposer, verifier))
-        derive(
-            "wait_actions", tuple(self.encode_action(role, choices[role].stop) if turn_based else None for role in Role)
-        )
-        derive("wait_masks", tuple(self._wait_mask(role) for role in Role))
-        derive("answer_mask", self._answer_mask())
-        derive("turn_based", turn_based)
-        derive("_has_messages", any(self.message_sizes))
-        is_mdp = self.action_counts[PROPOSER] == appearance.action_count and ending.proposer_may_stop
-        derive("_proposer_mask_is_mdp", is_mdp)
-
-    def _wait_mask(self, role: Role) -> Int8Array:
-        mask = np.zeros(self.action_counts[role], np.int8)
-        wait = self.wait_actions[role]
-        if wait is not None:
-            mask[wait] = 1
-        mask.flags.writeable = False
-        return mask
-
-    def _answer_mask(self) -> Int8Array:
-        mask = np.zeros(self.action_counts[VERIFIER], np.int8)
-        mask[: self.encode_action(VERIFIER, self.choices[VERIFIER].stop)] = 1
-        mask.flags.writeable = False
-        return mask
+        self.action_counts = (largest, largest) if homogeneous else (proposer, verifier)  # by Role
+        # By Role; None in simultaneous protocols.
+        self.wait_actions = [
+            self.encode_action(role, choices.stop) if self.turn_based else None
+            for role, choices in zip(Role, self.choices, strict=True)
+        ]
+        self.wait_masks = [  # out of turn, by Role
+            _frozen_mask(count, [] if wait is None else [wait])
+            for count, wait in zip(self.action_counts, self.wait_actions, strict=True)
+        ]
+        answers = range(self.encode_action(VERIFIER, self.choices[VERIFIER].stop))
+        self.answer_mask = _frozen_mask(self.action_counts[VERIFIER], answers)  # the verifier's in its turn
+        self._has_messages = any(message_sizes)
+        is_mdp_size = self.action_counts[PROPOSER] == appearance.action_count
+        self._proposer_mask_is_mdp = is_mdp_size and ending.proposer_may_stop
 
     def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
         return GameState(self.config.dynamics.start(task), self.protocol.first_movers, intent)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.types import AGENTS, Intent, Judgement, Role
@@ -22,69 +21,46 @@ class Costs:
     false_reject: float
 
 
-class RewardInput(NamedTuple):
-    """What the reward terms of a turn depend on."""
-
-    mdp_reward: float  # 0 in turns that use up no round
-    judgement: Judgement | None
-    intent: Intent
-    costs: Costs
+Term = Callable[[Judgement, Intent, Costs], float]
 
 
-Term = Callable[[RewardInput], float]
+def _correctness(judgement: Judgement, intent: Intent, costs: Costs) -> float:
+    """+1 for a correct judgement that ends the episode, minus its cost for a wrong one.
 
-
-def _mdp(turn: RewardInput) -> float:
-    """The MDP's reward."""
-    return turn.mdp_reward
-
-
-def _correctness(turn: RewardInput) -> float:
-    """+1 for a right judgement that ends the episode, minus its cost for a wrong one.
-
-    A right rejection that does not end the episode earns nothing: otherwise repeating a false claim would pay.
+    A correct rejection that does not end the episode earns nothing: otherwise repeating a false claim would pay.
     """
-    judgement = turn.judgement
-    if judgement is None:
-        return 0.0
     if judgement.accepted == judgement.holds:
         return float(judgement.final)
-    return -turn.costs.false_accept if judgement.accepted else -turn.costs.false_reject
+    return -costs.false_accept if judgement.accepted else -costs.false_reject
 
 
-def _brier(turn: RewardInput) -> float:
+def _brier(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     """Minus the squared difference between the stated probability and the truth, 0 or 1."""
-    judgement = turn.judgement
-    return -((judgement.probability - judgement.holds) ** 2) if judgement else 0.0
+    return -((judgement.probability - judgement.holds) ** 2)
 
 
-def _log(turn: RewardInput) -> float:
+def _log(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     """The natural logarithm of the probability given to the truth."""
-    judgement = turn.judgement
-    if judgement is None:
-        return 0.0
     return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
 
 
-def _helpful(turn: RewardInput) -> float:
-    """+1 when the verifier accepts a true claim."""
-    judgement = turn.judgement
-    return float(judgement is not None and judgement.accepted and judgement.holds)
+def _helpful(judgement: Judgement, intent: Intent, costs: Costs) -> float:
+    """+1 if the verifier accepts a true claim."""
+    return float(judgement.accepted and judgement.holds)
 
 
-def _sneaky(turn: RewardInput) -> float:
-    """+1 when the verifier accepts a false claim."""
-    judgement = turn.judgement
-    return float(judgement is not None and judgement.accepted and not judgement.holds)
+def _sneaky(judgement: Judgement, intent: Intent, costs: Costs) -> float:
+    """+1 if the verifier accepts a false claim."""
+    return float(judgement.accepted and not judgement.holds)
 
 
-def _hidden(turn: RewardInput) -> float:
+def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     """`_helpful` or `_sneaky`, by the intent drawn at reset."""
-    return _sneaky(turn) if turn.intent is Intent.SNEAKY else _helpful(turn)
+    return (_sneaky if intent is Intent.SNEAKY else _helpful)(judgement, intent, costs)
 
 
-TERMS: Mapping[str, Term] = {
-    "mdp": _mdp,
+MDP = "mdp"  # the MDP's reward; the other terms are 0 unless a claim is judged
+JUDGEMENT_TERMS: Mapping[str, Term] = {
     "correctness": _correctness,
     "brier": _brier,
     "log": _log,
@@ -92,6 +68,7 @@ TERMS: Mapping[str, Term] = {
     "sneaky": _sneaky,
     "hidden": _hidden,
 }
+TERMS = (MDP, *JUDGEMENT_TERMS)
 SCORING_RULES = ("brier", "log")  # proper scoring rules for a stated probability
 
 PRESETS: Mapping[str, tuple[str, str]] = {  # terms by Role
@@ -114,9 +91,14 @@ class RewardScheme:
 
     def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
         """Both agents' rewards of a turn, by Role."""
-        turn = RewardInput(mdp_reward, judgement, intent, self.costs)
+
+        def value(term: str) -> float:
+            if term == MDP:
+                return mdp_reward
+            return 0.0 if judgement is None else JUDGEMENT_TERMS[term](judgement, intent, self.costs)
+
         proposer, verifier = (
-            sum((weight * TERMS[term](turn) for term, weight in terms.items()), 0.0) for terms in self.weights
+            sum((weight * value(term) for term, weight in terms.items()), 0.0) for terms in self.weights
         )
         return proposer, verifier
 
@@ -148,7 +130,13 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
 def _weights(terms: AgentRewards) -> Mapping[str, float]:
     weights = {terms: 1.0} if isinstance(terms, str) else dict(terms)
     for term, weight in weights.items():
-        choose("reward", term, TERMS)
-        if isinstance(weight, bool) or not isinstance(weight, int | float) or not math.isfinite(weight):
-            raise ValueError(f"the weight of reward {term!r} must be a finite number, not {weight!r}")
+        choose("reward", term, dict.fromkeys(TERMS))
+        checked_number(f"the weight of reward {term!r}", weight)
     return weights
+
+
+def checked_number(name: str, value: object) -> float:
+    """Raises ValueError unless `value` is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, not {value!r}")
+    return float(value)

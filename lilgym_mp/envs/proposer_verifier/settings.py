@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -11,9 +10,10 @@ from typing import Any, TypeVar
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS, GameProtocol
-from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, make_reward_scheme
+from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, checked_number, make_reward_scheme
 from lilgym_mp.envs.proposer_verifier.types import AGENTS, ENDINGS, ProtocolConfig
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, ViewSpec, make_view
 from lilgym_mp.render import shrink_of
@@ -66,10 +66,10 @@ class Settings:
             protocol,
             self._config(protocol),
             self._reward_scheme(),
-            sizes if isinstance(sizes, tuple) else _by_role(sizes, _message_size),
-            _number("message_cost", self.message_cost),
-            max(view.history for view in views),
-            _flag("homogeneous", self.homogeneous),
+            message_sizes=sizes if isinstance(sizes, tuple) else _by_role(sizes, _message_size),
+            message_cost=checked_number("message_cost", self.message_cost),
+            history_length=max(view.history for view in views),
+            homogeneous=checked_flag("homogeneous", self.homogeneous),
         )
         tasks = load_tasks(self.corpus, self.appearance, self.start, self.split)
         return GameSetup(
@@ -78,7 +78,7 @@ class Settings:
             self.image_size,
             views,
             _share("sneaky_share", self.sneaky_share),
-            _flag("reveal_truth", self.reveal_truth),
+            checked_flag("reveal_truth", self.reveal_truth),
         )
 
     def _config(self, protocol: GameProtocol) -> ProtocolConfig:
@@ -95,7 +95,8 @@ class Settings:
 
     def _reward_scheme(self) -> RewardScheme:
         costs = Costs(
-            _number("false_accept_cost", self.false_accept_cost), _number("false_reject_cost", self.false_reject_cost)
+            checked_number("false_accept_cost", self.false_accept_cost),
+            checked_number("false_reject_cost", self.false_reject_cost),
         )
         return make_reward_scheme(self.rewards, costs, has_probabilities=self.verdict_bins is not None)
 
@@ -121,19 +122,7 @@ def _count(name: str, value: Any, *, least: int) -> int:
     return value
 
 
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{name} must be a finite number, not {value!r}")
-    return float(value)
-
-
 def _share(name: str, value: Any) -> float:
-    if not 0 <= _number(name, value) <= 1:
+    if not 0 <= checked_number(name, value) <= 1:
         raise ValueError(f"{name} must be between 0 and 1, not {value!r}")
     return float(value)
-
-
-def _flag(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be True or False, not {value!r}")
-    return value

@@ -18,6 +18,7 @@ from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.corpus.statement_arrays import default_length
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, GameState, Intent, Role
 from lilgym_mp.observation import image_space, item_array, item_capacity
@@ -48,9 +49,8 @@ class View:
         """Raises ValueError naming the choices."""
         choose("scene view", self.scene, SCENE_PARTS)
         choose("statement view", self.statement, STATEMENT_PARTS)
-        for name in ("target", "proposal"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name} of a view must be True or False, not {getattr(self, name)!r}")
+        checked_flag("target of a view", self.target)
+        checked_flag("proposal of a view", self.proposal)
         if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 0:
             raise ValueError(f"history of a view must be a number of turns, 0 or more, not {self.history!r}")
 
