@@ -1,4 +1,4 @@
-"""What agents do: rollout statistics, errors and where actions go."""
+"""Behaviour of agents: rollout statistics, errors, and positions of actions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def count_of(episode: RecordedEpisode, kinds: tuple[type, ...]) -> int:
     return sum(isinstance(action, kinds) for action in episode.actions)
 
 
-# By name: whether it is a share in per cent, and the number of a run's episodes.
+# Statistics of the episodes of a run, by name.
 ROLLOUT: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
     "without STOP (%)": lambda kept: share(kept, lambda episode: not stops(episode)),
     "with an invalid action (%)": lambda kept: share(kept, lambda episode: episode.invalid_reason is not None),
@@ -44,7 +44,7 @@ def behaviour(found: Gathered) -> Iterator[Item]:
 
 
 def figures_6_and_9(found: Gathered) -> Iterator[Item]:
-    """Rollout statistics, the expert's among them."""
+    """Rollout statistics, including the expert's."""
     title = f"Rollout statistics on {found.main_split}"
     rows: list[list[Cell]] = []
     values: dict[str, dict[str, list[Spread | float | None]]] = {name: {} for name in ROLLOUT}
@@ -56,7 +56,9 @@ def figures_6_and_9(found: Gathered) -> Iterator[Item]:
             if entry is not None:
                 rows.append([agent, entry.configuration, *(over_runs(entry.runs, f) for f in ROLLOUT.values())])
     panels = [Panel(name, found.configurations, series) for name, series in values.items()]
-    note = "An episode without STOP ends by an invalid action or the horizon. The last action, STOP too, is counted."
+    note = (
+        "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
+    )
     yield Chart("Figure 6 and Figure 9", title, bars(panels, ""), note)
     yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT), rows)
 
@@ -69,14 +71,14 @@ REASONS: Mapping[str, tuple[InvalidReason, ...]] = {
 }
 DIRECT, EARLY, ERRONEOUS, LATER = "direct", "early", "erroneous", "later"
 STOP_NOTE = (
-    "A wrong STOP is direct as the first action; early where edits were made and the expert needs fewer actions from"
-    " there than from the start; else erroneous. A later STOP is one of these two where the expert was not asked"
-    " (--optimal) or knows no solution."
+    "A wrong STOP is direct if it is the first action, early if the expert needs fewer actions from there than from the"
+    " start, and otherwise erroneous. A later STOP is early or erroneous; the expert was not run (--optimal) or knows"
+    " no solution."
 )
 
 
 def stop_kind(episode: RecordedEpisode) -> str | None:
-    """Which kind of wrong STOP ended the episode, None where none did."""
+    """The kind of wrong STOP that ended the episode, or None."""
     if episode.outcome != "wrong_stop":
         return None
     if len(episode.actions) == 1:
@@ -87,7 +89,7 @@ def stop_kind(episode: RecordedEpisode) -> str | None:
 
 
 def error_kind(episode: RecordedEpisode) -> str | None:
-    """What went wrong: a reason, a kind of wrong STOP, or the horizon; None of a success."""
+    """The kind of error: an invalid-action reason, a kind of wrong STOP, or the horizon; None for a success."""
     if episode.is_success:
         return None
     if (stop := stop_kind(episode)) is not None:
@@ -101,7 +103,7 @@ ERROR_KINDS = (*REASONS, f"{DIRECT} stop", f"{EARLY} stop", f"{ERRONEOUS} stop",
 
 
 def errors(found: Gathered) -> Iterator[Item]:
-    """Failed episodes by what went wrong, in per cent of them; beside the 50 that the paper's authors read."""
+    """Failed episodes by kind of error, in per cent, with the 50 that the paper's authors classified."""
     rows: list[list[Cell]] = []
     panels: list[Panel] = []
     for configuration in found.configurations:
@@ -117,7 +119,7 @@ def errors(found: Gathered) -> Iterator[Item]:
         if values:
             panels.append(Panel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
     title = f"Errors on {found.main_split}, in per cent of them"
-    note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), shares of all 50."
+    note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
     if panels:
         yield Chart("Section D.2", f"{title}, drawn", bars(panels, "% of errors", columns=1))
@@ -134,7 +136,7 @@ def _published(configuration: str) -> Iterator[Sequence[Cell]]:
 
 
 def figure_10(found: Gathered) -> Item:
-    """Where Scatter actions go, by cell and type."""
+    """Positions of Scatter actions, by cell and type."""
     title = f"Where actions go on {found.main_split}, in per cent of the agent's edits"
     grid = found.header.settings.grid
     entries = [
@@ -144,15 +146,15 @@ def figure_10(found: Gathered) -> Item:
         if entry.header.settings.appearance == "scatter"
     ]
     if not entries or isinstance(grid, str):
-        why = "the grid is native" if entries else "no Scatter configuration was played"
-        return Lacking("Figure 10", title, f"{why}: there are no cells to map")
+        why = "the grid is native" if entries else "no Scatter configuration was evaluated"
+        return Lacking("Figure 10", title, f"{why}, so there are no cells to map")
     panels = [_maps(entry, grid) for entry in entries]
-    note = f"Cells of the grid {grid[0]} x {grid[1]}; each map has a scale of its own."
+    note = f"Cells of the {grid[0]} x {grid[1]} grid; each map has its own scale."
     return Chart("Figure 10", title, maps(panels), note)
 
 
 def _maps(entry: Entry, grid: tuple[int, int]) -> list[tuple[str, list[list[float]]]]:
-    """The map of all edits, then of each type, of an entry."""
+    """Maps of an entry: all edits, then each type."""
     cells = {name: action_map(entry, grid, kinds) for name, kinds in KINDS.items()}
     everything = [[sum(both) for both in zip(*rows, strict=True)] for rows in zip(*cells.values(), strict=True)]
     total = sum(map(sum, everything)) or 1
@@ -164,7 +166,7 @@ def _maps(entry: Entry, grid: tuple[int, int]) -> list[tuple[str, list[list[floa
 
 
 def action_map(entry: Entry, grid: tuple[int, int], kinds: tuple[type, ...]) -> list[list[int]]:
-    """How many actions of those kinds went to each cell: a list a row of the grid."""
+    """The number of actions of those kinds per cell, as one list per row of the grid."""
     columns, rows = grid
     counts = [[0] * columns for _ in range(rows)]
     for run in entry.runs:

@@ -1,4 +1,4 @@
-"""What the paper lacks: accuracy by difficulty, when and how surely agents stop, and how much longer they take."""
+"""Items not in the paper: accuracy by difficulty, timing and calibration of STOP, and regret."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from lilgym_mp.report.charts import Line, Panel, bars, lines
 from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.report_data import Entry, Gathered
 
-MOST_EDITS = 6  # counted alone; more are put together
+MAX_EDITS = 6  # more are grouped together
 BINS = 10  # of the probability of STOP
-NEEDS_EXPERT = "the expert was not asked: record with `lilgym-mp evaluate ... --record DIR --optimal`"
+NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
 
 
 def difficulty(found: Gathered) -> Iterator[Item]:
@@ -35,16 +35,16 @@ def difficulty(found: Gathered) -> Iterator[Item]:
 
 
 def edits_name(episode: RecordedEpisode) -> str | None:
-    """How many edits the start needs, None where that is not known."""
+    """How many edits the start scene needs, None if unknown."""
     if episode.edits is None:
         return None
-    return str(episode.edits) if episode.edits < MOST_EDITS else f"{MOST_EDITS} or more"
+    return str(episode.edits) if episode.edits < MAX_EDITS else f"{MAX_EDITS} or more"
 
 
 def by_edits(found: Gathered) -> Item:
-    """Accuracy by how many edits the expert needs."""
+    """Accuracy by the number of edits that the expert needs."""
     title = f"Accuracy by number of edits needed on {found.main_split}"
-    names = [*map(str, range(MOST_EDITS)), f"{MOST_EDITS} or more"]
+    names = [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"]
     panels = _panels(found, names, edits_name, only=lambda entry: entry.header.expert)
     if not panels:
         return Lacking("Edits needed", title, NEEDS_EXPERT)
@@ -52,12 +52,12 @@ def by_edits(found: Gathered) -> Item:
         "Edits needed",
         title,
         bars(panels, "accuracy, %", top=109),
-        "Edits of a shortest solution that the expert knows.",
+        "Edits in the expert's shortest solution.",
     )
 
 
 def by_actions_left(found: Gathered) -> Item:
-    """How often STOP is right, by how many actions the horizon still allowed after it."""
+    """Accuracy of STOP, by the number of actions left."""
     title = f"Accuracy of STOP by actions left on {found.main_split}"
     horizon = found.header.settings.dynamics().horizon
     names = list(map(str, range(horizon)))
@@ -65,7 +65,7 @@ def by_actions_left(found: Gathered) -> Item:
     def left(episode: RecordedEpisode) -> str | None:
         return str(horizon - len(episode.actions)) if stops(episode) else None
 
-    note = f"Of episodes that end with STOP, by the actions that the horizon of {horizon} left after it."
+    note = f"Episodes that end with STOP, by the number of actions left of the horizon of {horizon}."
     panels = _panels(found, names, left)
     if not panels:
         return Lacking("Horizon left at STOP", title, "no episode here ends with STOP")
@@ -78,7 +78,7 @@ def _panels(
     key: Callable[[RecordedEpisode], str | None],
     only: Callable[[Entry], bool] = lambda entry: True,
 ) -> list[Panel]:
-    """The accuracy of each agent on its episodes of each key, a panel a configuration."""
+    """Accuracy of each agent by key of its episodes, one panel per configuration."""
     panels: list[Panel] = []
     for configuration in found.configurations:
         entries = [entry for entry in found.of(configuration) if only(entry)]
@@ -97,7 +97,7 @@ def _panels(
 
 
 def calibration(found: Gathered) -> Item:
-    """How often STOP would have been right, by how probable it was to the agent."""
+    """How often STOP would have been right, by the agent's probability of STOP."""
     title = f"Calibration of STOP on {found.main_split}"
     panels: list[tuple[str, str, str, list[Line]]] = []
     for configuration in found.configurations:
@@ -105,15 +105,13 @@ def calibration(found: Gathered) -> Item:
         if drawn:
             panels.append((configuration, "probability of STOP", "share of scenes that are solved", drawn))
     if not panels:
-        return Lacking("Calibration of STOP", title, "no agent here told how probable STOP was to it")
-    note = (
-        f"All scenes in which an agent chose an action, in {BINS} equal bins of the probability that it gave to STOP."
-    )
+        return Lacking("Calibration of STOP", title, "no agent here reports its probability of STOP")
+    note = f"All scenes in which an agent chose an action, in {BINS} equal bins of its probability of STOP."
     return Chart("Calibration of STOP", title, lines(panels, diagonal=True), note)
 
 
 def calibration_line(entry: Entry) -> Line | None:
-    """Mean probability of STOP and share of solved scenes, a point a bin that has any; None where none are told."""
+    """Mean probability of STOP and share of solved scenes for each non-empty bin; None without probabilities."""
     bins: list[list[tuple[float, bool]]] = [[] for _ in range(BINS)]
     for run in entry.runs:
         for episode in run.episodes:
@@ -134,7 +132,7 @@ def solved_before(settings: Settings, episode: RecordedEpisode) -> list[bool]:
 
 
 def regret(found: Gathered) -> Item:
-    """How many actions more than the expert's successes took, and how many took none more."""
+    """Actions beyond the expert's in successes, and the share of optimal successes and episodes."""
     title = f"Actions beyond the expert's on {found.main_split}"
     rows: list[list[Cell]] = []
     for configuration in found.configurations:
@@ -145,7 +143,11 @@ def regret(found: Gathered) -> Item:
         return Lacking("Regret", title, NEEDS_EXPERT)
     columns = ("agent", "configuration", "extra actions of a success", "successes optimal (%)", "episodes optimal (%)")
     return table(
-        "Regret", title, columns, rows, "Against shortest solutions that the expert knows; it may miss some in Scatter."
+        "Regret",
+        title,
+        columns,
+        rows,
+        "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones.",
     )
 
 
@@ -164,13 +166,13 @@ def _regret(entry: Entry) -> Sequence[Cell]:
 
 
 def extra_actions(episode: RecordedEpisode) -> int:
-    """Of a success whose shortest solution is known."""
+    """Actions beyond the shortest solution, for a success where it is known."""
     assert episode.optimal_actions is not None
     return len(episode.actions) - episode.optimal_actions
 
 
 def comparisons(found: Gathered) -> Iterator[Item]:
-    """Intervals of accuracies, and paired tests between agents."""
+    """Confidence intervals of accuracies, and paired tests between agents."""
     rows: list[list[Cell]] = []
     pairs: list[list[Cell]] = []
     for configuration in found.configurations:
@@ -192,10 +194,10 @@ def comparisons(found: Gathered) -> Iterator[Item]:
                                 f"{difference.p_value:.4f}",
                             ]
                         )
-    note = f"95 % bootstrap intervals: statements are drawn {RESAMPLES:,} times, with their start scenes and runs."
+    note = f"95 % bootstrap intervals: statements are resampled {RESAMPLES:,} times, with their start scenes and runs."
     columns = ("agent", "configuration", "split", "accuracy (%)", "from (%)", "to (%)")
     yield table("Confidence intervals", "Accuracy with intervals over statements", columns, rows, note)
     if pairs:
         columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
-        note = "The same draws of statements for both; p is two-sided, uncorrected for many tests."
+        note = "The same resampled statements for both agents; p is two-sided, not corrected for multiple tests."
         yield table("Paired tests", "Differences in accuracy between agents", columns, pairs, note)

@@ -1,4 +1,4 @@
-"""Accuracy by what statements say: phenomena, and whether training showed the statement or its form."""
+"""Accuracy by phenomenon, and by whether the statement or its form occurs in training."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from lilgym_mp.report.charts import Panel, bars
 from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.report_data import Gathered, ReportError
 
-Tags = Mapping[str, Sequence[str]]  # phenomena by statement, as people tagged them
+Tags = Mapping[str, Sequence[str]]  # phenomena by statement, from hand-made tags
 CHOICES = tuple(phenomenon.value for phenomenon in PHENOMENA)
 # The paper's tables of phenomena, by configuration.
 ITEM = "Table 3, Table 5 and Table 6"
-RULE_MADE = "made by rules, which read the program, or the statement's words for the two rows of syntax"
+RULE_MADE = "derived by rules from the program, or from the words of the statement for the two rows of syntax"
 SEEN = ("statement seen", "form seen", "new")
 
 
@@ -35,7 +35,7 @@ def read_tags(path: Path) -> Tags:
     except OSError as fault:
         raise ReportError(f"{path}: cannot be read: {fault.strerror or fault}") from None
     except ValueError as fault:
-        raise ReportError(f"{path}: no JSON: {fault}") from None
+        raise ReportError(f"{path}: not JSON: {fault}") from None
     if not isinstance(data, dict):
         raise ReportError(f"{path}: must be an object with a list of phenomena for each statement")
     for statement, names in data.items():
@@ -50,18 +50,18 @@ def read_tags(path: Path) -> Tags:
 
 
 def tagged(episode: RecordedEpisode, tags: Tags | None) -> Sequence[str] | None:
-    """The phenomena of the episode's statement: rule-made, or people's, None where they tagged it not."""
+    """The phenomena of the statement, from rules or hand-made tags; None if it has no hand-made tags."""
     if tags is not None:
         return tags.get(episode.statement)
     return *episode.phenomena, *(found.value for found in syntactic_phenomena(episode.statement))
 
 
 def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
-    """Accuracy on the statements of each phenomenon, a table a configuration."""
+    """Accuracy on the statements with each phenomenon, one table per configuration."""
     made = "rule-made tags" if tags is None else "hand-made tags"
     note = (
         f"Tags are {RULE_MADE if tags is None else 'from the file of hand-made tags'}; a statement may have several."
-        f" † start scenes of the statements that the paper's authors tagged by hand on dev ({paper.SOURCE})."
+        f" † start scenes of the dev statements that the paper's authors tagged by hand ({paper.SOURCE})."
     )
     for configuration in found.configurations:
         entries = found.of(configuration)
@@ -92,12 +92,12 @@ def _accuracy_of(runs: Sequence[Recording], name: str, tags: Tags | None) -> Spr
 
 
 def novelty(episode: RecordedEpisode) -> str:
-    """Whether training showed the statement, only its form, or neither."""
+    """Whether the statement, only its form, or neither occurs in training."""
     return SEEN[0] if episode.statement_seen else SEEN[1] if episode.form_seen else SEEN[2]
 
 
 def by_novelty(found: Gathered) -> Iterator[Item]:
-    """Accuracy on statements seen in training, on new ones of a form that was seen, and on those of a new form."""
+    """Accuracy on statements seen in training, on new statements of a seen form, and on those of a new form."""
     title = f"Accuracy by statement seen, form seen, new, on {found.main_split}"
     rows: list[list[Cell]] = []
     panels: list[Panel] = []
@@ -114,9 +114,11 @@ def by_novelty(found: Gathered) -> Iterator[Item]:
             rows.append([entry.agent, configuration, *(cell for pair in pairs for cell in pair)])
         panels.append(Panel(configuration, SEEN, values))
     if not panels:
-        yield Lacking("Seen and new", title, "no configuration was played")
+        yield Lacking("Seen and new", title, "no configuration was evaluated")
         return
-    note = "Statement seen: word for word in training. Form seen: so with colours, shapes, sizes and numbers blanked."
+    note = (
+        "Statement seen: occurs verbatim in training. Form seen: occurs with other colours, shapes, sizes or numbers."
+    )
     yield Chart("Seen and new", title, bars(panels, "accuracy, %", top=109), note)
     columns = (
         "agent",

@@ -1,4 +1,4 @@
-"""How training went: on dev, where runs played it while they trained, and by the progress that all runs keep."""
+"""Learning curves: accuracy on dev during training, for runs that evaluated it, and training progress."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.report_data import Curve, Gathered, differing, setting_shown
 
 ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
-# By learner, what its progress holds: what to draw, and what that is.
+# By learner: the key of its progress to draw, and the label.
 DRAWN: Mapping[str, tuple[str, str]] = {
     "ppo": ("accuracy", "success of training episodes"),
-    "imitation": ("truth_accuracy", "truth of scenes told"),
+    "imitation": ("truth_accuracy", "accuracy of predicted truth values"),
     "parse-and-plan": ("loss", "loss of the parser"),
 }
-REWARD = "nlvr_reward"  # of a recipe: whether STOP was rewarded in scenes of the corpus alone
+REWARD = "nlvr_reward"  # in a recipe: whether STOP was rewarded only in scenes of the corpus
 NOT_EVALUATED = (
-    "no training run in the directories was evaluated on dev while it trained: `lilgym-mp train ppo CONFIGURATION"
+    "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
     " --evaluate-every N`, with and without --nlvr-reward"
 )
-# By what a line shows: of which tasks of Scratch, the entry of an evaluation; of FlipIt, whose have none, all tasks'.
+# Keys of evaluations on Scratch; those of FlipIt have only "accuracy".
 PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
 
 
@@ -33,7 +33,7 @@ def learning(found: Gathered) -> Iterator[Item]:
 
 
 def dev_curves(curves: Sequence[Curve]) -> Iterator[Item]:
-    """A panel a configuration, a line a recipe: the mean over seeds, and the deviation around it."""
+    """One panel per configuration, one line per recipe: mean and deviation over seeds."""
     panels: list[tuple[str, str, str, list[Line]]] = []
     rows: list[list[Cell]] = []
     evaluated = [curve for curve in curves if curve.evaluations]
@@ -50,10 +50,10 @@ def dev_curves(curves: Sequence[Curve]) -> Iterator[Item]:
         yield Lacking(ITEM, ON_DEV, NOT_EVALUATED)
         return
     note = (
-        "Actions drawn, illegal ones masked. With the program reward a STOP is right where the program says so, with"
-        " the NLVR reward only in a scene that the corpus has for the statement; 'by program' judges its agent by the"
-        " program. As in the paper, Scratch tasks without such a scene are left out of all lines. A line is the mean"
-        " over seeds, the band its sample standard deviation."
+        "Sampled actions, illegal ones masked. With the program reward, STOP is right if the program says so; with the"
+        " NLVR reward, only in a scene that the corpus has for the statement; 'by program' evaluates that agent by the"
+        " program. As in the paper, Scratch tasks without such a scene are excluded. Lines are means over seeds, bands"
+        " the sample standard deviation."
     )
     yield Chart(ITEM, ON_DEV, lines(panels), note)
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
@@ -61,7 +61,7 @@ def dev_curves(curves: Sequence[Curve]) -> Iterator[Item]:
 
 
 def _groups(curves: Sequence[Curve]) -> dict[str, list[Curve]]:
-    """The runs by learner, reward and what else tells their recipes apart but the seed."""
+    """The runs by learner, reward and all other differences between their recipes except the seed."""
     keys = [key for key in differing([curve.recipe for curve in curves]) if key != REWARD]
     groups: dict[str, list[Curve]] = {}
     for curve in curves:
@@ -72,7 +72,7 @@ def _groups(curves: Sequence[Curve]) -> dict[str, list[Curve]]:
 
 
 def _entries(runs: Sequence[Curve]) -> list[tuple[str, str]]:
-    """What to draw of runs of one recipe: how to call it, and the entry of their evaluations."""
+    """The lines to draw for runs of one recipe: label suffix, and key of their evaluations."""
     if any(line.get(PROGRAM_ACCURACY) is None for run in runs for line in run.evaluations):
         return [("", "accuracy")]
     if runs[0].recipe.get(REWARD):
@@ -81,7 +81,7 @@ def _entries(runs: Sequence[Curve]) -> list[tuple[str, str]]:
 
 
 def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str) -> Line:
-    """The mean over runs in per cent at the numbers of steps that all of them have, with the deviation."""
+    """Mean and deviation over runs, in per cent, at the step counts that all runs share."""
     by_steps = [{line["steps"]: line[key] for line in run} for run in runs]
     shared = sorted(set(by_steps[0]).intersection(*by_steps[1:]))
     points = [_percent(found) for x in shared if (found := spread([run[x] for run in by_steps])) is not None]
@@ -93,24 +93,24 @@ def _percent(share: Spread) -> Spread:
 
 
 def learning_curves(found: Gathered) -> Item:
-    """A panel a learner and configuration, a line a run."""
+    """One panel per learner and configuration, one line per run."""
     panels: dict[tuple[str, str], list[Line]] = {}
     for curve in found.curves:
         if (line := _line(curve)) is not None:
             panels.setdefault((curve.learner, curve.configuration), []).append(line)
     if not panels:
         return Lacking(
-            ITEM, TITLE, "no training run with progress is among the directories; name one beside the episodes"
+            ITEM, TITLE, "the directories contain no training run with progress; name one in addition to the episodes"
         )
     drawn = [
         (f"{learner} {configuration}".strip(), "steps", DRAWN[learner][1], found_lines)
         for (learner, configuration), found_lines in panels.items()
     ]
-    return Chart(ITEM, TITLE, lines(drawn), "From the progress of training itself, on training tasks.")
+    return Chart(ITEM, TITLE, lines(drawn), "Training progress, on training tasks.")
 
 
 def _line(curve: Curve) -> Line | None:
     key = DRAWN.get(curve.learner, ("accuracy", ""))[0]
-    told = [line for line in curve.lines if line.get(key) is not None]
-    points = [(line["step" if "step" in line else "steps"], line[key]) for line in told]
+    entries = [line for line in curve.lines if line.get(key) is not None]
+    points = [(line["step" if "step" in line else "steps"], line[key]) for line in entries]
     return Line(curve.run.name, [x for x, _ in points], [y for _, y in points]) if points else None

@@ -1,4 +1,4 @@
-"""A report's main numbers as one Markdown page for a repository, with a few pictures. No statement stands in it."""
+"""Writes the main numbers of a report as a Markdown page for a repository, with some charts and no statement."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lilgym_mp.report.items import Chart, Item, Lacking, Table
 from lilgym_mp.report.report_data import Gathered
 
 MARK = "<!-- made by lilgym-mp report; do not edit -->"
-PICTURES = "pictures"  # directory beside the page
-DRAWN = ("Figure 3", "Figure 4", "Edits needed", "Calibration of STOP", "Figure 10")  # charts that are shown
-RECORDED = "When, where and by which commands episodes were recorded"  # told at the top instead
+PICTURES = "pictures"  # directory next to the page
+DRAWN = ("Figure 3", "Figure 4", "Edits needed", "Calibration of STOP", "Figure 10")  # charts on the page
+RECORDED = "When, where and by which commands episodes were recorded"  # replaced by the top of the page
 
 
 def check_document(file: Path) -> None:
-    """Raises OutputError unless the page can be written there: it is new, or was made by a report."""
+    """Raises OutputError unless the file is new or was written by a report."""
     writable_directory(file.absolute().parent)
     if file.is_dir():
         raise OutputError(f"cannot write a page to {file}: it is a directory; name a file")
@@ -27,7 +27,7 @@ def check_document(file: Path) -> None:
 
 
 def write_document(file: Path, found: Gathered, made: Sequence[tuple[str, Sequence[Item]]], command: str) -> None:
-    """Writes the page and its pictures; `command`: that makes the report."""
+    """Writes the page and its charts; `command` is the command that makes the report."""
     blocks = [MARK, f"# {_title(found)}", *_origin(found, command)]
     for heading, items in made:
         shown = [block for item in items for block in _shown(file, item)]
@@ -41,14 +41,14 @@ def _title(found: Gathered) -> str:
 
 
 def _origin(found: Gathered, command: str) -> Iterator[str]:
-    """By what the numbers were made."""
+    """The origin of the numbers: dates, commits, machine and commands."""
     made = found.metadata
     if made:
         dates = sorted(one.date for one in made)
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
         machines = "; ".join(dict.fromkeys(one.machine for one in made))
         yield f"Episodes recorded {span} UTC; {commits_text(made)}; machine: {machines}."
-    yield f"Every number and picture here was written by `{command}`. [report.md](report.md) explains the items."
+    yield f"This page was written by `{command}`. [report.md](report.md) explains its items."
     if found.training_commands:
         yield _commands("Trained by", found.training_commands)
     if made:
@@ -56,21 +56,21 @@ def _origin(found: Gathered, command: str) -> Iterator[str]:
 
 
 def commits_text(made: Sequence[RecordingMetadata]) -> str:
-    """The commits that the episodes were recorded at, each once, in the order of their first recording."""
+    """The commits of the recordings, in the order of their first recording."""
     names = list(dict.fromkeys(one.commit for one in sorted(made, key=lambda one: one.date)))
     known = [name for name in names if name]
     if not known:
         return "commit unknown"
     kept = [name for name in known if name.endswith(MODIFIED_SUFFIX) or name + MODIFIED_SUFFIX not in known]
-    told = [
+    texts = [
         name.replace(MODIFIED_SUFFIX, " (with and without uncommitted changes)")
         if name.removesuffix(MODIFIED_SUFFIX) in known
         else name.replace(MODIFIED_SUFFIX, " (with uncommitted changes)")
         for name in kept
     ]
-    listed = told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    listed = texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
     unknown = "" if len(known) == len(names) else ", of some unknown"
-    return f"{'commit' if len(told) == 1 else 'commits'} {listed}{unknown}"
+    return f"{'commit' if len(texts) == 1 else 'commits'} {listed}{unknown}"
 
 
 def _commands(heading: str, commands: Sequence[str] | dict[str, None]) -> str:

@@ -1,4 +1,4 @@
-"""How well agents do: tasks and starts, accuracy, mean reward, and by target."""
+"""Accuracy and mean reward of agents, the runs behind them, and the numbers of tasks."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from lilgym_mp.report.items import NOTHING, Cell, Chart, Item, Lacking, table
 from lilgym_mp.report.report_data import Entry, Gathered
 
 PAPER_NOTE = (
-    f"Rows marked † are the paper's ({paper.SOURCE}), on the official corpus: trained from rewards alone, actions"
-    " sampled, no mask. ± is the sample standard deviation over training runs."
+    f"Rows marked † are from the paper ({paper.SOURCE}), on the official corpus: trained from rewards alone, sampled"
+    " actions, no mask. ± is the sample standard deviation over training runs."
 )
 
 
@@ -30,7 +30,7 @@ def results(found: Gathered) -> Iterator[Item]:
 
 
 def rests_on(found: Gathered) -> Item:
-    """What every number of the report rests on."""
+    """The runs behind every number of the report."""
     rows: list[list[Cell]] = []
     for configuration in found.configurations:
         for split in found.splits:
@@ -39,21 +39,23 @@ def rests_on(found: Gathered) -> Item:
                 if entry is not None:
                     rows.append(_rests(entry))
     note = (
-        "Accuracy is the share of episodes that end in success, one visit a pass to each start scene; seeds that a"
-        " learner has in one row and lacks in another are not made up for."
+        "Accuracy is the share of successful episodes, with one episode per start scene and pass. Rows of one learner"
+        " may differ in their seeds."
     )
     columns = (
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision"),
     )
-    return table("Basis", "What the numbers rest on", columns, rows, note)
+    return table("Basis", "Runs behind the numbers", columns, rows, note)
 
 
 def recorded_by(found: Gathered) -> Item:
-    """By which commands, when, with which code and where the episodes were recorded."""
+    """The commands, dates, commits and machines of the recordings."""
     title = "When, where and by which commands episodes were recorded"
     if not found.metadata:
-        return Lacking("Basis", title, "nothing was kept beside the recordings; `lilgym-mp evaluate --record` keeps it")
+        return Lacking(
+            "Basis", title, "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
+        )
     rows: list[list[Cell]] = []
     for command in dict.fromkeys(made.command for made in found.metadata):
         made = sorted((one for one in found.metadata if one.command == command), key=lambda one: one.date)
@@ -62,7 +64,7 @@ def recorded_by(found: Gathered) -> Item:
             for name in ("date", "commit", "machine")
         )
         rows.append([command, dates, commits, machines, len(made)])
-    note = "Dates are UTC. Commit: of the checkout, 'with changes' where files differed from it."
+    note = "Dates are UTC. Commits are those of the checkout, 'with changes' if files differed from it."
     return table("Basis", title, ("command", "date", "commit", "machine", "recordings"), rows, note)
 
 
@@ -93,7 +95,7 @@ def table_1(found: Gathered) -> Item:
     try:
         counts = corpus_statistics(corpus).counts
     except CorpusError as fault:
-        return Lacking("Table 1", title, f"the corpus {corpus!r} is not at hand: {fault}")
+        return Lacking("Table 1", title, f"the corpus {corpus!r} is not available: {fault}")
     names = {pair: name for name, pair in CONFIGURATIONS.items()}
     rows = [
         (
@@ -104,12 +106,12 @@ def table_1(found: Gathered) -> Item:
     ]
     columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
     return table(
-        "Table 1", title, columns, rows, f"Corpus: {found.header.corpus}. † the paper's, of the official corpus."
+        "Table 1", title, columns, rows, f"Corpus: {found.header.corpus}. † from the paper, for the official corpus."
     )
 
 
 def table_2(found: Gathered) -> Item:
-    """Task completion beside the paper's."""
+    """Task-completion accuracy, compared with the paper's."""
     columns = [f"{name} {split}" for name in CONFIGURATIONS for split in ("dev", "test")]
     shown = [(name, split) for name in CONFIGURATIONS for split in ("dev", "test")]
     extra = [(name, split) for name in found.configurations for split in found.splits if split not in ("dev", "test")]
@@ -125,7 +127,7 @@ def table_2(found: Gathered) -> Item:
 
 
 def figure_3(found: Gathered) -> Iterator[Item]:
-    """Mean reward of everybody on the main split."""
+    """Mean reward of all agents on the main split."""
     panels: list[Panel] = []
     rows: list[list[Cell]] = []
     for configuration in found.configurations:
@@ -137,7 +139,7 @@ def figure_3(found: Gathered) -> Iterator[Item]:
         panels.append(Panel(configuration, [""], values))
         rows += [[entry.agent, configuration, reward] for entry, reward in zip(entries, rewards, strict=True)]
     title = f"Mean reward on {found.main_split}"
-    note = "The paper draws these numbers and prints none. An optimal expert's are the upper bound."
+    note = "The paper plots these values without printing them. The optimal expert is the upper bound."
     yield Chart("Figure 3", title, bars(panels, "mean reward"), note)
     yield table("Figure 3", f"{title}, numbers", ("agent", "configuration", "mean reward"), rows)
 
@@ -151,7 +153,7 @@ def figure_5(found: Gathered) -> Iterator[Item]:
     title = f"Accuracy by target value on {found.main_split}"
     configurations = [name for name in found.configurations if CONFIGURATIONS[name][1] == "flipit"]
     if not configurations:
-        yield Lacking("Figure 5", title, "no FlipIt configuration was played")
+        yield Lacking("Figure 5", title, "no FlipIt configuration was evaluated")
         return
     panels: list[Panel] = []
     rows: list[list[Cell]] = []
@@ -178,4 +180,4 @@ def figure_5(found: Gathered) -> Iterator[Item]:
         panels.append(Panel(configuration, ["target True", "target False"], values))
     yield Chart("Figure 5", title, bars(panels, "accuracy, %", top=109))
     columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
-    yield table("Figure 5", f"{title}, numbers", columns, rows, f"† the paper's dev split ({paper.SOURCE}).")
+    yield table("Figure 5", f"{title}, numbers", columns, rows, f"† dev split of the paper ({paper.SOURCE}).")

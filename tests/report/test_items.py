@@ -186,7 +186,7 @@ def test_tables_of_phenomena__are_rule_made_unless_a_file_is_given(found: Gather
     assert by_name["existence"] == (4, 6, 192, Spread(pytest.approx(100 / 3), None, 1))
     assert by_name["negation"] == (1, 1, 52, Spread(0.0, None, 1))
     assert by_name["syntax: coordination"] == (0, 0, 20, None)
-    assert "the statement's words for the two rows of syntax" in table.note
+    assert "the words of the statement for the two rows of syntax" in table.note
     assert "rule-made" in table.title
     (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
     (table,) = by_phenomenon(found, read_tags(tmp_path / "tags.json"))
