@@ -33,7 +33,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
-from lilgym_mp.evaluation.film import film_frames, replay, save_gif
+from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -95,7 +95,7 @@ def draw_films() -> None:
         frames = frames_of(configuration, episode)
         save_gif(PICTURES / f"{configuration}.gif", frames)
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
-        films.append(list(replay(Settings(configuration).make(SPLIT), episode)))
+        films.append(list(episode_frames(Settings(configuration).make(SPLIT), episode)))
     film_frames(PICTURES / "agent.gif", films, columns=2)
 
 
