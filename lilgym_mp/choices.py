@@ -1,4 +1,4 @@
-"""Looking a name up in a closed table of choices, with an error a person can act on."""
+"""Lookup in a closed set of choices, with a helpful error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Value = TypeVar("Value")
 
 
 def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
-    """The entry of `table` called `name`.
+    """The entry of `table` with this name.
 
     Raises ValueError naming the value and every choice, sorted.
     """

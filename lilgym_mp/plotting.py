@@ -1,4 +1,4 @@
-"""Figures for charts. matplotlib is imported when the first one is made."""
+"""Figures for charts; matplotlib is imported only when the first one is made."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from lilgym_mp.extras import install
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 100  # pixels an inch
-SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "lilgym_mp"}  # text as text; the same each time
+DPI = 100
+SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "lilgym_mp"}  # text as text; reproducible ids
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in pixels. Raises ImportError saying what to install."""
+    """An empty figure; width and height in pixels. Raises ImportError saying what to install."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -24,7 +24,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path, file_format: str) -> None:
-    """Writes the figure as "svg" or "png", with no date in it."""
+    """Writes the figure as "svg" or "png", reproducibly: without a date."""
     from matplotlib import rc_context
 
     metadata = {"Date": None} if file_format == "svg" else {}

@@ -1,4 +1,4 @@
-"""What terminals show: bars with the time left, tables, colours where wanted, texts of others made safe."""
+"""Terminal output: progress bars, tables, colours, and escaping of untrusted text."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import ProgressColumn
 
-LINES = 10  # of progress from beginning to end, where there is no bar
+LINES = 10  # of progress in total, where there is no bar
 
 
 def printable(text: str) -> str:
-    """`text` with everything that could move a terminal's cursor, colour or title, but line ends, written out."""
+    """The text with all control characters except line ends escaped."""
     return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def shows_colours() -> bool:
-    """Whether standard output is a terminal whose user has not asked for no colours (NO_COLOR)."""
+    """Whether standard output is a terminal and NO_COLOR is not set."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
 
 
 class Progress:
-    """Counts up to `total` on stderr: a bar with the time left on a terminal, elsewhere some lines with it.
+    """Progress up to `total` with the time left, on stderr: as a bar on a terminal, elsewhere as a few lines.
 
     A context manager.
     """
@@ -34,10 +34,10 @@ class Progress:
     def __init__(
         self, total: int, unit: str, done: int | None = 0, *, redraws_by_itself: bool = True, lines: int = LINES
     ) -> None:
-        """`done`: how many were done before; None where the first call of `reach` says so, as of a resumed run.
+        """`done`: progress at the beginning; None if the first call of `reach` gives it, as in a resumed run.
 
-        `redraws_by_itself`: whether a thread redraws the bar between calls, so that its clock runs on. `lines`: how
-        many lines there are without a terminal; 0 where what is counted prints lines of its own.
+        `redraws_by_itself`: whether a thread redraws the bar between calls, which updates its clock. `lines`: number of
+        lines without a terminal; 0 if the caller prints its own.
         """
         self._total = total
         self._unit = unit
@@ -58,11 +58,11 @@ class Progress:
             self._bar.stop()
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """`count` more are done; `note` says how it goes."""
+        """Adds `count` to the progress; `note` is shown with it."""
         self.reach(self._done + count, note)
 
     def reach(self, done: int, note: str = "") -> None:
-        """`done` are done, those before among them; `note` says how it goes."""
+        """Sets the progress, including what was done before; `note` is shown with it."""
         if self._begin is None:
             self._begin, self._done, self._since = min(done, self._total), done, time.monotonic()
         lines_before = self._lines(self._begin)
@@ -72,11 +72,11 @@ class Progress:
             if not self._bar.live.auto_refresh:
                 self._bar.refresh()
         elif self._lines(self._begin) > lines_before:
-            told = [f"{done:,} of {self._total:,} {self._unit}", note, self._time_left(self._begin)]
-            _write(", ".join(filter(None, told)), sys.stderr)
+            parts = [f"{done:,} of {self._total:,} {self._unit}", note, self._time_left(self._begin)]
+            _write(", ".join(filter(None, parts)), sys.stderr)
 
     def _time_left(self, begin: int) -> str:
-        """How long what is left will take at the pace so far; nothing at the end."""
+        """The estimated time left, from the mean rate so far; empty if done or unknown."""
         left = self._total - self._done
         if left <= 0 or self._done <= begin:
             return ""
@@ -84,7 +84,7 @@ class Progress:
         return f"{seconds // 60}:{seconds % 60:02} left"
 
     def _lines(self, begin: int) -> int:
-        """How many lines should have been printed by now."""
+        """Number of lines that should have been printed by now."""
         return (self._done - begin) * self._line_count // max(1, self._total - begin)
 
 
@@ -96,15 +96,15 @@ def _bar(redraws_by_itself: bool) -> RichProgress:
 
 
 class DownloadBar:
-    """`with DownloadBar() as bar: bar.show(name, bytes_so_far, bytes_of_all)`: a line for each file if no terminal."""
+    """`with DownloadBar() as bar: bar.show(name, bytes_so_far, total_bytes)`; without a terminal, one line per file."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         """`stream`: standard error by default."""
         self._stream = stream or sys.stderr
-        self._bar: RichProgress | None = None  # on a terminal, once there is something to show
+        self._bar: RichProgress | None = None  # on a terminal, after the first `show`
 
     def show(self, name: str, have: int, total: int | None) -> None:
-        """Updates the bar. `total` is None where it is not known."""
+        """Updates the bar. `total` is None if unknown."""
         if not self._stream.isatty():
             if have == total:
                 _write(f"{name}: {have:,} bytes", self._stream)
@@ -136,7 +136,7 @@ def _download_bar(stream: TextIO) -> RichProgress:
 def _rich_progress(
     stream: TextIO, *columns: ProgressColumn, note: bool = False, transient: bool = False, auto_refresh: bool = True
 ) -> RichProgress:
-    """What all bars have in common: the bar, `columns`, the time left, and last a task's note."""
+    """A bar with `columns`, the time left, and last, if `note`, the task's note."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
@@ -150,7 +150,7 @@ def _rich_progress(
         console=Console(file=stream),
         auto_refresh=auto_refresh,
         transient=transient,
-        redirect_stdout=sys.stdout.isatty(),  # what is printed on the same terminal goes above the bar
+        redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
     )
 
 
@@ -160,11 +160,11 @@ def _write(line: str, stream: TextIO) -> None:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Lines with aligned columns: numbers to the right with a comma every three digits, texts to the left."""
+    """Lines with aligned columns: numbers right-aligned with thousands separators, text left-aligned."""
     cells = [[_cell(value) for value in row] for row in rows]
-    right = [bool(cells) and all(row[place][1] for row in cells) for place in range(len(header))]
+    right = [bool(cells) and all(row[column][1] for row in cells) for column in range(len(header))]
     texts = [list(header), *([text for text, _ in row] for row in cells)]
-    widths = [max(len(row[place]) for row in texts) for place in range(len(header))]
+    widths = [max(len(row[column]) for row in texts) for column in range(len(header))]
     lines = [
         "  ".join(
             text.rjust(width) if to_right else text.ljust(width)
@@ -176,7 +176,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _cell(value: object) -> tuple[str, bool]:
-    """A value's text, and whether it is a number or stands for a lacking one."""
+    """A value's text, and whether it is a number or missing."""
     if value is None:
         return "-", True
     if isinstance(value, float):

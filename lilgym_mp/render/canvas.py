@@ -1,4 +1,4 @@
-"""Canvas: an image buffer that redraws only what changed. It equals `drawing.draw`, which is the reference."""
+"""Canvas: an image buffer that redraws only what changed. Its pixels equal those of `drawing.draw`, the reference."""
 
 from __future__ import annotations
 
@@ -38,27 +38,25 @@ from lilgym_mp.scene import (
     Size,
 )
 
-KEPT_BYTES = 48 << 20  # room for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
+CACHE_BYTES = 48 << 20  # for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
 RUN_PIXELS = 32
-LARGEST_PATCH = 2 + max(
-    FOOTPRINT_SIDES
-)  # native side of the smallest patch of whole 2 x 2 blocks for any item anywhere
+LARGEST_PATCH = 2 + max(FOOTPRINT_SIDES)  # native side of the largest patch
 
-# What play draws by is kept in plain tuples: they are taken apart in a third of a named tuple's time.
+# Plain tuples instead of named tuples: unpacking them takes a third of the time.
 
-# Pixels to put somewhere in a box: first row, row after the last, columns likewise, (rows, columns, 3) pixels.
+# Pixels to copy into a box: first row, end row, first column, end column, (rows, columns, 3) pixels.
 Blit = tuple[int, int, int, int, UInt8Array]
 
-# How an item shows on its patch, the smallest one of whole blocks that holds it: the patch's width and height in native
-# pixels, (rows, columns, 3) the patch with the item alone, the patch without it, `drawn` and `counts`. These two are
-# numbers that stand for a picture, row by row, in `_pitch` entries each: a bit for each native pixel, set where it is
-# the item's, and a byte for each block, as in the item's stamp.
+# An item drawn on its patch, the smallest area of whole blocks (2 x 2 native pixels) that contains it: the patch's
+# width and height in native pixels, (rows, columns, 3) pixels with the item alone and without it, then two arrays
+# packed into ints, in rows of `_pitch` entries: `drawn`, a bit per native pixel, set where the item covers it, and
+# `counts`, a byte per block, as in the item's stamp.
 _Patch = tuple[int, int, UInt8Array, UInt8Array, int, int]
-_Patches = Sequence[Sequence[Sequence[Sequence[Sequence[_Patch]]]]]  # by shape, colour, size, oddness of x, of y
+_Patches = Sequence[Sequence[Sequence[Sequence[Sequence[_Patch]]]]]  # by shape, colour, size, parity of x, parity of y
 
 
 def _pitch(shrink: int) -> int:
-    """Entries in a row of `drawn` (shrink 1) or `counts`: so many that all that is near a patch has its own."""
+    """Entries per row of `drawn` (shrink 1) or `counts`: enough for a patch with neighbours on both sides."""
     return 3 * LARGEST_PATCH // shrink
 
 
@@ -78,7 +76,7 @@ def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
 
 @cache
 def _patches(shrink: int) -> _Patches:
-    """Of all items. Computing the rest by place takes no longer than looking up what is remembered of an item."""
+    """Patches of all item types and parities; shifting one to its position is as fast as a cache by position."""
     return [
         [
             [
@@ -95,9 +93,9 @@ def _patches(shrink: int) -> _Patches:
 
 
 def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: int, *, shown: bool) -> Blit | None:
-    """What a box patches like on the patch of `item` with its `others`, and with it if `shown`.
+    """The pixels of a box on the patch of `item`, with the `others` and, if `shown`, the item itself.
 
-    None when some item there reaches out of the box or is drawn over by another: then order matters.
+    None if an item there extends beyond the box or overlaps another, since then the drawing order matters.
     """
     x, y, shape, colour, size = item
     width, height, alone, bare, _, _ = patches[shape][colour][size][x & 1][y & 1]
@@ -120,9 +118,9 @@ def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: i
 
 
 def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
-    """A patch of that shape (rows, columns, 3) with items near it; None as in `_patch_blit`.
+    """A patch of that shape (rows, columns, 3) with the items on and near it; None as in `_patch_blit`.
 
-    Numbers are shifted and added rather than arrays, whose operations take ten times as long on so few entries.
+    Shifts and adds packed ints, as array operations take ten times as long on so few entries.
     """
     patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
     drawn = counts = 0
@@ -139,7 +137,7 @@ def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item]
         drawn |= own_drawn
         shift = 8 * (down // shrink * block_pitch + across // shrink)
         counts += own_counts << shift if shift >= 0 else own_counts >> -shift
-    # As long as the number can be: what is near may begin at the patch's last row.
+    # The maximum length, as an item near the patch may begin in its last row.
     by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
     blocks = np.ndarray(shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
     return palette(shrink).colours.take(blocks, axis=0)
@@ -149,23 +147,23 @@ _BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a
 
 
 def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
-    """What to put on an empty box; None as in `_patch_blit`. Kept in the box's memo."""
+    """The blits that draw a box's items on an empty box; None as in `_patch_blit`. Cached in the box's memo."""
     key, memo = _BLITS_KEYS[shrink], box.memo
     if key not in memo:
         items, patches = box.items, _patches(shrink)
         blits = [
-            _patch_blit(item, items[:number] + items[number + 1 :], patches, shrink, shown=True)
-            for number, item in enumerate(items)
+            _patch_blit(item, items[:index] + items[index + 1 :], patches, shrink, shown=True)
+            for index, item in enumerate(items)
         ]
         memo[key] = None if None in blits else tuple(blits)
     return memo[key]
 
 
 class _Picture(NamedTuple):
-    """A picture as what differs from empty boxes, in runs of RUN_PIXELS native pixels: put on in one assignment."""
+    """The runs of RUN_PIXELS native pixels in which a picture differs from empty boxes; copied in one assignment."""
 
-    starts: NDArray[np.int64]  # (runs,) pixel that each run begins with, the image's pixels counted row by row
-    runs: NDArray[np.void]  # (runs,) the pixels' bytes
+    starts: NDArray[np.int64]  # (runs,) index of each run's first pixel, row by row
+    runs: NDArray[np.void]  # (runs,) bytes of the pixels
 
     @classmethod
     def of(cls, pixels: UInt8Array, shrink: int) -> _Picture:
@@ -181,14 +179,14 @@ class _Picture(NamedTuple):
 
 
 def _every_run(pixels: UInt8Array, shrink: int) -> NDArray[np.void]:
-    """The runs that begin with each pixel of an image, over its memory."""
+    """A view of an image's memory: the run that begins with each pixel."""
     length = RUN_PIXELS // shrink
     run = np.dtype((np.void, 3 * length))
     return np.ndarray((pixels.size // 3 - length + 1,), run, pixels, strides=(3,))
 
 
 def _as_one_value(pixels: UInt8Array) -> NDArray[np.void]:
-    """(1,) all of an image's bytes as one value: assigning it takes two thirds of the time of `pixels[:] = ...`."""
+    """(1,) view of all bytes as one value: assigning it takes two thirds of the time of `pixels[:] = ...`."""
     return pixels.reshape(-1).view(np.dtype((np.void, pixels.size)))
 
 
@@ -200,16 +198,16 @@ def _empty_bytes(shrink: int) -> np.void:
 
 @dataclass
 class _Budget:
-    """How many bytes of pictures may still be kept, those of all scenes and image sizes together."""
+    """Bytes left for cached pictures of all scenes and image sizes."""
 
     left: int
 
 
-_BUDGET = _Budget(KEPT_BYTES)
+_BUDGET = _Budget(CACHE_BYTES)
 
 
 class Canvas:
-    """An image buffer kept equal to `draw` of the scene last shown, by redrawing only what changed."""
+    """An image buffer that equals `draw` of the scene last shown, and redraws only what changed."""
 
     def __init__(self, image_size: str = "half", pixels: UInt8Array | None = None) -> None:
         """`pixels`: the contiguous buffer to draw into, of `image_shape(image_size)`; a new one by default."""
@@ -227,18 +225,18 @@ class Canvas:
         self._whole = _as_one_value(self.pixels)
         self._patches = _patches(self._shrink)
         self._memo_key = f"picture {image_size}"
-        # Keys in a box's memo for the blits that show and hide its last item, which Tower's shared boxes need often.
+        # Keys in a box's memo for the blits that show and hide its last item, often reused for Tower's shared boxes.
         self._last_shown, self._last_hidden = f"last shown {image_size}", f"last hidden {image_size}"
-        self._shown: tuple[Box, Box, Box] | None = None  # None when the buffer must be drawn as a whole
+        self._shown: tuple[Box, Box, Box] | None = None  # None if the buffer must be redrawn completely
 
     def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
-        """A copy has a buffer of its own, to be drawn anew."""
+        """A copy has its own buffer, which is redrawn."""
         return Canvas, (self._image_size,)
 
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
         before, after = self._shown, scene.boxes
-        self._shown = None  # until all is drawn: an interrupt leaves the buffer to be drawn as a whole
+        self._shown = None  # until finished, so that the buffer is redrawn completely after an interrupt
         if before is not None and (
             (after[0] is before[0] or self._update(0, before[0], after[0]))
             and (after[1] is before[1] or self._update(1, before[1], after[1]))
@@ -250,7 +248,7 @@ class Canvas:
         return self.pixels
 
     def _update(self, index: int, before: Box, after: Box) -> bool:
-        """Makes a box show `after`; False, and nothing done, unless one item was added at the end or removed."""
+        """Redraws a box if one item was added at the end or removed; else returns False and does nothing."""
         old, new = before.items, after.items
         difference = len(new) - len(old)
         if difference == 1 and new[:-1] == old:
@@ -274,7 +272,7 @@ class Canvas:
         return True
 
     def _begin(self, scene: Scene) -> None:
-        """Shows a scene that has little to do with the last one; from the second time on its picture is kept."""
+        """Shows an unrelated scene; its picture is cached from the second time on."""
         key, memo = self._memo_key, scene.memo
         picture: _Picture | None = memo.get(key)
         if picture is not None:
@@ -291,10 +289,10 @@ class Canvas:
             picture = memo[key] = _Picture.of(self.pixels, self._shrink)
             _BUDGET.left -= picture.starts.nbytes + picture.runs.nbytes
             for box in scene.boxes:
-                box.memo.pop(_BLITS_KEYS[self._shrink], None)  # the picture takes their place
+                box.memo.pop(_BLITS_KEYS[self._shrink], None)  # replaced by the picture
 
     def _draw_items(self, scene: Scene) -> bool:
-        """Shows the scene item by item; False, and nothing done, where that cannot be done."""
+        """Draws the scene item by item; returns False and does nothing if a box needs drawing in order."""
         by_box = [box_blits(box, self._shrink) for box in scene.boxes]
         if None in by_box:
             return False
@@ -307,7 +305,7 @@ class Canvas:
 
 
 def _removed(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
-    """The one item of `before` that `after` lacks, if that is all the difference."""
+    """The item missing from `after`, if that is the only difference."""
     first = 0
     for item in after:
         if item is not before[first]:

@@ -15,10 +15,10 @@ _TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
 def text(
     scene: Scene, lines: Sequence[str], *, coloured: bool = True, mark: Callable[[Item], str] | None = None
 ) -> str:
-    """The scene as lines of characters for a terminal (o circle, # square, ^ triangle), then `lines`.
+    """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, yellow is y, black k and blue b, and the shapes are not told apart. `mark`: an item's own
-    character instead.
+    Without colours, items are drawn as y (yellow), k (black) or b (blue), whatever their shape. `mark` gives another
+    character for an item.
     """
     width, height = TEXT_CELL
     box_columns, rows = BOX_SIDE // width, BOX_SIDE // height

@@ -1,6 +1,6 @@
-"""Scenes as pixels. A picture is a pure function of its scene.
+"""The reference implementation of images: an image is a pure function of its scene.
 
-Source: SPEC section 1. Shapes are rasterised by Pillow, whose pixels are the released ones.
+Source: SPEC section 1. Shapes are rasterised by Pillow, as in the release.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from lilgym_mp.scene import (
 BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
-SHRINKS = {"native": 1, "half": 2}  # by image size: side in pixels of the block that becomes one pixel
+SHRINKS = {"native": 1, "half": 2}  # by image size: side in native pixels of the block that becomes one pixel
 
 
 def shrink_of(image_size: str) -> int:
-    """Side in native pixels of one pixel. Raises ValueError naming the choices."""
+    """The entry of SHRINKS. Raises ValueError naming the choices."""
     return choose("image_size", image_size, SHRINKS)
 
 
@@ -67,7 +67,7 @@ def item_mask(footprint: int) -> BoolArray:
 
 @cache
 def _background() -> UInt8Array:
-    """(100, 380, 3) three empty boxes; not to be written."""
+    """(100, 380, 3) three empty boxes; read-only."""
     image = np.full((IMAGE_HEIGHT, IMAGE_WIDTH, 3), SEPARATOR_RGB, np.uint8)
     for index in range(BOX_COUNT):
         image[:, index * BOX_PITCH : index * BOX_PITCH + BOX_SIDE] = BOX_RGB
@@ -85,7 +85,7 @@ def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
 
 
 def _paint(pixels: UInt8Array, item: Item, x: int, y: int) -> None:
-    """Draws an item whose bounding square starts at (x, y) of the native image, as far as it lies there."""
+    """Draws an item with its bounding square at (x, y) of the native image, clipped to the image."""
     side = item.side
     left, top = max(0, x), max(0, y)
     right, bottom = min(IMAGE_WIDTH, x + side), min(IMAGE_HEIGHT, y + side)
@@ -95,7 +95,7 @@ def _paint(pixels: UInt8Array, item: Item, x: int, y: int) -> None:
 
 
 def _shrunk(pixels: UInt8Array, shrink: int) -> UInt8Array:
-    """Each block of shrink x shrink pixels as its mean, truncated."""
+    """The truncated mean of each block of shrink x shrink pixels."""
     if shrink == 1:
         return pixels
     total = pixels[::shrink, ::shrink].astype(np.uint16)
@@ -107,17 +107,17 @@ def _shrunk(pixels: UInt8Array, shrink: int) -> UInt8Array:
 
 
 class Stamp(NamedTuple):
-    """An item at even or odd coordinates, on the smallest patch of whole blocks that holds it."""
+    """An item at even or odd coordinates, on the smallest patch of whole blocks that contains it."""
 
-    sprite: UInt8Array  # (height, width, 3) alone in its box
-    counts: UInt8Array  # (height, width) pixels of its colour in each block, times its colour's weight
+    sprite: UInt8Array  # (height, width, 3) pixels with the item alone
+    counts: UInt8Array  # (height, width) number of the item's pixels in each block, times its colour's weight
 
 
 class Palette(NamedTuple):
-    """What a block patches like by the weighted counts of its coloured pixels; counts of several items add up."""
+    """Lookup table from a block's weighted counts, summed over all items, to its colour."""
 
     weights: Mapping[Colour, int]
-    colours: UInt8Array  # (most weighted count + 1, 3)
+    colours: UInt8Array  # (highest weighted count + 1, 3)
 
 
 @cache
@@ -146,7 +146,7 @@ def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -
 
 @cache
 def empty_picture(shrink: int) -> UInt8Array:
-    """An image of three empty boxes; not to be written."""
+    """An image of three empty boxes; read-only."""
     image = _shrunk(_background(), shrink)
     image.flags.writeable = False
     return image

@@ -1,4 +1,4 @@
-"""Scenes drawn for people: larger than agents see them, with smooth edges, outlines and, if wanted, names of places."""
+"""Pictures of scenes for people: enlarged and antialiased, with outlines and, optionally, names of cells and boxes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 RGB = tuple[int, int, int]
 
-SCALE = 2  # a native pixel is this wide
-MARGIN = 12  # pixels around the scene, where rows and columns are numbered
-SUPERSAMPLING = 3  # the scene is drawn so many times larger, then reduced
+SCALE = 2  # width of a native pixel
+MARGIN = 12  # pixels around the scene, for row and column numbers
+SUPERSAMPLING = 3  # factor by which the scene is drawn larger before it is reduced
 SCENE_SHAPE = (IMAGE_HEIGHT * SCALE + 2 * MARGIN, IMAGE_WIDTH * SCALE + 2 * MARGIN, 3)  # (224, 784, 3)
 CAPTION_HEIGHT = 80
 FRAME_SHAPE = (SCENE_SHAPE[0] + CAPTION_HEIGHT, SCENE_SHAPE[1], 3)  # (304, 784, 3)
 FONT_PIXELS = 17
 MARK_FONT_PIXELS = 10
-MARK_SPACING = 16  # pixels between two numbers, at least: finer cells are numbered now and then
+MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only some cells are numbered
 LINE_PIXELS = FONT_PIXELS + 8
 PAPER_RGB, INK_RGB, MARK_RGB = (255, 255, 255), (30, 30, 30), (90, 90, 90)
 OUTLINE_RGB = (80, 80, 80)
@@ -33,8 +33,8 @@ CELL_RGB = (180, 180, 180)
 
 
 def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
-    """(224, 784, 3) the scene twice its native size. `marked`: with the names by which actions of this appearance speak
-    of places: Scatter's cells, numbered by column and row, or Tower's boxes."""
+    """(224, 784, 3) the scene at twice its native size. `marked`: with the names that actions of this appearance use:
+    column and row numbers of Scatter's cells, or names of Tower's boxes."""
     image = Image.new("RGB", (SCENE_SHAPE[1], SCENE_SHAPE[0]), PAPER_RGB)
     grid = marked.grid if isinstance(marked, Scatter) else None
     image.paste(Image.fromarray(smooth_picture(scene, SCALE, grid)), (MARGIN, MARGIN))
@@ -46,7 +46,7 @@ def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
 
 
 def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) -> UInt8Array:
-    """(304, 784, 3) `scene_picture` above lines of text, cut to the width."""
+    """(304, 784, 3) `scene_picture` above lines of text, which are truncated to the width."""
     height, width, _ = FRAME_SHAPE
     image = Image.new("RGB", (width, height), PAPER_RGB)
     image.paste(Image.fromarray(scene_picture(scene, marked)))
@@ -63,15 +63,14 @@ def caption_font() -> Font:
 
 
 def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None) -> UInt8Array:
-    """(100 scale, 380 scale, 3) the scene drawn large and reduced, the boxes outlined upon the separators; with `grid`,
-    lines between its cells."""
+    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines."""
     image = _drawn(scene, scale * SUPERSAMPLING, grid).reduce(SUPERSAMPLING)
     _outline_boxes(ImageDraw.Draw(image), scale, 0)
     return np.asarray(image)
 
 
 def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
-    """A line around each box, the first of which begins at (margin, margin); what lies outside is not drawn."""
+    """A line around each box, the first of which begins at (margin, margin); lines outside the image are clipped."""
     for box in range(BOX_COUNT):
         left = margin + scale * BOX_PITCH * box
         pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)
@@ -92,7 +91,7 @@ def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Imag
 
 
 def _draw_item(pen: ImageDraw.ImageDraw, item: Item, x: int, scale: int) -> None:
-    """The item at native pixel (x, item.y), with an edge that parts it from one of its colour that it touches."""
+    """Draws the item at native pixel (x, item.y), with an edge that separates it from adjacent items of its colour."""
     corners = _square(x, item.y, item.side, scale)
     fill, width = COLOUR_RGB[item.colour], SUPERSAMPLING
     edge = _edge(fill)
@@ -117,7 +116,7 @@ def _square(x: int, y: int, side: int, scale: int) -> tuple[int, int, int, int]:
 
 
 def _steps(cell: int) -> int:
-    """Every how many cells there is a number and a line, so that they stay apart."""
+    """Number of cells between two numbers and lines, at least MARK_SPACING pixels."""
     return -(-MARK_SPACING // (cell * SCALE))
 
 
@@ -132,7 +131,7 @@ def _cell_lines(left: int, grid: tuple[int, int]) -> Iterator[tuple[int, int, in
 
 
 def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
-    """Names of boxes, or numbers of columns above the boxes and of rows left of them."""
+    """Draws the names of boxes, or column numbers above the boxes and row numbers on their left."""
     font = ImageFont.load_default(MARK_FONT_PIXELS)
     if not isinstance(appearance, Scatter):
         for box, name in enumerate(BOX_NAMES):
@@ -147,13 +146,13 @@ def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
             place = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
             pen.text(place, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
         for y in range(0, BOX_SIDE, height * _steps(height)):
-            ink = MARK_RGB if box == 0 else PAPER_RGB  # upon the separators
+            ink = MARK_RGB if box == 0 else PAPER_RGB  # on the separators
             place = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
             pen.text(place, str(y // height), fill=ink, font=font, anchor="rm")
 
 
 def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:
-    """The line, or as much of its beginning as fits with an ellipsis."""
+    """The line, truncated with an ellipsis if it is wider."""
     if pen.textlength(line, font=font) <= width:
         return line
     while line and pen.textlength(line + "...", font=font) > width:

@@ -1,4 +1,4 @@
-"""Column and row numbers around a text picture, to name a grid's cells by."""
+"""Column and row numbers around a text picture."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ GAP = 2  # characters between two boxes
 
 
 def ruled(picture: str, grid: Grid) -> str:
-    """`render.text`'s picture with a line of column numbers above and row numbers at the right.
+    """The picture of `render.text` with column numbers above and row numbers on the right.
 
-    Where cells are narrower than their numbers, only some are numbered.
+    If cells are narrower than their numbers, only some are numbered.
     """
     columns, rows = grid
     top, *inside, bottom = picture.split("\n")
