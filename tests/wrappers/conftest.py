@@ -1,4 +1,4 @@
-"""A small corpus of our own and the environments over it that the wrappers' tests start from."""
+"""A small corpus and environments on it, for the tests of wrappers."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def make(corpus: Path) -> Callable[..., gym.Env[Any, Any]]:
-    """`make("TowerScratch", split="dev")`: an environment over the small corpus."""
+    """`make("TowerScratch", split="dev")`: an environment on the small corpus."""
 
     def make_env(configuration: str, **settings: Any) -> gym.Env[Any, Any]:
         return gym.make(f"lilgym_mp/{configuration}-v0", **{"corpus": str(corpus), **settings})

@@ -45,7 +45,7 @@ def test_arrays__of_scatter_cover_the_grid(make: Make, grid: tuple[int, int], si
 
 @pytest.mark.parametrize("unused", [-1, 0, 99])
 @pytest.mark.parametrize(("appearance", "grid"), [("Tower", (19, 5)), ("Scatter", (19, 5)), ("Scatter", (38, 4))])
-def test_every_array__gives_its_number_whatever_is_in_unused_slots(
+def test_every_array__decodes_to_its_index_ignoring_unused_slots(
     make: Make, appearance: str, grid: tuple[int, int], unused: int
 ):
     env = MultiDiscreteActions(make(f"{appearance}Scratch", grid=grid))
@@ -66,7 +66,7 @@ def test_every_array__gives_its_number_whatever_is_in_unused_slots(
         ([1.0, 0.0, 0.0], "an action array must be 3 whole numbers"),
     ],
 )
-def test_array_that_is_no_action__is_refused(make: Make, action: list[Any], message: str):
+def test_invalid_array__is_refused(make: Make, action: list[Any], message: str):
     env = MultiDiscreteActions(make("TowerScratch"))
     env.reset(seed=0)
     with pytest.raises(ActionError, match=message):
@@ -82,7 +82,7 @@ def test_arrays__of_a_batch(corpus: Any):
 
 @pytest.mark.parametrize("grid", [(19, 5), (38, 10)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_every_name__names_its_action(appearance: str, grid: tuple[int, int]):
+def test_every_name__decodes_to_its_action(appearance: str, grid: tuple[int, int]):
     actions = make_appearance(appearance, grid)
     for number in range(actions.action_count):
         assert actions.encode(named(describe(actions.decode(number)))) == number
@@ -98,7 +98,7 @@ def test_names__are_actions(make: Make):
 
 
 @pytest.mark.parametrize("name", ["GO", "ADD(NORTH, BLUE)", "ADD(LEFT)", "ADD(3, 4, CIRCLE, BLUE, SMALL)", "", 3])
-def test_name_of_nothing__is_refused(make: Make, name: Any):
+def test_unknown_name__is_refused(make: Make, name: Any):
     env = NamedActions(make("TowerScratch"))
     env.reset(seed=0)
     assert name not in env.action_space
@@ -126,7 +126,7 @@ def test_name_space__samples_names_by_mask(make: Make):
 
 
 @pytest.mark.parametrize("form", [MultiDiscreteActions, NamedActions])
-def test_what_needs_numbered_actions__says_so(make: Make, form: Any):
+def test_wrapper_that_needs_discrete_actions__is_refused_on_others(make: Make, form: Any):
     with pytest.raises(WrongEnvironment, match=r"StopForcing needs the action space Discrete\(13\)"):
         StopForcing(form(make("TowerScratch")), mode="replace")
     form(StopForcing(make("TowerScratch"), mode="replace"))

@@ -1,4 +1,4 @@
-"""The mask of legal actions in the infos."""
+"""The action mask in infos."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Make = Callable[..., gym.Env[Any, Any]]
 STOP, ADD_LEFT_BLUE, REMOVE_LEFT = 0, 3, 10  # of tower's actions
 
 
-def test_action_mask__after_reset_says_what_is_legal(make: Make):
+def test_action_mask__after_reset(make: Make):
     env = ActionMask(make("TowerScratch"))
     _, info = env.reset(seed=0)
     assert info["action_mask"].tolist() == [1] * 10 + [0] * 3
 
 
-def test_action_mask__after_a_step_says_what_is_legal_now(make: Make):
+def test_action_mask__after_a_step_is_current(make: Make):
     env = ActionMask(make("TowerScratch"))
     env.reset(seed=0)
     *_, info = env.step(ADD_LEFT_BLUE)
@@ -49,13 +49,13 @@ def test_action_mask__respects_stop_forcing_inside_and_outside(make: Make):
         assert np.flatnonzero(env.action_masks()).tolist() == [STOP]
 
 
-def test_action_mask__leaves_the_infos_of_the_environment(make: Make):
+def test_action_mask__keeps_the_environments_infos(make: Make):
     env = ActionMask(make("TowerScratch"))
     env.reset(seed=0)
     *_, info = env.step(REMOVE_LEFT)
     assert info["outcome"] == "invalid_action"
 
 
-def test_action_mask__refuses_a_stranger():
+def test_action_mask__refuses_another_packages_environment():
     with pytest.raises(WrongEnvironment, match="ActionMask wraps Gymnasium environments of this package"):
         ActionMask(gym.make("CartPole-v1"))

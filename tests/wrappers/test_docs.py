@@ -1,4 +1,4 @@
-"""docs/wrappers.md runs from top to bottom, prints what it says, and leaves no wrapper out."""
+"""The code in docs/wrappers.md runs with the documented output, and every wrapper is documented."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import pytest
 from lilgym_mp import wrappers
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "wrappers.md"
-DRAWN = "Statement: "  # which statement is drawn depends on the corpus
+DRAWN = "Statement: "  # the drawn statement depends on the corpus
 
 
-def test_examples__run_and_print_what_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_examples__run_with_the_documented_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", DOCUMENT.read_text(), re.DOTALL)
@@ -25,7 +25,7 @@ def test_examples__run_and_print_what_they_say(tmp_path: Path, monkeypatch: pyte
     for code, promised in blocks:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, when it is first imported
+            warnings.simplefilter("ignore", DeprecationWarning)  # from the first import of PettingZoo
             exec(compile(code, str(DOCUMENT), "exec"), names)
         if promised:
             assert without_statement(printed.getvalue()) == without_statement(promised)
@@ -38,5 +38,5 @@ def without_statement(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", [name for name in wrappers.__all__ if name.endswith("_v0")])
-def test_every_wrapper__is_told_of(name: str):
+def test_every_wrapper__is_documented(name: str):
     assert f"(`{name}`)" in DOCUMENT.read_text()

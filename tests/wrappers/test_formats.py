@@ -1,4 +1,4 @@
-"""What each observation format shows of a literal scene."""
+"""Each observation format on a literal scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lilgym_mp.wrappers import (
 
 Make = Callable[..., gym.Env[Any, Any]]
 
-# The scene of "round-yes": in the middle box a large yellow circle at (0, 70) and a small blue triangle at (60, 5).
+# Scene "round-yes": in the middle box a large yellow circle at (0, 70) and a small blue triangle at (60, 5).
 CIRCLE, TRIANGLE = [0, 70, 0, 0, 2], [60, 5, 2, 2, 0]  # x, y, shape, colour, size
 STATEMENT = "Something round."
 HORIZON = 12
@@ -41,12 +41,12 @@ def test_structured__lists_the_items_box_by_box(make: Make):
     assert set(observation) == {"item_array", "present", "statement", "target"}
 
 
-def test_structured__has_room_for_every_item_that_play_can_add(make: Make):
+def test_structured__has_capacity_for_every_item_that_can_be_added(make: Make):
     env = StructuredObservation(make("ScatterFlipIt"))
     assert env.observation_space["item_array"].shape == (3, 2 + HORIZON, 5)
 
 
-def test_structured__holds_items_that_the_release_puts_outside_a_box(make: Make):
+def test_structured__space_contains_items_that_the_release_snaps_outside_a_box(make: Make):
     env = StructuredObservation(make("ScatterScratch", rules="release", horizon=60))
     generator = np.random.default_rng(0)
     outside = False
@@ -62,12 +62,12 @@ def test_structured__holds_items_that_the_release_puts_outside_a_box(make: Make)
     assert outside
 
 
-def test_image__stays_when_told_to(make: Make):
+def test_keep_image__keeps_the_image(make: Make):
     for wrapper in (StructuredObservation, GridPlanes):
         assert "image" in seen(wrapper(make("ScatterFlipIt"), keep_image=True))
 
 
-def test_planes__count_looks_at_centres_and_mark_every_cell_that_is_reached(make: Make):
+def test_planes__count_items_at_centres_and_mark_occupied_cells(make: Make):
     planes = seen(GridPlanes(make("ScatterFlipIt")))["planes"]
     circle, triangle = (4, 7), (0, 10)  # row and column of the centres, (155, 85) and (205, 10) on the image
     shown = [[tuple(cell) for cell in np.argwhere(plane).tolist()] for plane in planes]
@@ -86,11 +86,13 @@ def test_planes__count_looks_at_centres_and_mark_every_cell_that_is_reached(make
         ("ScatterScratch", {"grid": (38, 10)}, (10, 10, 38)),
     ],
 )
-def test_planes__lie_over_the_grid(make: Make, configuration: str, settings: dict[str, Any], shape: tuple[int, ...]):
+def test_planes__have_the_shape_of_the_grid(
+    make: Make, configuration: str, settings: dict[str, Any], shape: tuple[int, ...]
+):
     assert GridPlanes(make(configuration, **settings)).observation_space["planes"].shape == shape
 
 
-def test_planes__keep_the_blocks_of_a_tower_apart(make: Make):
+def test_planes__put_each_block_of_a_tower_in_its_own_cell(make: Make):
     env = GridPlanes(make("TowerScratch"))
     env.reset(seed=0)
     for _ in range(4):
@@ -98,7 +100,7 @@ def test_planes__keep_the_blocks_of_a_tower_apart(make: Make):
     assert planes[5].sum(axis=1).tolist() == [0, 1, 1, 1, 1]
 
 
-def test_channels_first__moves_the_colours(make: Make):
+def test_channels_first__moves_the_channel_axis(make: Make):
     plain, moved = (seen(env)["image"] for env in (make("ScatterFlipIt"), ChannelsFirst(make("ScatterFlipIt"))))
     assert moved.shape == (3, 50, 190)
     assert np.array_equal(moved, plain.transpose(2, 0, 1))
@@ -116,7 +118,7 @@ def test_steps_left__counts_down(make: Make):
     assert [env.step(1)[0]["steps_left"], env.step(1)[0]["steps_left"]] == [HORIZON - 1, HORIZON - 2]
 
 
-def test_embedding__is_asked_once_for_each_statement(make: Make):
+def test_embedding__encodes_each_statement_once(make: Make):
     asked: list[str] = []
 
     def encoder(statement: str) -> list[float]:
@@ -129,7 +131,7 @@ def test_embedding__is_asked_once_for_each_statement(make: Make):
     assert asked.count(STATEMENT) <= 2  # once for the space, once for the statement
 
 
-def test_embedding__takes_a_sentence_encoder(make: Make):
+def test_embedding__accepts_a_sentence_encoder(make: Make):
     class Encoder:
         def encode(self, sentences: list[str]) -> np.ndarray[Any, Any]:
             return np.array([[len(sentence)] for sentence in sentences])
@@ -146,12 +148,12 @@ def test_embedding__takes_a_sentence_encoder(make: Make):
         (lambda statement: [np.nan], r"encoder returned values beyond limit=1000.0 for '.*'"),
     ],
 )
-def test_embedding__names_what_is_wrong_with_an_encoder(make: Make, encoder: Any, message: str):
+def test_embedding__refuses_invalid_encoders(make: Make, encoder: Any, message: str):
     with pytest.raises(ValueError, match=message):
         seen(StatementEmbedding(make("ScatterFlipIt"), encoder))
 
 
-def test_embedding__refuses_vectors_of_several_lengths(make: Make):
+def test_embedding__refuses_vectors_of_different_lengths(make: Make):
     lengths = iter((2, 3))
     env = StatementEmbedding(make("ScatterFlipIt"), lambda statement: [0.0] * next(lengths))
     with pytest.raises(
@@ -160,7 +162,7 @@ def test_embedding__refuses_vectors_of_several_lengths(make: Make):
         seen(env)
 
 
-def test_flat__puts_the_parts_in_alphabetical_order(make: Make):
+def test_flat__concatenates_parts_in_alphabetical_order(make: Make):
     env = FlatObservation(StepsLeft(TokenizedStatement(StructuredObservation(make("ScatterFlipIt")), length=2)))
     vector = seen(env)
     items, present = vector[: 3 * 14 * 5], vector[3 * 14 * 5 : 3 * 14 * 6]

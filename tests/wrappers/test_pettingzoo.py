@@ -1,4 +1,4 @@
-"""The wrappers around the proposer-verifier game."""
+"""Wrappers of the proposer-verifier game."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
 }
-NOT_OURS = (  # what PettingZoo's tests say of any game with masks
+NOT_OURS = (  # warnings of PettingZoo's tests for any environment with masks
     "Observation is not a NumPy array",
     "Observation space for each agent probably should be",
     "Agents have different observation space sizes",
@@ -67,7 +67,7 @@ def test_wrapped_game__passes_pettingzoos_tests(settings: dict[str, Any], names:
         parallel_api_test(stacked(parallel_env(**settings), names), num_cycles=30)
 
 
-def test_format__changes_what_each_agent_sees(settings: dict[str, Any]):
+def test_format__transforms_each_agents_observation(settings: dict[str, Any]):
     game = wrappers.structured_observation_v0(parallel_env(**settings))
     observations, _ = game.reset(options={"task": "blue"})
     for agent in (PROPOSER, VERIFIER):
@@ -78,13 +78,13 @@ def test_format__changes_what_each_agent_sees(settings: dict[str, Any]):
     assert observations[PROPOSER]["observation"]["item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
-def test_format__shows_no_scene_to_an_agent_that_must_not_see_it(settings: dict[str, Any]):
+def test_format__refuses_to_reveal_a_hidden_scene(settings: dict[str, Any]):
     views = {PROPOSER: "image", VERIFIER: {"scene": "none"}}
     with pytest.raises(WrongEnvironment, match="StructuredObservation needs observations that show the scene"):
         wrappers.structured_observation_v0(env(**settings, views=views))
 
 
-def test_action_mask__tells_each_agent_its_own(settings: dict[str, Any]):
+def test_action_mask__adds_each_agents_mask(settings: dict[str, Any]):
     game = wrappers.action_mask_v0(env(**settings))
     game.reset(seed=0, options={"task": "blue"})
     for agent in (PROPOSER, VERIFIER):
@@ -92,7 +92,7 @@ def test_action_mask__tells_each_agent_its_own(settings: dict[str, Any]):
         assert np.array_equal(mask, game.observe(agent)["action_mask"])
 
 
-def test_stop_forcing__leaves_the_proposer_only_stop(settings: dict[str, Any]):
+def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
     game = wrappers.stop_forcing_v0(env(**settings))
     game.reset(seed=0, options={"task": "blue"})
     assert game.observe(PROPOSER)["action_mask"].sum() == 10
@@ -116,7 +116,7 @@ def test_stop_forcing__replaces_the_proposers_action(settings: dict[str, Any]):
     assert game.infos[PROPOSER]["outcome"] == "success"
 
 
-def test_stop_forcing__leaves_a_game_in_which_the_verifier_alone_stops(settings: dict[str, Any]):
+def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
     for mode in ("mask", "replace"):
         game = wrappers.stop_forcing_v0(
             parallel_env(**settings | {"protocol": "joint", "ending": "verifier"}), mode=mode
@@ -128,7 +128,7 @@ def test_stop_forcing__leaves_a_game_in_which_the_verifier_alone_stops(settings:
         assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
-def test_change_of_tasks__reaches_the_game(settings: dict[str, Any]):
+def test_task_change__applies_to_the_game(settings: dict[str, Any]):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
     assert [len(box.items) for box in game.unwrapped.scene.boxes] == [0, 1, 0]

@@ -1,4 +1,4 @@
-"""SingleAgentView around a wrapped game: what the wrappers change holds for the view and for the partner."""
+"""SingleAgentView of a wrapped game: wrappers apply to the agent and the partner."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROPOSER, VERIFIER = "proposer_0", "verifier_0"
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
-def test_flat_observation__is_what_the_view_shows(make: Any):
+def test_flat_observation__applies_to_the_view(make: Any):
     view = SingleAgentView(flat_observation_v0(grid_planes_v0(make())), PROPOSER, ALWAYS_ACCEPT)
     observation, _ = view.reset(seed=0)
     assert isinstance(observation, np.ndarray)
@@ -35,7 +35,7 @@ def test_flat_observation__is_what_the_view_shows(make: Any):
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
-def test_stop_forcing__leaves_stop_alone_legal_at_the_goal(make: Any):
+def test_stop_forcing__allows_only_stop_at_the_goal(make: Any):
     view = SingleAgentView(stop_forcing_v0(make(reveal_truth=True)), PROPOSER, ALWAYS_ACCEPT)
     generator = np.random.default_rng(0)
     forced = 0
@@ -52,7 +52,7 @@ def test_stop_forcing__leaves_stop_alone_legal_at_the_goal(make: Any):
     assert forced > 3
 
 
-def test_stop_forcing__in_mode_replace_tells_so():
+def test_stop_forcing__in_mode_replace_reports_forced_stop():
     view = SingleAgentView(stop_forcing_v0(env(reveal_truth=True), mode="replace"), PROPOSER, ALWAYS_ACCEPT)
     generator = np.random.default_rng(0)
     for seed in range(50):
@@ -77,8 +77,8 @@ def test_action_mask__of_the_view_is_in_its_info():
         assert info["action_mask"].tolist() == view.action_masks().tolist()
 
 
-def test_partner__acts_through_the_wrappers_too():
-    """Where the goal is reached, the proposer who plays against the agent may only STOP."""
+def test_wrappers__apply_to_the_partner():
+    """At the goal, the partner playing the proposer may only STOP."""
     game = stop_forcing_v0(env(protocol="audit", reveal_truth=True))
     met: list[bool] = []
 
@@ -98,6 +98,6 @@ def test_partner__acts_through_the_wrappers_too():
     assert all(met)
 
 
-def test_other_wrappers__are_refused_not_dropped():
+def test_other_wrappers__are_refused_rather_than_bypassed():
     with pytest.raises(TypeError, match="SingleAgentView would bypass BaseWrapper"):
         SingleAgentView(BaseWrapper(env()), PROPOSER, ALWAYS_ACCEPT)

@@ -1,4 +1,4 @@
-"""Wrappers on top of one another: rebuilt from their spec, and content with Gymnasium's and SB3's checks."""
+"""Stacked wrappers: rebuilding from specs, pickling, and Gymnasium's and SB3's checks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Stack = list[tuple[Any, dict[str, Any]]]
 
 
 def letters(statement: str) -> list[int]:
-    """A small encoder of sentences."""
+    """A toy sentence encoder."""
     return [statement.count(letter) for letter in "aeiou"]
 
 
@@ -50,7 +50,7 @@ NAMES = [
     for wrapper, arguments in ALONE
 ]
 
-# Any choice of these, in this order of layers and any order within one, makes sense.
+# Any selection is valid in this order of layers, in any order within a layer.
 LAYERS: list[Stack] = [
     [(wrappers.BoxPermutation, {}), (wrappers.NLVRReward, {})],
     [
@@ -77,7 +77,7 @@ def stacked(env: gym.Env[Any, Any], stack: Stack) -> gym.Env[Any, Any]:
 
 def check(env: gym.Env[Any, Any]) -> None:
     with warnings.catch_warnings():
-        # What any wrapped environment is told.
+        # Gymnasium's warnings for any wrapped environment.
         warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
         check_env(env, skip_render_check=True)
 
@@ -111,7 +111,7 @@ def test_spec__survives_json(make: Make):
 
 
 def same_play(one: gym.Env[Any, Any], other: gym.Env[Any, Any]) -> bool:
-    """Whether both environments answer alike to a seed and some actions."""
+    """Whether both environments give equal results for a seed and some actions."""
     one.action_space.seed(0)
     outcomes = [env.reset(seed=3) for env in (one, other)]
     for _ in range(3):
@@ -132,7 +132,7 @@ def alike(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other))
 
 
-def test_stack__is_picklable_in_mid_episode(make: Make):
+def test_stack__can_be_pickled_in_mid_episode(make: Make):
     env = stacked(
         make("TowerFlipIt"), [(wrappers.StopForcing, {}), (wrappers.TokenizedStatement, {}), (wrappers.GridPlanes, {})]
     )
@@ -181,7 +181,7 @@ FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.
 
 
 @pytest.mark.parametrize("name", FACTORIES)
-def test_factory__refuses_a_stranger(name: str):
+def test_factory__refuses_another_packages_environment(name: str):
     arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}.get(name, {})
     strangers = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
     for stranger in strangers:
@@ -189,13 +189,13 @@ def test_factory__refuses_a_stranger(name: str):
             FACTORIES[name](stranger, **arguments)
 
 
-def test_factory__of_other_vector_environments_says_what_to_do(make: Make):
+def test_factory__on_other_vector_environments_suggests_an_alternative(make: Make):
     each = gym.vector.SyncVectorEnv([partial(make, "TowerScratch")] * 2)
     with pytest.raises(WrongEnvironment, match="for others, wrap each environment"):
         wrappers.action_mask_v0(each)
 
 
-def test_factory__has_the_signature_and_words_of_its_class():
+def test_factory__has_the_signature_and_docstring_of_its_class():
     factory = wrappers.tokenized_statement_v0
     assert "vocabulary" in (factory.__doc__ or "")
     with pytest.raises(TypeError, match="words"):

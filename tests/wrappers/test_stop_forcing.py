@@ -1,4 +1,4 @@
-"""STOP is all that is left, or all that is done, where it succeeds."""
+"""Stop forcing by mask and by replacement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Make = Callable[..., gym.Env[Any, Any]]
 STOP, ADD_LEFT_YELLOW, ADD_LEFT_BLUE = 0, 1, 3  # of tower's actions
 
 
-def test_mask__leaves_only_stop_where_stop_succeeds(make: Make):
+def test_mask__allows_only_stop_where_stop_succeeds(make: Make):
     env = StopForcing(make("TowerScratch"))
     env.reset(options={"task": "blue"})
     assert env.action_masks().sum() == 10
@@ -27,7 +27,7 @@ def test_mask__leaves_only_stop_where_stop_succeeds(make: Make):
     assert np.flatnonzero(env.action_masks()).tolist() == [STOP]
 
 
-def test_mask__does_what_the_agent_says(make: Make):
+def test_mask__does_not_change_actions(make: Make):
     env = StopForcing(make("TowerScratch"))
     env.reset(options={"task": "blue"})
     env.step(ADD_LEFT_BLUE)
@@ -36,14 +36,14 @@ def test_mask__does_what_the_agent_says(make: Make):
     assert "forced_stop" not in info
 
 
-def test_mask__gives_a_new_array_each_time(make: Make):
+def test_mask__is_a_new_array_each_time(make: Make):
     env = StopForcing(make("TowerScratch"))
     env.reset(options={"task": "blue"})
     env.action_masks()[:] = False
     assert env.action_masks()[STOP]
 
 
-def test_replace__stops_where_stop_succeeds(make: Make):
+def test_replace__replaces_actions_where_stop_succeeds(make: Make):
     env = StopForcing(make("TowerScratch"), mode="replace")
     env.reset(options={"task": "blue"})
     assert env.step(ADD_LEFT_BLUE)[4]["forced_stop"] is False
@@ -52,7 +52,7 @@ def test_replace__stops_where_stop_succeeds(make: Make):
     assert info["forced_stop"] is True
 
 
-def test_replace__does_not_claim_the_agents_own_stop(make: Make):
+def test_replace__does_not_report_the_agents_own_stop_as_forced(make: Make):
     env = StopForcing(make("TowerScratch"), mode="replace")
     env.reset(options={"task": "blue"})
     env.step(ADD_LEFT_BLUE)
@@ -60,14 +60,14 @@ def test_replace__does_not_claim_the_agents_own_stop(make: Make):
     assert (reward, info["forced_stop"]) == (1.0, False)
 
 
-def test_replace__leaves_a_wrong_stop_alone(make: Make):
+def test_replace__keeps_a_wrong_stop(make: Make):
     env = StopForcing(make("TowerScratch"), mode="replace")
     env.reset(options={"task": "blue"})
     _, reward, *_, info = env.step(STOP)
     assert (reward, info["forced_stop"]) == (-1.0, False)
 
 
-def test_replace__leaves_the_masks_alone(make: Make):
+def test_replace__keeps_the_masks(make: Make):
     env = StopForcing(make("TowerScratch"), mode="replace")
     env.reset(options={"task": "blue"})
     env.step(ADD_LEFT_BLUE)
@@ -93,7 +93,7 @@ def test_step_before_reset__is_refused(make: Make):
 
 @pytest.mark.usefixtures("official_data")
 def test_replace__replays_recorded_stop_forcing(golden: Path):
-    """The first such episodes of one configuration; all of them are replayed in tests/fidelity."""
+    """Some recorded episodes of one configuration; tests/fidelity replays all."""
     env = StopForcing(
         gym.make("lilgym_mp/TowerFlipIt-v0", corpus="lilgym", split="dev", rules="release"),
         mode="replace",

@@ -1,4 +1,4 @@
-"""Start scenes in every order of their boxes, and success as likeness to the corpus's scenes."""
+"""Box permutation and the NLVR reward."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ NAMES_A_BOX = {
 }
 
 
-def test_permuted__gives_six_tasks_with_the_boxes_in_every_order(corpus: Path):
+def test_permuted__has_six_tasks_one_per_order_of_the_boxes(corpus: Path):
     tasks = load_tasks(str(corpus), "tower", "flipit", "train")
     permuted = with_permuted_boxes(tasks)
     assert len(permuted) == 6 * len(tasks)
@@ -56,20 +56,20 @@ def test_permuted__gives_six_tasks_with_the_boxes_in_every_order(corpus: Path):
     assert permuted.by_id("blue-yes@201").start == start.permuted((2, 0, 1))
 
 
-def test_permuted__distinct_leaves_out_what_is_the_same(corpus: Path):
-    """One box of three filled: three places for it. Two different ones filled: six orders."""
+def test_permuted__distinct_omits_equal_scenes(corpus: Path):
+    """One filled box has three positions; two different filled boxes have six orders."""
     tasks = load_tasks(str(corpus), "tower", "flipit", "train")
     distinct = with_permuted_boxes(tasks, distinct=True)
     assert Counter(name.split("@")[0] for name in distinct.ids) == {"blue-yes": 6, "blue-no": 3, "pair-no": 3}
 
 
-def test_permuted__leaves_out_orders_that_change_the_truth(tmp_path: Path):
+def test_permuted__omits_orders_that_change_the_truth(tmp_path: Path):
     write_corpus(tmp_path / "left.jsonl", "left", "MIT", [NAMES_A_BOX])
     permuted = with_permuted_boxes(load_tasks(tmp_path / "left.jsonl", "tower", "flipit", "train"))
     assert permuted.ids == ("left-yes", "left-yes@021")
 
 
-def test_changed_tasks__keep_what_the_corpus_tells_of_them():
+def test_changed_tasks__keep_their_tags():
     for start, change in (("flipit", with_permuted_boxes), ("scratch", matching_corpus)):
         tasks = load_tasks("builtin", "tower", start, "dev")
         changed = change(tasks)
@@ -97,18 +97,18 @@ def test_box_permutation__starts_in_every_order(make: Make):
     assert [len(box.items) for box in env.unwrapped.scene.boxes] == [0, 0, 1]  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_box_permutation__is_drawn_by_the_environments_generator(make: Make):
+def test_box_permutation__uses_the_environments_generator(make: Make):
     ids = [BoxPermutation(make("TowerFlipIt")).reset(seed=5)[1]["task"] for _ in range(2)]
     assert ids[0] == ids[1]
 
 
-def test_box_permutation__changes_no_scratch_start(make: Make):
+def test_box_permutation__keeps_scratch_starts(make: Make):
     env = BoxPermutation(make("TowerScratch"))
     env.reset(seed=0)
     assert env.unwrapped.scene == Scene.empty()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_nlvr_reward__is_for_scenes_of_the_corpus_alone(make: Make):
+def test_nlvr_reward__only_rewards_scenes_of_the_corpus(make: Make):
     """The corpus's scene labelled true for "blue": black to the left, blue in the middle."""
     env = NLVRReward(make("TowerScratch"))
     for actions, reward in (
@@ -126,7 +126,7 @@ def test_nlvr_reward__is_for_scenes_of_the_corpus_alone(make: Make):
         assert info["is_success"] == (reward > 0)
 
 
-def test_nlvr_reward__ignores_the_order_in_which_items_came(make: Make):
+def test_nlvr_reward__ignores_the_order_of_items(make: Make):
     env = NLVRReward(make("ScatterScratch"))
     env.reset(options={"task": "round"})
     goals = env.unwrapped.task.goals  # pyright: ignore[reportAttributeAccessIssue]
@@ -135,7 +135,7 @@ def test_nlvr_reward__ignores_the_order_in_which_items_came(make: Make):
     assert goals == {((), tuple(sorted((triangle, circle))), ())}
 
 
-def test_nlvr_reward__leaves_a_statement_without_scenes_unrewarded(make: Make):
+def test_nlvr_reward__never_rewards_a_statement_without_scenes(make: Make):
     env = NLVRReward(make("TowerScratch"))
     env.reset(options={"task": "pair"})
     env.step(ADD_LEFT_BLUE)
@@ -143,7 +143,7 @@ def test_nlvr_reward__leaves_a_statement_without_scenes_unrewarded(make: Make):
     assert env.step(STOP)[1] == -1.0
 
 
-def test_nlvr_reward__is_what_stop_forcing_goes_by(make: Make):
+def test_nlvr_reward__determines_stop_forcing(make: Make):
     env = StopForcing(NLVRReward(make("TowerScratch")))
     env.reset(options={"task": "blue"})
     env.step(ADD_LEFT_BLUE)
@@ -176,7 +176,7 @@ def test_task_change__of_a_batch_must_be_applied_first_too(corpus: Path):
         nlvr_reward_v0(batch)
 
 
-def test_change_of_tasks__reaches_a_batch_and_its_workers(corpus: Path):
+def test_task_change__applies_to_batches_and_workers(corpus: Path):
     settings = {"num_envs": 6, "corpus": str(corpus)}
     batch = box_permutation_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", **settings))
     workers = box_permutation_v0(WorkerVectorEnv("lilgym_mp/TowerFlipIt-v0", num_workers=2, **settings))
@@ -192,7 +192,7 @@ def test_change_of_tasks__reaches_a_batch_and_its_workers(corpus: Path):
 
 
 def test_nlvr_reward__of_a_batch_of_scatter(corpus: Path):
-    """The corpus's scene labelled true for "round" is not the circle alone."""
+    """The corpus's scene labelled true for "round" has more than the circle."""
     batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/ScatterScratch-v0", num_envs=1, corpus=str(corpus)))
     batch.reset(options={"task": "round"})
     batch.step(batch.unwrapped.encode_actions([[1, 8, 2, 0, 0, 0]]))

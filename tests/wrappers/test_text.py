@@ -1,4 +1,4 @@
-"""The observation in words, and replies read back."""
+"""Text observations and parsing of replies."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ Legal actions, each with its number:
 Answer with one action: its name on the last line, such as ADD(LEFT, BLUE)."""
 
 
-def test_tower__is_told_in_full(make: Make):
+def test_tower_text__is_complete(make: Make):
     text, _ = TextObservation(make("TowerFlipIt")).reset(options={"task": "pair-no"})
     assert text == TOWER_TEXT
 
 
-def test_scatter__tells_legal_actions_by_cells(make: Make):
+def test_scatter__lists_legal_actions_by_cell(make: Make):
     text, _ = TextObservation(make("ScatterScratch")).reset(seed=0)
     lines = text.splitlines()
     item_types = "CIRCLE|SQUARE|TRIANGLE, YELLOW|BLACK|BLUE"
@@ -61,8 +61,8 @@ def test_scatter__tells_legal_actions_by_cells(make: Make):
     assert not any("REMOVE" in line for line in lines)
 
 
-def test_scatter__tells_all_legal_actions_and_no_other(make: Make):
-    """Reads the lines by cells back into the set of names."""
+def test_scatter__lists_exactly_the_legal_actions(make: Make):
+    """Parses the lines by cell into the set of action names."""
     env = TextObservation(make("ScatterFlipIt"))
     text, _ = env.reset(options={"task": "round-yes"})
     names = {"STOP"} if "  0 STOP" in text.splitlines() else set[str]()
@@ -95,7 +95,7 @@ def _numbers(ranges: str) -> list[int]:
     return numbers
 
 
-def test_pixels__are_not_told_one_by_one(make: Make):
+def test_native_grid__only_counts_legal_actions(make: Make):
     text, _ = TextObservation(make("ScatterScratch", grid="native")).reset(seed=0)
     assert "of 1064001 actions are legal, from STOP to REMOVE(379, 99)." in text
 
@@ -157,7 +157,7 @@ def test_reply__names_an_action(make: Make, reply: str):
 
 
 @pytest.mark.parametrize("reply", UNCLEAR_TOWER_REPLIES)
-def test_reply__that_names_none_plainly_gives_the_default(make: Make, reply: str):
+def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
     env = TextObservation(make("TowerScratch"), default="REMOVE(RIGHT)")
     assert env.parse_action(reply) == Reply(12, understood=False)
 
@@ -172,7 +172,7 @@ def test_reply__that_names_none_plainly_gives_the_default(make: Make, reply: str
         "The 2 boxes at the right are done; ADD(3, 4, CIRCLE, BLUE, SMALL) makes 3 circles.",
     ],
 )
-def test_reply__about_scatter_is_understood_in_words(make: Make, reply: str):
+def test_reply__in_scatter_may_use_words(make: Make, reply: str):
     env = TextObservation(make("ScatterScratch"))
     env.reset(seed=0)
     number = make_appearance("scatter", RELEASED_GRID).encode(
@@ -184,28 +184,28 @@ def test_reply__about_scatter_is_understood_in_words(make: Make, reply: str):
 @pytest.mark.parametrize(
     "reply", ["4", "action 17", "add 3 small blue circles at row 4", "ADD(99, 4, CIRCLE, BLUE, SMALL)"]
 )
-def test_reply__in_scatter_takes_no_number_that_was_not_shown(make: Make, reply: str):
+def test_reply__in_scatter_ignores_numbers_that_were_not_shown(make: Make, reply: str):
     env = TextObservation(make("ScatterScratch"))
     env.reset(seed=0)
     assert env.parse_action(reply) == Reply(0, understood=False)
     assert env.parse_action("0") == Reply(0, understood=True)
 
 
-def test_reply__before_the_first_reset_names_actions(make: Make):
+def test_reply__before_the_first_reset_can_be_parsed(make: Make):
     assert TextObservation(make("ScatterScratch")).parse_action("remove 3 4").understood
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 @pytest.mark.parametrize("form", [describe, format_command])
-def test_reply__in_the_forms_of_names_and_of_play_is_every_action(appearance: str, form: Callable[[Any], str]):
+def test_reply__can_name_every_action(appearance: str, form: Callable[[Any], str]):
     known = make_appearance(appearance, RELEASED_GRID)
     for number in range(0, known.action_count, 1 if known.action_count < 100 else 29):
         assert parse_reply(form(known.decode(number)), known, -1) == Reply(number, understood=True)
     assert parse_reply(form(STOP), known, -1) == Reply(0, understood=True)
 
 
-def test_scatter__names_cells_and_pixels_in_one_system(make: Make):
-    """What the text says of columns, rows and cells holds for the scene that ADD makes."""
+def test_scatter__cells_and_pixels_are_consistent(make: Make):
+    """The cells in the text match the scene that ADD produces."""
     env = TextObservation(make("ScatterScratch"))
     text, _ = env.reset(seed=0)
     assert (
@@ -218,7 +218,7 @@ def test_scatter__names_cells_and_pixels_in_one_system(make: Make):
 
 
 @pytest.mark.parametrize(("rules", "last"), [("paper", "-1"), ("release", "-0.1")])
-def test_text__tells_the_rewards_of_its_rules(make: Make, rules: str, last: str):
+def test_text__states_the_rewards_of_the_rule_set(make: Make, rules: str, last: str):
     text, _ = TextObservation(make("TowerScratch", rules=rules, horizon=7)).reset(seed=0)
     assert f"the episode also ends with action 7, and if that is no STOP, its reward is {last}." in text
 
@@ -235,13 +235,13 @@ def test_drawing__shows_shapes_colours_and_cells(make: Make):
     assert text in env.observation_space
 
 
-def test_scene_style__must_be_known(make: Make):
+def test_unknown_scene_style__is_refused(make: Make):
     with pytest.raises(ValueError, match="unknown scene 'picture'; choose from drawing, list"):
         TextObservation(make("TowerScratch"), scene="picture")
 
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_instructions__tell_rewards_actions_and_the_answer(make: Make, configuration: str):
+def test_instructions__state_rewards_actions_and_answer_format(make: Make, configuration: str):
     told = TextObservation(make(configuration)).instructions()
     assert "Rewards: STOP +1" in told
     assert "REMOVE(" in told
@@ -266,7 +266,7 @@ def test_example__plays_with_a_stub_for_a_model(
     assert all(line.endswith("0 replies named no action") for line in lines)
 
 
-def test_space__holds_the_longest_texts(make: Make):
+def test_space__contains_the_longest_texts(make: Make):
     env = TextObservation(make("ScatterFlipIt", grid=(38, 10)))
     generator = np.random.default_rng(0)
     text, _ = env.reset(options={"task": "round-yes"})

@@ -1,4 +1,4 @@
-"""Statements as word numbers."""
+"""Statements as token ids."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ WORDS = ("are", "blocks", "blue", "exactly", "here", "is", "there", "two")  # of
 PAD, UNKNOWN = 0, 1
 
 
-def number(word: str) -> int:
+def token_id(word: str) -> int:
     return 2 + WORDS.index(word)
 
 
-def test_statement__becomes_word_numbers(make: Make):
+def test_statement__becomes_token_ids(make: Make):
     env = TokenizedStatement(make("TowerScratch"))
     obs, _ = env.reset(options={"task": "blue"})
-    assert obs["statement"].tolist() == [number("blue"), number("is"), number("here")] + [PAD] * 5
+    assert obs["statement"].tolist() == [token_id("blue"), token_id("is"), token_id("here")] + [PAD] * 5
     assert obs["statement"].dtype == np.int64
 
 
 def test_words_not_in_the_train_split__are_unknown(make: Make):
     env = TokenizedStatement(make("TowerScratch", split="dev"))
     obs, _ = env.reset(options={"task": "black"})
-    assert obs["statement"][:4].tolist() == [UNKNOWN, number("is"), UNKNOWN, UNKNOWN]
+    assert obs["statement"][:4].tolist() == [UNKNOWN, token_id("is"), UNKNOWN, UNKNOWN]
     assert env.vocabulary.words == WORDS
 
 
@@ -48,24 +48,24 @@ def test_default_length__is_the_same_for_every_split(make: Make):
     assert spaces[0] == spaces[1]
 
 
-def test_longer_statement__is_refused_by_name(make: Make):
+def test_longer_statement__is_refused_naming_it(make: Make):
     with pytest.raises(ValueError, match=r"'There are exactly two blocks\.' has 5 words, length is 3: choose length=5"):
         TokenizedStatement(make("TowerScratch"), length=3)
 
 
-def test_longer_statement__is_cut_when_told_to(make: Make):
+def test_longer_statement__is_truncated_on_request(make: Make):
     env = TokenizedStatement(make("TowerScratch"), length=3, truncate=True)
     obs, _ = env.reset(options={"task": "pair"})
-    assert obs["statement"].tolist() == [number("there"), number("are"), number("exactly")]
+    assert obs["statement"].tolist() == [token_id("there"), token_id("are"), token_id("exactly")]
 
 
 @pytest.mark.parametrize("length", [0, -1, 2.5, True, "8"])
-def test_length_that_is_none__is_refused(make: Make, length: Any):
+def test_invalid_length__is_refused(make: Make, length: Any):
     with pytest.raises(ValueError, match="length must be a positive whole number of words or None"):
         TokenizedStatement(make("TowerScratch"), length=length)
 
 
-def test_vocabulary__is_taken_as_given_or_from_its_file(make: Make, tmp_path: Path):
+def test_vocabulary__may_be_an_object_or_a_path(make: Make, tmp_path: Path):
     vocabulary = Vocabulary(("blue",))
     vocabulary.save(tmp_path / "words.json")
     for given in (vocabulary, tmp_path / "words.json", str(tmp_path / "words.json")):
@@ -80,7 +80,7 @@ def test_observations__do_not_alias(make: Make):
     assert env.reset(options={"task": "blue"})[0]["statement"].any()
 
 
-def test_second_tokenizer__has_the_last_word(make: Make):
+def test_second_tokenizer__overrides_the_first(make: Make):
     env = TokenizedStatement(TokenizedStatement(make("TowerScratch")), Vocabulary(("blue",)), length=5)
     obs, _ = env.reset(options={"task": "blue"})
     assert obs["statement"].tolist() == [2, UNKNOWN, UNKNOWN, PAD, PAD]

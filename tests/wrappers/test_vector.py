@@ -1,4 +1,4 @@
-"""A wrapper around a batch gives what the same wrapper gives around each environment."""
+"""Wrapping a batch equals wrapping each of its environments."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def stacked(env: Any, names: str) -> Any:
 
 
 def make_each(configuration: str, names: str, mode: AutoresetMode, **settings: Any) -> SyncVectorEnv:
-    """Single environments, each wrapped, side by side."""
+    """Single environments, each wrapped."""
     return SyncVectorEnv([lambda: stacked(gym.make(configuration, **settings), names)] * N, autoreset_mode=mode)
 
 
@@ -65,7 +65,7 @@ def make_batch(configuration: str, names: str, mode: AutoresetMode, **settings: 
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two results are equal, through dicts, tuples and arrays of objects."""
+    """Whether two results are equal, including nested dicts, tuples and object arrays."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
     if isinstance(one, tuple | list) or (isinstance(one, np.ndarray) and one.dtype == object):
@@ -94,7 +94,7 @@ def test_batch__equals_wrapped_environments(corpus: Path, configuration: str, na
 
 
 class CountedItems(Transformation):
-    """How many items the scene holds, by a wrapper that declares nothing."""
+    """The number of items, by a Transformation that is not a Format."""
 
     changes_observations = True
 
@@ -112,7 +112,7 @@ class ItemCount(EnvWrapper[CountedItems]):
         super().__init__(env)
 
 
-def test_batch__a_wrapper_that_reads_the_scene_shows_that_of_the_end_of_an_episode():
+def test_batch__final_obs_of_a_wrapper_uses_the_final_scene():
     make = partial(gym.make, "lilgym_mp/TowerScratch-v0", horizon=3)
     mode = AutoresetMode.SAME_STEP
     each = SyncVectorEnv([lambda: ItemCount(make())] * 3, autoreset_mode=mode)

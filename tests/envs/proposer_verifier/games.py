@@ -1,4 +1,4 @@
-"""A small game for the tests: one statement, one true scene and one false one."""
+"""A small game for the tests, with one task."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ADD_BLACK = TOWER.encode(AddBlock(1, Colour.BLACK))
 REMOVE_FROM_EMPTY = TOWER.encode(RemoveBlock(2))
 REJECT, ACCEPT, VERIFIER_STOPS = 0, 1, 2
 CONTINUE, STOP_NOW = 0, 1
-WAIT = TOWER.action_count  # the proposer's, in games of turns without words
+WAIT = TOWER.action_count  # the proposer's, in turn-based games without messages
 
 
 def setup(**settings: Any) -> GameSetup:
@@ -42,12 +42,12 @@ def game(**settings: Any) -> Game:
 
 
 def played(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:
-    """The last step of a game that goes by `actions`; pairs where both move at once."""
+    """The last step of a game with these actions; pairs in the simultaneous protocol."""
     return plays(game, *actions, intent=intent)[-1]
 
 
 def plays(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[GameStep]:
-    """Every step of it."""
+    """All steps of a game with these actions."""
     state: GameState = game.start(SOME_BLUE, intent)
     steps: list[GameStep] = []
     for action in actions:

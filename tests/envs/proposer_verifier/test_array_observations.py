@@ -1,4 +1,4 @@
-"""The game with observations as arrays and masks in infos, and SuperSuit's wrappers over it."""
+"""Array observations with masks in infos, and SuperSuit's wrappers on them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lilgym_mp.wrappers import WrongEnvironment, grid_planes_v0
 
 AGENTS = ("proposer_0", "verifier_0")
 FORMS = pytest.mark.parametrize("observations", ["vector", "image"])
-SUPERSUIT: dict[str, Callable[[Any, Any], Any]] = {  # by what is called: SuperSuit, and the game
+SUPERSUIT: dict[str, Callable[[Any, Any], Any]] = {  # called with the supersuit module and the game
     "frame_stack": lambda ss, game: ss.frame_stack_v1(game, 3),
     "color_reduction": lambda ss, game: ss.color_reduction_v0(game, "B"),
     "dtype": lambda ss, game: ss.dtype_v0(game, np.float32),
@@ -31,7 +31,7 @@ SUPERSUIT: dict[str, Callable[[Any, Any], Any]] = {  # by what is called: SuperS
 
 @FORMS
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_boxes__hold_every_observation_and_the_masks_are_in_infos(protocol: str, observations: str):
+def test_array_spaces__contain_every_observation_and_infos_have_masks(protocol: str, observations: str):
     nested, game = parallel_env(protocol=protocol), parallel_env(protocol=protocol, observations=observations)
     rng = np.random.default_rng(0)
     (before, _), (seen, infos) = nested.reset(seed=0), game.reset(seed=0)
@@ -46,7 +46,7 @@ def test_boxes__hold_every_observation_and_the_masks_are_in_infos(protocol: str,
         seen, *_, infos = game.step(actions)
 
 
-def test_vector__has_every_part():
+def test_vector__contains_every_part():
     nested, game = parallel_env(views="structured"), parallel_env(views="structured", observations="vector")
     parts = nested.reset(seed=3)[0]["verifier_0"]["observation"]
     vector: Any = game.reset(seed=3)[0]["verifier_0"]
@@ -60,12 +60,12 @@ def test_vector__has_every_part():
 
 @pytest.mark.filterwarnings("ignore")
 @FORMS
-def test_pettingzoos_tests__pass(observations: str):
+def test_pettingzoo_api_tests__pass(observations: str):
     api_test(env(observations=observations), num_cycles=20)
     parallel_api_test(parallel_env(observations=observations), num_cycles=20)
 
 
-def test_turns__tell_masks_in_infos():
+def test_aec__has_masks_in_infos():
     game = env(observations="image")
     game.reset(seed=0)
     for agent in game.agent_iter(20):
@@ -76,7 +76,7 @@ def test_turns__tell_masks_in_infos():
         assert agent in AGENTS
 
 
-def test_forms__unknown_ones_are_refused_naming_the_choices():
+def test_unknown_form__is_refused_naming_the_choices():
     with pytest.raises(ValueError, match="unknown observations 'flat'; choose from image, nested, vector"):
         parallel_env(observations="flat")
     with pytest.raises(ValueError, match='observations="image" needs views with scene="image"'):
@@ -113,5 +113,5 @@ def _played_in_turns(game: Any) -> None:
     game.reset(seed=0)
     for agent in game.agent_iter(6):
         observation, _, terminated, truncated, _ = game.last()
-        assert observation.shape == game.observation_space(agent).shape  # SuperSuit's bounds are not always its values
+        assert observation.shape == game.observation_space(agent).shape  # SuperSuit's values may be out of its bounds
         game.step(None if terminated or truncated else 1)

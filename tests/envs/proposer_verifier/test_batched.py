@@ -1,4 +1,4 @@
-"""Many games at once equal as many single ones."""
+"""BatchedGames equals single games."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ SETTINGS: list[dict[str, Any]] = [
 ]
 
 
-def row(observations: dict[str, Any], number: int) -> dict[str, Any]:
-    """One game's observations out of a batch."""
+def row(observations: dict[str, Any], index: int) -> dict[str, Any]:
+    """One game's observations."""
     return {
         agent: {
-            "observation": {key: array[number] for key, array in observation["observation"].items()},
-            "action_mask": observation["action_mask"][number],
+            "observation": {key: array[index] for key, array in observation["observation"].items()},
+            "action_mask": observation["action_mask"][index],
         }
         for agent, observation in observations.items()
     }
 
 
 def an_action(mask: np.ndarray, rng: np.random.Generator) -> int:
-    """Mostly a legal one."""
+    """Usually a legal action."""
     return int(rng.choice(np.flatnonzero(mask)) if rng.random() < 0.9 else rng.integers(len(mask)))
 
 
@@ -92,7 +92,7 @@ def test_batch__without_copies_equals_single_games(protocol: str):
 
 
 @pytest.mark.parametrize(("protocol", "appearance"), list(zip(PROTOCOLS, cycle(["tower", "scatter"]), strict=False)))
-def test_batch__of_so_many_games_that_compiled_code_steps_them_equals_single_games(
+def test_batch__large_enough_for_compiled_code_equals_single_games(
     protocol: str, appearance: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(cores, "FEWEST_COMPILED", 1)
@@ -101,7 +101,7 @@ def test_batch__of_so_many_games_that_compiled_code_steps_them_equals_single_gam
 
 
 @pytest.mark.parametrize("rewards", ["common", "hidden"])
-def test_reset__without_a_seed_goes_on_as_single_games_do(rewards: str):
+def test_reset__without_a_seed_continues_the_generators_as_single_games_do(rewards: str):
     batch = BatchedGames(GAMES, rewards=rewards)
     singles = [parallel_env(rewards=rewards) for _ in range(GAMES)]
     batch.reset(seed=SEED)
@@ -112,7 +112,7 @@ def test_reset__without_a_seed_goes_on_as_single_games_do(rewards: str):
         assert data_equivalence(row(observations, number), single.reset()[0])
 
 
-def test_reset__options_choose_task_and_intent_of_all_games():
+def test_reset__options_set_task_and_intent_of_all_games():
     batch, single = BatchedGames(GAMES, rewards="hidden"), parallel_env(rewards="hidden")
     options = {"task": single.tasks.ids[3], "intent": "sneaky"}
     observations, _ = batch.reset(options=options)
@@ -135,14 +135,14 @@ def test_reset__that_fails_starts_no_game(arguments: dict[str, Any]):
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_copies__are_refused_since_their_arrays_would_part(copied: Callable[[object], object]):
+def test_copying_and_pickling__are_refused(copied: Callable[[object], object]):
     batch = BatchedGames(GAMES)
     batch.reset(seed=0)
     with pytest.raises(TypeError, match="a BatchedGames cannot be pickled or copied"):
         copied(batch)
 
 
-def test_last_observations__stay_as_they_were():
+def test_final_observations__are_not_overwritten_by_later_steps():
     batch = BatchedGames(2, protocol="joint", copy=False)
     batch.reset(seed=0)
     *_, infos = batch.step({PROPOSER: np.array([ADD_BLUE, ADD_BLUE]), VERIFIER: np.array([CONTINUE, STOP_NOW])})
@@ -152,7 +152,7 @@ def test_last_observations__stay_as_they_were():
     assert np.array_equal(image, before)
 
 
-def test_last_observations__are_a_sequence_of_all_games_and_arrays_of_those_that_ended():
+def test_final_observations__are_a_sequence_of_all_games_with_stacked_arrays_of_ended_ones():
     batch = BatchedGames(3, protocol="joint")
     batch.reset(seed=0)
     *_, infos = batch.step({PROPOSER: np.full(3, ADD_BLUE), VERIFIER: np.array([CONTINUE, STOP_NOW, CONTINUE])})
@@ -167,14 +167,14 @@ def test_last_observations__are_a_sequence_of_all_games_and_arrays_of_those_that
         last[3]
 
 
-def test_without_copies__images_are_the_same_array_in_every_step():
+def test_copy_false__reuses_the_image_array_in_every_step():
     batch = BatchedGames(2, copy=False)
     first, _ = batch.reset(seed=0)
     second, *_ = batch.step({PROPOSER: np.array([1, 1]), VERIFIER: np.array([2, 2])})
     assert second[VERIFIER]["observation"]["image"] is first[PROPOSER]["observation"]["image"]
 
 
-def test_copies__are_the_callers_own():
+def test_copies__may_be_modified_by_the_caller():
     batch = BatchedGames(2)
     first, _ = batch.reset(seed=0)
     kept = first[PROPOSER]["observation"]["image"].copy()
@@ -184,7 +184,7 @@ def test_copies__are_the_callers_own():
     assert first[PROPOSER]["observation"]["image"] is first[VERIFIER]["observation"]["image"]
 
 
-def test_step__refuses_what_is_no_batch_of_actions():
+def test_step__refuses_invalid_batches_of_actions():
     batch = BatchedGames(2)
     with pytest.raises(ResetNeeded):
         batch.step({PROPOSER: np.zeros(2, int), VERIFIER: np.zeros(2, int)})

@@ -1,4 +1,4 @@
-"""What is worked out in advance is what the protocol decides and the rewards say."""
+"""The decision table agrees with the protocols and rewards."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ GAMES = [
 
 
 @pytest.mark.parametrize("settings", GAMES, ids=str)
-def test_indices__find_what_the_protocol_decides(settings: dict[str, Any]):
+def test_indices__lead_to_the_protocols_decisions(settings: dict[str, Any]):
     this = game(**settings)
     table, decide = this.decision_table, this.protocol.decide
     for is_answer, by_proposal in enumerate(table.indices):
-        for kind in ProposalType:
+        for proposal in ProposalType:
             for answer in (*this.choices[1], NO_CHOICE):
                 for spent in (False, True):
-                    turn_input = TurnInput(bool(is_answer), kind, None if answer == NO_CHOICE else answer, spent)
-                    decision = table.decisions[by_proposal[kind][answer][spent]]
+                    turn_input = TurnInput(bool(is_answer), proposal, None if answer == NO_CHOICE else answer, spent)
+                    decision = table.decisions[by_proposal[proposal][answer][spent]]
                     assert decision == decide(this.config, turn_input)
 
 
 @pytest.mark.parametrize("rewards", ["correctness", "hidden"])
-def test_rewards__are_what_the_rewards_give(rewards: str):
+def test_rewards__equal_the_reward_scheme(rewards: str):
     this = game(rewards=rewards, false_accept_cost=3.0)
     table = this.decision_table
     stop = table.indices[True][ProposalType.STOP][ACCEPT][False]
@@ -41,7 +41,7 @@ def test_rewards__are_what_the_rewards_give(rewards: str):
                 assert table.rewards[stop][result.code][holds][intent] == expected
 
 
-def test_rewards__where_the_mdp_does_nothing_are_of_the_judgement_alone():
+def test_rewards__without_an_mdp_step_depend_only_on_the_judgement():
     this = game(protocol="critique", rewards="correctness", false_reject_cost=0.5)
     table = this.decision_table
     rejected = table.indices[True][ProposalType.STOP][NO_CHOICE][False]
@@ -49,8 +49,8 @@ def test_rewards__where_the_mdp_does_nothing_are_of_the_judgement_alone():
 
 
 @pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("sneaky", True)])
-def test_truth__is_asked_for_only_where_a_reward_depends_on_it(rewards: str, matters: bool):
+def test_needs_truth__only_if_a_reward_depends_on_it(rewards: str, matters: bool):
     table = game(protocol="joint", rewards=rewards).decision_table
-    judging = [number for number, decision in enumerate(table.decisions) if decision.probability is not None]
-    assert any(table.needs_truth[number] for number in judging) == matters
-    assert not any(matters for number, matters in enumerate(table.needs_truth) if number not in judging)
+    judging = [index for index, decision in enumerate(table.decisions) if decision.probability is not None]
+    assert any(table.needs_truth[index] for index in judging) == matters
+    assert not any(matters for index, matters in enumerate(table.needs_truth) if index not in judging)

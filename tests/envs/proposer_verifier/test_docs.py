@@ -1,4 +1,4 @@
-"""The document's examples run and give what it says."""
+"""The examples in docs/proposer_verifier.md run with the documented output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BLOCKS = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", TEXT, re.D
 
 
 @pytest.mark.parametrize(("block", "printed"), BLOCKS)
-def test_example__runs_and_gives_what_is_written_beside_it(block: str, printed: str):
+def test_example__runs_with_the_documented_output(block: str, printed: str):
     names: dict[str, object] = {}
     with contextlib.redirect_stdout(io.StringIO()) as output:
         exec(block, names)
@@ -26,5 +26,5 @@ def test_example__runs_and_gives_what_is_written_beside_it(block: str, printed: 
 
 
 @pytest.mark.parametrize("name", [*Settings.__dataclass_fields__, *PROTOCOLS, *PRESETS, *TERMS, *SCRIPTED])
-def test_document__tells_every_name(name: str):
+def test_document__mentions_every_name(name: str):
     assert name in TEXT

@@ -1,4 +1,4 @@
-"""The examples of the game, run short."""
+"""Short runs of the game's examples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Run = Callable[..., str]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs an example and gives what it prints; skips, saying why, where its extra is not installed."""
+    """Runs an example and returns its output; skips the test if its extra is not installed."""
 
     def run_example(name: str, *arguments: str) -> str:
         monkeypatch.setattr(sys, "argv", [name, *arguments])
@@ -50,6 +50,6 @@ def test_self_play__plays_and_reports(run: Run):
     assert "soundness" in printed
 
 
-@pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # of SuperSuit's class
-def test_supersuit__plays_or_says_what_is_missing(run: Run):
+@pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # from SuperSuit
+def test_supersuit__plays_or_names_the_missing_extra(run: Run):
     assert "steps of 2 agents" in run("supersuit_ppo.py", "--steps", "64", "--games", "2")

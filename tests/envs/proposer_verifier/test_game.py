@@ -1,4 +1,4 @@
-"""What each protocol makes of what the agents choose."""
+"""The rules of each protocol, and the rewards."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def items(step: Any) -> int:
     return sum(1 for _ in step.state.mdp.scene.items())
 
 
-def test_veto__a_proposal_does_nothing_until_it_is_answered():
+def test_veto__a_proposal_has_no_effect_until_answered():
     step = played(game(), ADD_BLUE)
     assert step.transition is None
     assert step.rewards == (0.0, 0.0)
@@ -52,7 +52,7 @@ def test_veto__an_accepted_edit_is_a_step_of_the_mdp():
     assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (PROPOSER_MOVES, None, 1)
 
 
-def test_veto__a_rejection_leaves_the_scene_and_costs_a_step():
+def test_veto__a_rejection_keeps_the_scene_and_uses_up_a_step():
     step = played(game(), ADD_BLUE, REJECT)
     assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
     assert step.state.mdp.steps == 1
@@ -88,7 +88,7 @@ def test_veto__under_the_release_rules_the_horizon_truncates():
 
 
 @pytest.mark.parametrize("ending", ["proposer", "either"])
-def test_ending__by_the_proposer_its_stop_counts_unasked(ending: str):
+def test_ending__by_the_proposer_its_stop_needs_no_answer(ending: str):
     assert outcome(played(game(ending=ending), STOPS)) is Outcome.WRONG_STOP
 
 
@@ -101,7 +101,7 @@ def test_ending__by_the_verifier_its_stop_is_judged_on_the_scene_before_the_prop
 
 
 @pytest.mark.parametrize("protocol", ["veto", "critique"])
-def test_ending__only_where_the_verifier_may_stop_has_it_that_choice(protocol: str):
+def test_ending__determines_whether_the_verifier_can_choose_stop(protocol: str):
     assert game(protocol=protocol, message_size=0).action_counts[Role.VERIFIER] == 3
     assert game(protocol=protocol, message_size=0, ending="verifier").action_counts[Role.VERIFIER] == 4
 
@@ -126,7 +126,7 @@ def test_joint__a_stop_is_judged_on_the_scene_before_the_edit():
     assert (outcome(step), items(step)) == (Outcome.SUCCESS, 1)
 
 
-def test_joint__by_agreement_only_both_stops_end_the_episode():
+def test_joint__by_agreement_only_both_stops_together_end_the_episode():
     this = game(protocol="joint", ending="agreement")
     assert outcome(played(this, (STOPS, CONTINUE))) is Outcome.CONTINUES
     step = played(this, (ADD_BLUE, STOP_NOW))
@@ -140,7 +140,7 @@ def test_joint__by_either_each_stop_ends_the_episode():
     assert outcome(played(this, (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
 
 
-def test_audit__the_proposer_plays_on_until_it_stops():
+def test_audit__the_proposer_moves_until_it_stops():
     steps = plays(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
     assert [step.state.movers for step in steps] == [PROPOSER_MOVES, PROPOSER_MOVES, VERIFIER_MOVES]
     assert [outcome(step) for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
@@ -158,26 +158,26 @@ def test_audit__without_a_stop_there_is_no_verdict():
 
 
 @pytest.mark.parametrize(("bins", "expected"), [(2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
-def test_audit__bins_state_their_middles(bins: int, expected: list[float]):
+def test_audit__bins_state_their_midpoints(bins: int, expected: list[float]):
     this = game(protocol="audit", verdict_bins=bins)
     stated = [played(this, STOPS, verdict).judgement.probability for verdict in range(bins)]
     assert stated == pytest.approx(expected)
 
 
-def test_critique__a_rejection_is_free_and_asks_for_another_proposal():
+def test_critique__a_rejection_is_free_and_the_proposer_moves_again():
     step = played(game(protocol="critique"), ADD_BLUE, REJECT)
     assert (step.transition, step.rewards) == (None, (0.0, 0.0))
     assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == (PROPOSER_MOVES, 1, 0)
 
 
-def test_critique__after_the_last_exchange_the_next_proposal_counts_unasked():
+def test_critique__after_the_last_exchange_the_next_proposal_needs_no_answer():
     this = game(protocol="critique", exchanges=1)
     step = played(this, ADD_BLACK, REJECT, ADD_BLUE)
     assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, PROPOSER_MOVES)
     assert step.state.rejections == 0
 
 
-def test_critique__the_proposer_hears_what_the_verifier_said():
+def test_critique__a_rejection_can_carry_a_message():
     this = game(protocol="critique")
     step = played(this, ADD_BLUE, this.encode_action(Role.VERIFIER, REJECT, message=3))
     assert step.state.messages == (0, 3)
@@ -205,7 +205,7 @@ ILLEGAL = [
 
 
 @pytest.mark.parametrize(("protocol", "actions", "meaning"), ILLEGAL, ids=[meaning for *_, meaning in ILLEGAL])
-def test_illegal_choice__counts_as_having_chosen_nothing(protocol: str, actions: Any, meaning: str):
+def test_illegal_choice__counts_as_no_choice(protocol: str, actions: Any, meaning: str):
     step = played(game(protocol=protocol), *actions)
     assert any(step.illegal)
     assert items(step) == 0
@@ -235,14 +235,14 @@ REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, 
 
 
 @pytest.mark.parametrize(("rewards", "settings", "actions", "intent", "expected"), REWARDED)
-def test_rewards__of_an_audit(
+def test_rewards__in_audit(
     rewards: str, settings: dict[str, Any], actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]
 ):
     step = played(game(protocol="audit", rewards=rewards, **settings), *actions, intent=intent)
     assert step.rewards == pytest.approx(expected)
 
 
-def test_rewards__a_right_rejection_that_ends_nothing_is_worth_nothing():
+def test_rewards__a_correct_rejection_that_does_not_end_the_episode_earns_nothing():
     assert played(game(rewards="correctness"), STOPS, REJECT).rewards == (-0.1, 0.0)
 
 
@@ -251,7 +251,7 @@ def test_rewards__are_weighted_sums():
     assert played(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
 
 
-def test_play__refuses_to_act_out_of_turn():
+def test_step__out_of_turn_is_refused():
     this = game()
     state = this.start(SOME_BLUE)
     with pytest.raises(TurnError, match="verifier_0 acted out of turn: it is the turn of proposer_0"):
@@ -260,7 +260,7 @@ def test_play__refuses_to_act_out_of_turn():
         this.step(state)
 
 
-def test_play__refuses_to_act_after_the_end():
+def test_step__after_the_end_is_refused():
     this = game(ending="proposer")
     over = played(this, STOPS).state
     with pytest.raises(TurnError, match="the game is over"):
@@ -268,7 +268,7 @@ def test_play__refuses_to_act_after_the_end():
 
 
 @pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, None, [1]])
-def test_play__refuses_what_is_no_action(action: Any):
+def test_step__refuses_invalid_actions(action: Any):
     this = game()
     with pytest.raises((ActionError, TurnError), match="proposer_0"):
         this.step(this.start(SOME_BLUE), action)
@@ -292,7 +292,7 @@ GAMES = {
 
 
 @given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
-def test_play__is_pure_and_ends_in_time_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
+def test_step__is_pure_ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
     this = GAMES[key]
     state = this.start(SOME_BLUE)
     for chance in chances:

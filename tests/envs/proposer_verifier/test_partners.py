@@ -1,4 +1,4 @@
-"""Scripted partners, one side as a Gymnasium environment, and the measures of a verifier."""
+"""Partners, SingleAgentView and measures."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ GAMES = 80
 
 
 def some_tasks(game: Any) -> tuple[str, ...]:
-    """About GAMES tasks of all over the split: playing thousands takes too long here."""
+    """About GAMES tasks spread over the split, to keep the test short."""
     ids = game.unwrapped.tasks.ids
     return ids[:: max(1, len(ids) // GAMES)]
 
@@ -63,7 +63,7 @@ def test_oracle__never_errs(protocol: str):
     assert (measured.completeness, measured.soundness, measured.brier_score) == (1.0, 1.0, 0.0)
 
 
-def test_noisy_oracle__errs_at_its_rate():
+def test_noisy_oracle__errs_at_its_error_rate():
     game = env(protocol="audit", rewards="hidden")
     measured = measured_on_some(game, CLAIMING, OracleVerifier(error_rate=0.25), seed=1)
     assert measured.brier_score == pytest.approx(0.25, abs=0.15)
@@ -82,7 +82,7 @@ def test_always_reject__is_sound_and_not_complete():
     assert (measured.completeness, measured.soundness) == (0.0, 1.0)
 
 
-def test_claiming_proposers__claim_what_they_want_to():
+def test_claiming_proposers__claim_by_their_intent():
     game = env(protocol="audit", start="flipit")
     helpful, sneaky = (
         measured_on_some(game, proposer, ALWAYS_ACCEPT) for proposer in (HELPFUL_PROPOSER, SNEAKY_PROPOSER)
@@ -109,7 +109,7 @@ def test_single_agent_view__passes_gymnasiums_check(protocol: str, agent: str):
 
 
 @pytest.mark.parametrize("make", [env, raw_env, parallel_env])
-def test_single_agent_view__takes_every_form(make: Any):
+def test_single_agent_view__accepts_aec_and_parallel(make: Any):
     view = SingleAgentView(make(protocol="audit"), VERIFIER, "helpful")
     _, info = view.reset(seed=0)
     assert info["task"]
@@ -119,7 +119,7 @@ def test_single_agent_view__takes_every_form(make: Any):
     assert "outcome" in info
 
 
-def test_single_agent_view__gives_all_that_was_earned_since_the_last_action():
+def test_single_agent_view__sums_rewards_since_the_last_action():
     view = SingleAgentView(env(), PROPOSER, ALWAYS_REJECT)
     view.reset(seed=0)
     _, reward, *_ = view.step(ADD_BLUE)
@@ -129,19 +129,19 @@ def test_single_agent_view__gives_all_that_was_earned_since_the_last_action():
     assert view.unwrapped.engine.state.proposal is not None
 
 
-def test_single_agent_view__draws_games_anew_that_end_without_it():
+def test_single_agent_view__skips_games_that_end_before_its_turn():
     view = SingleAgentView(env(protocol="audit", horizon=2), VERIFIER, RandomPartner())
     skipped = [view.reset(seed=seed)[1]["skipped_games"] for seed in range(20)]
     assert max(skipped) > 0
 
 
-def test_single_agent_view__gives_up_when_it_never_has_a_turn():
+def test_single_agent_view__raises_if_it_never_has_a_turn():
     view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda turn: ADD_BLUE if turn.action_mask[ADD_BLUE] else 10)
     with pytest.raises(RuntimeError, match="verifier_0 had no turn in 1000 games"):
         view.reset(seed=0)
 
 
-def test_single_agent_view__is_the_same_for_the_same_seed():
+def test_single_agent_view__is_reproducible():
     def episode(seed: int) -> list[Any]:
         view = SingleAgentView(env(rewards="hidden"), VERIFIER, "by_intent")
         observation, _ = view.reset(seed=seed)
@@ -157,7 +157,7 @@ def test_single_agent_view__is_the_same_for_the_same_seed():
     assert any(episode(4) != episode(seed) for seed in (5, 6, 7))
 
 
-def test_single_agent_view__refuses_what_it_cannot_play():
+def test_single_agent_view__refuses_invalid_arguments():
     with pytest.raises(TypeError, match="SingleAgentView needs a proposer-verifier environment, not"):
         SingleAgentView(gym.make("CartPole-v1"), VERIFIER, "random")
     with pytest.raises(ValueError, match="unknown agent 'judge'; choose from proposer_0, verifier_0"):
@@ -177,7 +177,7 @@ def test_single_agent_view__refuses_what_it_cannot_play():
         (None, "an action of proposer_0 must be a whole number 0 .. 13, not None"),
     ],
 )
-def test_partner__that_acts_illegally_is_named(action: Any, message: str):
+def test_illegal_action_of_a_partner__raises_naming_it(action: Any, message: str):
     def bad_partner(turn: PartnerTurn) -> Any:
         return action
 
@@ -196,7 +196,7 @@ def test_single_agent_view__after_the_end_needs_a_reset():
         view.step(STOPS)
 
 
-def test_partner_turn__can_be_read_as_the_observation():
+def test_partner_turn__can_be_indexed_like_the_observation():
     seen: list[Any] = []
 
     def partner(turn: PartnerTurn) -> int:
@@ -225,12 +225,12 @@ def test_frozen_policy__plays_a_models_actions_or_a_legal_one():
     assert view.unwrapped.engine.state.proposal != STOPS
 
 
-def test_error_rate__must_be_a_share():
+def test_error_rate__must_be_a_probability():
     with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
         OracleVerifier(error_rate=2)
 
 
-def test_play_games__plays_each_task_once_and_the_same_for_the_same_seed():
+def test_play_games__plays_each_task_once_and_reproducibly():
     game = env(protocol="audit", rewards="hidden", split="dev")
     first = play_games(game, CLAIMING, OracleVerifier(0.3), seed=7)
     assert [record.task for record in first] == list(game.unwrapped.tasks.ids)
@@ -267,14 +267,14 @@ def test_measures__of_literal_games():
     assert measured.calibration_error == pytest.approx((2 * 0.35 + 0.15 + 2 * 0.45) / 5)
 
 
-def test_measures__of_no_claims_are_none():
+def test_measures__without_claims_are_none():
     measured = summarise([record()])
     assert (measured.completeness, measured.soundness, measured.brier_score) == (None, None, None)
     with pytest.raises(ValueError, match="cannot summarise zero games"):
         summarise([])
 
 
-def test_exploitability__is_what_a_proposer_makes_of_the_verifiers_errors():
+def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
     game = env(protocol="audit", start="flipit", rewards="sneaky")
 
     def gain(verifier: Any) -> float:
@@ -285,5 +285,5 @@ def test_exploitability__is_what_a_proposer_makes_of_the_verifiers_errors():
     assert gain(ALWAYS_REJECT) == 0.0
 
 
-def test_scripted__partners_are_of_both_sides():
+def test_scripted__has_partners_for_both_agents():
     assert {"random", "oracle", "always_accept", "sneaky", "helpful"} <= SCRIPTED.keys()

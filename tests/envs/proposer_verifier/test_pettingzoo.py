@@ -1,4 +1,4 @@
-"""PettingZoo's own tests of every protocol, and what they leave out."""
+"""PettingZoo's API tests for every protocol, and what they do not cover."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ PROPOSER, VERIFIER = AGENTS
 CYCLES = 60
 FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
 
-# PettingZoo says this of every environment with a mask in its observations that is not in a list of names of its own,
-OF_MASKS = {
+# PettingZoo's warnings for environments with masks in observations that are not in its hard-coded list
+MASK_WARNINGS = {
     "Observation is not a NumPy array",
     "Observation space for each agent probably should be gymnasium.spaces.box or gymnasium.spaces.discrete",
 }
-# and this of every one whose agents have different actions, and so masks of different lengths.
-OF_UNLIKE_AGENTS = {"Agents have different observation space sizes"}
+# and for agents with different action spaces, so masks of different lengths
+SPACE_WARNINGS = {"Agents have different observation space sizes"}
 
 
 @contextmanager
 def warned() -> Iterator[set[str]]:
-    """The warnings of what happens inside."""
+    """Collects the warnings raised inside."""
     messages: set[str] = set()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -52,22 +52,22 @@ def warned() -> Iterator[set[str]]:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("make", [env, raw_env])
-def test_api__is_pettingzoos_without_warnings_of_ours(make: Callable[..., Any], protocol: str):
+def test_api_test__passes_with_only_the_known_warnings(make: Callable[..., Any], protocol: str):
     with warned() as messages:
         api_test(make(protocol=protocol), CYCLES)
-    assert messages <= OF_MASKS | OF_UNLIKE_AGENTS
+    assert messages <= MASK_WARNINGS | SPACE_WARNINGS
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_api__of_homogeneous_agents_has_fewer_warnings(protocol: str):
+def test_api_test__of_homogeneous_agents_has_fewer_warnings(protocol: str):
     with warned() as messages:
         api_test(env(protocol=protocol, homogeneous=True), CYCLES)
         parallel_api_test(parallel_env(protocol=protocol, homogeneous=True), CYCLES)
-    assert messages <= OF_MASKS
+    assert messages <= MASK_WARNINGS
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_parallel_api__is_pettingzoos_without_any_warning(protocol: str):
+def test_parallel_api_test__passes_without_warnings(protocol: str):
     with warned() as messages:
         parallel_api_test(parallel_env(protocol=protocol), CYCLES)
     assert not messages
@@ -75,22 +75,22 @@ def test_parallel_api__is_pettingzoos_without_any_warning(protocol: str):
 
 @pytest.mark.parametrize("views", ["image", "structured", "text"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_api__holds_in_every_view(views: str, appearance: str):
+def test_api_test__passes_for_every_view(views: str, appearance: str):
     settings = {"views": views, "appearance": appearance, "start": "flipit", "rewards": "hidden", "message_size": 2}
     with warned() as messages:
         api_test(env(**settings), CYCLES)
         parallel_api_test(parallel_env(**settings), CYCLES)
-    assert messages <= OF_MASKS | OF_UNLIKE_AGENTS
+    assert messages <= MASK_WARNINGS | SPACE_WARNINGS
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_seeds__as_pettingzoo_tests_them(protocol: str):
+def test_seed_tests__pass(protocol: str):
     seed_test(lambda: env(protocol=protocol), CYCLES)
     parallel_seed_test(lambda: parallel_env(protocol=protocol), CYCLES)
 
 
 def rollout(game: Any, seed: int, turns: int) -> list[Any]:
-    """Everything that a parallel game shows over several episodes, its legal actions drawn by `seed`."""
+    """All results of a parallel game over several episodes, with random legal actions."""
     rng = np.random.default_rng(seed)
     seen: list[Any] = []
     observations, infos = game.reset(seed=seed)
@@ -107,7 +107,7 @@ def rollout(game: Any, seed: int, turns: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_whole_rollouts__are_the_same_for_the_same_seed(protocol: str):
+def test_rollouts__are_reproducible(protocol: str):
     def make() -> Any:
         return parallel_env(protocol=protocol, rewards="hidden", reveal_truth=True, views={"history": 3})
 
@@ -117,7 +117,7 @@ def test_whole_rollouts__are_the_same_for_the_same_seed(protocol: str):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_both_forms__play_the_same_game(protocol: str):
+def test_aec_and_parallel__play_the_same_game(protocol: str):
     turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
     rng = np.random.default_rng(1)
     for episode in range(12):
@@ -136,18 +136,18 @@ def test_both_forms__play_the_same_game(protocol: str):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_state__is_a_picture(protocol: str):
+def test_state__is_an_image(protocol: str):
     state_test(env(protocol=protocol), parallel_env(protocol=protocol))
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_render__as_pettingzoo_tests_it(protocol: str, monkeypatch: pytest.MonkeyPatch):
+def test_render_test__passes(protocol: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr("lilgym_mp.envs.proposer_verifier.engine.RENDER_FPS", 10_000)
     render_test(lambda **how: env(protocol=protocol, **how))
 
 
-def test_render__tells_what_was_said():
+def test_render__shows_the_last_actions():
     game = parallel_env(protocol="joint", render_mode="ansi")
     game.reset(seed=0)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
@@ -171,7 +171,7 @@ def test_random_play_that_ignores_masks__never_raises(protocol: str, appearance:
     assert endings == 30
 
 
-def test_illegal_choice__is_told_in_the_info_of_who_made_it():
+def test_illegal_choice__is_reported_in_the_agents_info():
     game = parallel_env()
     game.reset(seed=0)
     *_, infos = game.step({PROPOSER: WAIT, VERIFIER: 0})
@@ -180,7 +180,7 @@ def test_illegal_choice__is_told_in_the_info_of_who_made_it():
     assert infos == {PROPOSER: {}, VERIFIER: {}}
 
 
-def test_parallel__lets_only_the_waiting_wait():
+def test_parallel__allows_only_wait_out_of_turn():
     game = parallel_env()
     observations, _ = game.reset(seed=0)
     assert np.flatnonzero(observations[VERIFIER]["action_mask"]).tolist() == [2]
@@ -190,7 +190,7 @@ def test_parallel__lets_only_the_waiting_wait():
     assert np.flatnonzero(observations[PROPOSER]["action_mask"]).tolist() == [WAIT]
 
 
-def test_joint_turns__keep_the_proposers_action_from_the_verifier():
+def test_joint_aec__hides_the_proposers_action_from_the_verifier():
     game = raw_env(protocol="joint", views={"history": 2})
     game.reset(seed=0)
     before = game.observe(VERIFIER)
@@ -202,7 +202,7 @@ def test_joint_turns__keep_the_proposers_action_from_the_verifier():
     assert not data_equivalence(game.observe(VERIFIER), before)
 
 
-def test_infos__tell_the_task_the_end_and_no_truth_unasked():
+def test_infos__have_task_and_outcome_but_not_the_truth_by_default():
     game = parallel_env(protocol="joint")
     _, infos = game.reset(seed=0)
     task = game.unwrapped.task
@@ -213,7 +213,7 @@ def test_infos__tell_the_task_the_end_and_no_truth_unasked():
     assert infos[VERIFIER].keys() == {"outcome", "is_success"}
 
 
-def test_infos__tell_the_truth_when_asked():
+def test_infos__have_the_truth_with_reveal_truth():
     game = parallel_env(protocol="joint", reveal_truth=True)
     _, infos = game.reset(seed=0)
     task, scene = game.unwrapped.task, game.unwrapped.scene
@@ -241,7 +241,7 @@ def test_observations__of_different_steps_share_no_array():
     assert first[PROPOSER]["observation"]["image"] is first[VERIFIER]["observation"]["image"]
 
 
-def test_options__choose_task_and_intent():
+def test_options__set_task_and_intent():
     game = parallel_env(rewards="hidden")
     chosen = game.tasks.ids[3]
     observations, infos = game.reset(options={"task": chosen, "intent": "sneaky"})
@@ -280,7 +280,7 @@ def test_step__after_the_end_is_refused(form: str):
 @pytest.mark.parametrize(
     "actions", [{}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}]
 )
-def test_parallel_step__wants_both_agents_actions(actions: dict[str, int]):
+def test_parallel_step__needs_both_agents_actions(actions: dict[str, int]):
     game = parallel_env()
     game.reset(seed=0)
     with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
@@ -288,7 +288,7 @@ def test_parallel_step__wants_both_agents_actions(actions: dict[str, int]):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_step__refuses_actions_that_do_not_exist(form: str):
+def test_step__refuses_actions_outside_the_action_space(form: str):
     game = FORMS[form]()
     game.reset(seed=0)
     with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
@@ -305,14 +305,14 @@ def test_a_finished_agent__takes_no_action():
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="this pettingzoo has no registry")
 @pytest.mark.parametrize(("kind", "base"), [("aec", pettingzoo.AECEnv), ("parallel", pettingzoo.ParallelEnv)])
-def test_registry__makes_both_forms(kind: Any, base: type):
+def test_registry__makes_aec_and_parallel(kind: Any, base: type):
     game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
     assert isinstance(game, base)
     assert game.unwrapped.engine.game.protocol.name == "audit"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_read_action__undoes_describe_action(protocol: str):
+def test_read_action__is_the_inverse_of_describe_action(protocol: str):
     game = raw_env(protocol=protocol, message_size=2)
     for agent in AGENTS:
         for action in range(game.action_space(agent).n):

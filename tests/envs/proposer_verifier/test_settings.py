@@ -1,4 +1,4 @@
-"""What settings are refused, and how."""
+"""Invalid settings are refused."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_settings__are_refused_with_the_value_and_the_choices(settings: dict[str
 
 
 @pytest.mark.parametrize("make", [env, raw_env, parallel_env, lambda **how: BatchedGames(2, **how)])
-def test_every_form__refuses_alike(make: Any):
+def test_settings__are_validated_by_every_environment(make: Any):
     with pytest.raises(ValueError, match="unknown protocol 'vote'"):
         make(protocol="vote")
 

@@ -1,4 +1,4 @@
-"""What each agent sees."""
+"""The parts of each agent's observation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROPOSER, VERIFIER = AGENTS
 
 
 def engine(**settings: Any) -> GameEngine:
-    """A game of the one task, just begun."""
+    """The engine after reset, with the only task."""
     started = GameEngine(setup(**settings))
     started.reset(0, None)
     return started
@@ -36,7 +36,7 @@ def test_native_image__is_twice_as_large():
     assert engine(image_size="native").observe_parts(Role.PROPOSER)["image"].shape == (100, 380, 3)
 
 
-def test_structured_scene__holds_each_item():
+def test_structured_scene__lists_each_item():
     game = engine(views="structured")
     game.step(ADD_BLUE, None)
     game.step(None, ACCEPT)
@@ -46,7 +46,7 @@ def test_structured_scene__holds_each_item():
     assert (items.reshape(-1, 5)[1:] == -1).all()
 
 
-def test_text__can_be_read_back():
+def test_text__can_be_decoded():
     game = engine(views="text")
     game.step(ADD_BLUE, None)
     game.step(None, ACCEPT)
@@ -55,14 +55,14 @@ def test_text__can_be_read_back():
     assert read_text(seen["statement"]) == "Some block is blue."
 
 
-def test_tokens__are_the_words_of_the_statement():
+def test_tokens__encode_the_statement():
     game = engine()
     tokens = game.observe_parts(Role.PROPOSER)["statement"]
     assert game.setup.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
-def test_proposal__is_seen_in_the_released_array_form_until_it_is_answered():
+def test_proposal__is_observed_in_the_released_array_form_until_answered():
     game = engine()
     assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
     game.step(ADD_BLUE, None)
@@ -81,14 +81,14 @@ def test_history__holds_the_last_turns_newest_last():
     assert rejected == [-1, -1, -1, REJECT, 2, 1]
 
 
-def test_message__is_the_others_last_word():
+def test_message__is_the_other_agents_last_message():
     game = engine(message_size={PROPOSER: 2, VERIFIER: 0})
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
     assert game.observe_parts(Role.VERIFIER)["message"] == 2
     assert "message" not in game.observe_parts(Role.PROPOSER)
 
 
-def test_view__can_leave_out_everything_but_one_part():
+def test_view__can_omit_all_parts_but_one():
     nothing = View(scene="none", statement="none", target=False, proposal=False)
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False)}
     assert set(engine(views=views).observe_parts(Role.VERIFIER)) == {"target"}
@@ -99,7 +99,7 @@ def test_joint__shows_no_proposal():
     assert "proposal" not in engine(protocol="joint").observe_parts(Role.VERIFIER)
 
 
-def test_homogeneous__agents_have_equal_spaces_and_know_who_they_are():
+def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():
     views = {PROPOSER: "image", VERIFIER: View(scene="none", target=False)}
     game = parallel_env(homogeneous=True, views=views, rewards="hidden")
     assert game.observation_space(PROPOSER) == game.observation_space(VERIFIER)
@@ -116,7 +116,7 @@ def test_spaces__are_the_same_for_every_split(split: str):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_a_copy_in_mid_game__plays_on_alike(copied: Any):
+def test_copy_in_mid_game__continues_identically(copied: Any):
     game = parallel_env(protocol="joint", views={"history": 2})
     game.reset(seed=3)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
