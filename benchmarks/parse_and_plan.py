@@ -1,9 +1,10 @@
-"""What the parts of parse and plan are worth, how long they take, and what its probabilities are worth.
+"""Ablation of the parse-and-plan agent, its CPU time, and the calibration of its probabilities.
 
     python benchmarks/parse_and_plan.py runs/parse-lilgym-0 ... --corpus lilgym [--split dev] [--picture FILE.png]
 
-Prints Markdown tables: accuracy by configuration with seen and unseen statements and forms apart, the vote against the
-best candidate, scenes from state against scenes from pixels, milliseconds a task, and a reliability table.
+Prints Markdown tables: accuracy by configuration, also for seen and unseen statements and forms separately, with votes
+against the best candidate, with scenes from pixels against scenes from states, milliseconds per task, and a reliability
+table.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ from lilgym_mp.task import Task
 
 
 class Played(NamedTuple):
-    """One task, planned for and played out."""
+    """The result of planning for one task."""
 
     configuration: str
-    seen: bool  # the statement stands in train
+    seen: bool  # whether the statement occurs in train
     form_seen: bool
     forecast: Forecast
     milliseconds: float
 
 
 def played(planner: Planner, settings: Settings, split: str, *, from_pixels: bool) -> Iterator[Played]:
-    """Every task of the split."""
+    """Plans for every task of the split."""
     statements = training_statements(settings)
     forms = set(map(statement_form, statements))
     appearance = planner.dynamics.appearance
@@ -79,18 +80,18 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="reliability diagram (needs matplotlib)")
     args = parser.parse_args()
     torch.set_num_threads(1)
-    ways = {"vote, from pixels": (True, True), "vote, from state": (True, False), "best candidate": (False, True)}
-    found: dict[str, list[list[Played]]] = {way: [] for way in ways}  # by way, by run
+    variants = {"vote, from pixels": (True, True), "vote, from state": (True, False), "best candidate": (False, True)}
+    found: dict[str, list[list[Played]]] = {variant: [] for variant in variants}  # by variant, by run
     for run in args.runs:
         agent = open_agent(run, "cpu")
         assert isinstance(agent, ParseAndPlanAgent)
-        for way, (votes, from_pixels) in ways.items():
+        for variant, (votes, from_pixels) in variants.items():
             results: list[Played] = []
             for name in agent.description.configurations:
                 settings = Settings(name, corpus=args.corpus)
                 planner = agent.planner(settings, votes=votes)
                 results += played(planner, settings, args.split, from_pixels=from_pixels)
-            found[way].append(results)
+            found[variant].append(results)
     print_accuracy(found)
     forecasts = [result.forecast for results in found["vote, from pixels"] for result in results]
     print_reliability(forecasts)
@@ -99,10 +100,10 @@ def main() -> None:
 
 
 def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
-    rows = [("", *CONFIGURATIONS, "ms a task")]
-    for way, runs in found.items():
-        groups = {way: lambda result: True}
-        if way == "vote, from pixels":
+    rows = [("", *CONFIGURATIONS, "ms per task")]
+    for variant, runs in found.items():
+        groups = {variant: lambda result: True}
+        if variant == "vote, from pixels":
             groups |= {
                 "  seen statements": lambda result: result.seen,
                 "  unseen statements": lambda result: not result.seen,
@@ -113,7 +114,7 @@ def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
                 spread([accuracy([r for r in run if r.configuration == name and belongs(r)]) for run in runs])
                 for name in CONFIGURATIONS
             ]
-            times = spread([mean(result.milliseconds for result in run) for run in runs]) if group == way else ""
+            times = spread([mean(result.milliseconds for result in run) for run in runs]) if group == variant else ""
             rows.append((group, *cells, times))
     print(markdown_table(rows), end="\n\n")
 

@@ -1,4 +1,4 @@
-"""How surely and how fast scenes are read back from their pictures.
+"""Accuracy and speed of reading scenes from their images.
 
 For the start scenes of a corpus and for random legal play from them: scenes read back as they were (sets of items by
 box), scenes read as others that draw alike, pictures refused, and boxes that equally few other items would draw too.
@@ -23,7 +23,7 @@ from lilgym_mp.render.drawing import SHRINKS
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene
 
-EDITS = 12  # of an episode
+EDITS = 12  # per episode
 
 
 def starts(corpus: str, appearance: str) -> list[Scene]:
@@ -33,7 +33,7 @@ def starts(corpus: str, appearance: str) -> list[Scene]:
 
 
 def played(appearance: Appearance, rules: str, begin: list[Scene], count: int) -> Iterator[Scene]:
-    """`count` scenes of random legal edits, every other episode from the empty scene."""
+    """`count` scenes of random legal edits; every other episode starts with the empty scene."""
     rng = np.random.default_rng(0)
     placement = RULE_SETS[rules].placement
     for step in range(count):
@@ -97,7 +97,7 @@ def report(name: str, scenes: Iterable[Scene], appearance: str, size: str) -> No
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--corpus", default="builtin")
-    parser.add_argument("--scenes", type=int, default=10_000, help="of play, under each rule set")
+    parser.add_argument("--scenes", type=int, default=10_000, help="scenes of random play per rule set")
     parser.add_argument("--size", choices=sorted(SHRINKS), default="half")
     given = parser.parse_args()
     for name, appearance in APPEARANCES.items():

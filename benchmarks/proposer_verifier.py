@@ -1,10 +1,10 @@
-"""Steps per second of the proposer-verifier game's forms, per protocol.
+"""Steps per second of the proposer-verifier game's environments, by protocol.
 
-Every form plays the same recorded games: legal actions, no early stop, so that a game lasts its twelve rounds, and
-resets are timed too. A *parallel* step is one call of `step` with both agents' actions, which makes both agents'
-observations and masks. An *AEC* step is one call of `step` and one of `last`, which makes the observation and mask of
-the next agent. A *batched* step is one game's share of a call: N games a call make N. The picture is drawn and copied
-once a step, whoever sees it. The fastest of some repetitions is shown, as the machine is rarely quiet.
+All environments play the same recorded games of legal actions without early stops, so a game lasts its twelve rounds;
+resets are timed too. A *parallel* step is one call of `step` with both agents' actions, which gives both agents'
+observations and masks. An *AEC* step is one call of `step` and one of `last`, which gives the observation and mask of
+the next agent. A *batched* step is one game's part of a call: a call with N games counts as N. The image is drawn and
+copied once per step. Shows the fastest of several repetitions, as the machine is rarely idle.
 Run: python benchmarks/proposer_verifier.py
 """
 
@@ -23,14 +23,14 @@ from lilgym_mp.envs.proposer_verifier.types import STOP_ACTION
 
 PROPOSER, VERIFIER = AGENTS
 
-BATCHED_STEPS = 8_192  # of a repetition, all games together
+BATCHED_STEPS = 8_192  # per repetition, over all games
 CLOCKS = {"wall": perf_counter, "cpu": process_time}
 
-Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the parallel form's actions
+Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the actions of the parallel environment
 
 
 def record(settings: dict[str, Any], games: int, seed: int) -> list[Recorded]:
-    """Games of random legal actions in which nobody claims, stops or accepts a claim."""
+    """Games of random legal actions, without claims, stops and accepted claims."""
     game_env = parallel_env(**settings)
     engine, rng = game_env.engine, np.random.default_rng(seed)
     recorded: list[Recorded] = []
@@ -84,7 +84,7 @@ def play_turns(make: Callable[..., Any], settings: dict[str, Any], recorded: lis
 
 
 def turns(settings: dict[str, Any], task: str, actions: list[dict[str, int]], *, simultaneous: bool) -> list[int]:
-    """The actions of a parallel game one by one."""
+    """The actions of a parallel game as AEC turns."""
     if simultaneous:
         return [pair[agent] for pair in actions for agent in AGENTS]
     game_env = raw_env(**settings)
@@ -97,7 +97,7 @@ def turns(settings: dict[str, Any], task: str, actions: list[dict[str, int]], *,
 
 
 def play_batched(settings: dict[str, Any], recorded: list[Recorded], games: int, *, copy: bool) -> Callable[[], int]:
-    """Game i plays the recorded games one after another, from the i-th on. In any task: all start empty."""
+    """Game i plays all recorded games, beginning with the i-th, on any task, as all start scenes are empty."""
     batch = BatchedGames(games, copy=copy, **settings)
     columns = [[pair for _, actions in recorded[i:] + recorded[:i] for pair in actions] for i in range(games)]
     rows = list(zip(*columns, strict=True))[: max(1, BATCHED_STEPS // games)]
@@ -113,7 +113,7 @@ def play_batched(settings: dict[str, Any], recorded: list[Recorded], games: int,
 
 
 def fastest(run: Callable[[], int], repetitions: int, clock: Callable[[], float]) -> float:
-    """Steps per second."""
+    """Steps per second of the fastest repetition."""
     best = 0.0
     for _ in range(repetitions):
         start = clock()
@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--views", choices=["image", "structured"], default="image")
     parser.add_argument("--games", type=int, default=64)
     parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: what a core to itself would give, nearly")
+    parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: approximately the speed of an idle core")
     parser.add_argument("--repetitions", type=int, default=40)
     given = parser.parse_args()
     print(f"{given.appearance}, {given.views}; steps per second of {given.clock} time")

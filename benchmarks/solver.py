@@ -1,6 +1,6 @@
-"""The expert on whole corpora: solved, proven shortest, replayed in the environment, seconds; and demonstrations.
+"""Solves whole corpora with the expert: solved and proven shortest tasks, replays, time, and demonstrations per second.
 
-Without LILGYM_DATA the builtin corpus is solved alone. Run: python benchmarks/solver.py --jobs 2
+Without LILGYM_DATA, only the builtin corpus is solved. Run: python benchmarks/solver.py --jobs 2
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def solved(settings: Settings, split: str, jobs: int) -> list[TaskReport]:
 
 
 def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | None) -> float:
-    """From tasks in memory to a file: solving, playing out, writing."""
+    """The rate of solving tasks, making demonstrations and writing them to a file."""
     env = settings.make("train")
     with TemporaryDirectory() as place:
         begin = perf_counter()
@@ -56,10 +56,10 @@ def report_on(corpus: str, rules: str, jobs: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", type=int, default=1, help="processes; timings per task are best with 1")
+    parser.add_argument("--jobs", type=int, default=1, help="processes; 1 gives the most accurate times per task")
     parser.add_argument("--rules", nargs="+", default=["paper", "release"])
     parser.add_argument("--corpus", nargs="+", default=["builtin"] + ["lilgym"] * ("LILGYM_DATA" in os.environ))
-    parser.add_argument("--episodes", type=int, default=50_000, help="drawn for the demonstrations per second")
+    parser.add_argument("--episodes", type=int, default=50_000, help="number of sampled demonstrations")
     given = parser.parse_args()
     for corpus in given.corpus:
         for rules in given.rules:
@@ -72,7 +72,7 @@ def main() -> None:
         drawn = demonstrations_per_second(settings, given.jobs, given.episodes)
         print(
             f"{configuration} of {corpus}: {each:,.0f} demonstrations/s over each task once,"
-            f" {drawn:,.0f}/s over {given.episodes:,} drawn"
+            f" {drawn:,.0f}/s over {given.episodes:,} sampled"
         )
 
 

@@ -1,1 +1,1 @@
-"""Attacks on the package, bounded in time and count. Each module is a command, and the tests run it shortened."""
+"""Stress tests of the package, bounded in time and count. Each module is a command that the tests run shortened."""

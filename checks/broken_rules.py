@@ -1,7 +1,7 @@
-"""Whether the tests notice broken rules: one rule after another is broken in a copy of the project, and tests are run.
+"""Mutation testing: breaks one rule after another in a copy of the project, and checks that tests fail.
 
-Each of BREAKS changes one place of the code and names the tests that must fail for it. They are run until the first
-failure. With LILGYM_DATA and LILGYM_GOLDEN, tests of official tasks and recorded behaviour are among them.
+Each of BREAKS changes one piece of code and names the tests of which one must fail. They are run until the first
+failure. With LILGYM_DATA and LILGYM_GOLDEN, they include tests of official tasks and recorded behaviour.
 Run from the root of a checkout: python -m checks.broken_rules [--only "reward of a step"]
 """
 
@@ -21,12 +21,12 @@ from time import perf_counter
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-LEFT_OUT = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
+IGNORED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?::[^\s\[]+|\S+\.py)", re.MULTILINE)
 
 
 class Break(NamedTuple):
-    """A rule, and how it is broken: `right`, which occurs once in the file, becomes `wrong`."""
+    """A rule and how to break it: `right`, which occurs exactly once in the file, is replaced by `wrong`."""
 
     rule: str
     file: str
@@ -40,70 +40,70 @@ LEARNING, PROGRAMS = "lilgym_mp/learning", "lilgym_mp/programs"
 BREAKS = (
     Break("reward of a step", "lilgym_mp/rules.py", "STEP_COST = 0.1", "STEP_COST = 0.2", ("tests/test_rules.py",)),
     Break(
-        "STOP is judged by the target",
+        "STOP succeeds if the statement has the target value",
         "lilgym_mp/task.py",
         "compile_program(self.program)(scene) == self.target",
         "compile_program(self.program)(scene)",
         ("tests/test_task.py", "tests/test_rules.py"),
     ),
     Break(
-        "the horizon's last action",
+        "last action before the horizon",
         "lilgym_mp/rules.py",
         "result = self._of_edit[invalid is None][steps >= self.horizon]",
         "result = self._of_edit[invalid is None][steps > self.horizon]",
         ("tests/test_rules.py",),
     ),
     Break(
-        "flags of an invalid action under the release's rules",
+        "flags of an invalid action under the release rules",
         "lilgym_mp/rules.py",
         "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=False, truncated=True)",
         "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=True, truncated=False)",
         ("tests/fidelity", "tests/test_rules.py"),
     ),
     Break(
-        "an item snaps to the first of several as near",
+        "an item snaps to the first of several equally near items",
         f"{APPEARANCES}/placement.py",
         "if code < smallest:",
         "if code <= smallest:",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
-        "distance over which items snap",
+        "maximum snapping distance",
         f"{APPEARANCES}/placement.py",
         "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
         "frame_x = 0\n    if placement_tables().closest(kind, x, y, [closest])[0] > SNAP_REACH:\n        return x, y",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
-        "nearest points are truncated in the image under the release's rules",
+        "nearest points are truncated in the image under the release rules",
         f"{APPEARANCES}/placement.py",
         "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
         "frame_x = 0",
         ("tests/appearances", "tests/fidelity"),
     ),
     Break(
-        "items that touch do not overlap",
+        "touching items do not overlap",
         f"{APPEARANCES}/placement.py",
         "closest(footprint, x, y, items)[0] != OVERLAPPING",
         "closest(footprint, x, y, items)[0] > OVERLAPPING + 1",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
-        "order of the search in a cell",
+        "search order in a cell",
         f"{APPEARANCES}/placement.py",
         "divmod((free & -free).bit_length() - 1, pitch)",
         "divmod(free.bit_length() - 1, pitch)",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
-        "mask of one cell to remove from",
+        "mask of REMOVE in one cell",
         f"{APPEARANCES}/legality.py",
         "            here |= covers\n        return found",
         "            here |= covers\n        found[-1, -1] = False\n        return found",
         ("tests/appearances/test_masks.py",),
     ),
     Break(
-        "mask of one kind of item in one cell",
+        "mask of ADD for one item type in one cell",
         f"{APPEARANCES}/legality.py",
         "    in_cell[:, 0, 0] = True",
         "    in_cell[:8, 0, 0] = True",
@@ -117,7 +117,7 @@ BREAKS = (
         ("tests/appearances/test_tower.py", "tests/appearances/test_masks.py"),
     ),
     Break(
-        "the compiled core snaps to the first of several as near",
+        "the compiled core snaps to the first of several equally near items",
         f"{ENVS}/cores/kernels.py",
         "            if code < smallest:",
         "            if code <= smallest:",
@@ -131,42 +131,42 @@ BREAKS = (
         ("tests/render", "tests/fidelity/test_images.py"),
     ),
     Break(
-        "autoreset at the next step",
+        "NEXT_STEP autoreset",
         f"{ENVS}/engine.py",
         "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):",
         "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting) > 1:",
         ("tests/envs/test_batched.py",),
     ),
     Break(
-        "the last observation of an episode",
+        "final observation of an episode",
         f"{ENVS}/engine.py",
         "buffers.last_image[env_id] = buffers.image[env_id]",
         "buffers.last_image[env_id] = buffers.image[0]",
         ("tests/envs/test_batched.py",),
     ),
     Break(
-        "tasks that an environment of a worker evaluates",
+        "evaluation tasks of a worker's environments",
         f"{ENVS}/engine.py",
         "global_id = self._first + env_id",
         "global_id = env_id",
         ("tests/envs/test_workers.py",),
     ),
     Break(
-        "a compiled program's comparison",
+        "comparison in a compiled program",
         f"{ENVS}/cores/kernels.py",
         "value = int(values[a] < values[b])",
         "value = int(values[a] <= values[b])",
         ("tests/envs/test_program_evaluator.py",),
     ),
     Break(
-        "a compiled program's test of a place",
+        "position test in a compiled program",
         f"{ENVS}/cores/kernels.py",
         "programs.places[item_type % SIZE_COUNT, x, y]",
         "programs.places[item_type % SIZE_COUNT, y, x]",
         ("tests/envs/test_program_evaluator.py",),
     ),
     Break(
-        "a word's comparison",
+        "comparison in a program word",
         f"{PROGRAMS}/functions/items.py",
         "all(y.top <= x.top for y in x.box.members)",
         "all(y.top < x.top for y in x.box.members)",
@@ -187,21 +187,21 @@ BREAKS = (
         ("tests/programs/test_canonical.py",),
     ),
     Break(
-        "what a verifier pays for accepting what is false",
+        "a verifier's cost of a false accept",
         f"{GAME}/rewards.py",
-        "return -event.costs.false_accept if judgement.accepted else -event.costs.false_reject",
-        "return -event.costs.false_reject if judgement.accepted else -event.costs.false_accept",
+        "return -costs.false_accept if judgement.accepted else -costs.false_reject",
+        "return -costs.false_reject if judgement.accepted else -costs.false_accept",
         ("tests/envs/proposer_verifier",),
     ),
     Break(
-        "words of a game of a batch cost something",
+        "message cost in a batch of games",
         f"{GAME}/game_arrays.py",
-        "self.rewards[role] -= game.message_cost * (word > SILENCE)",
-        "self.rewards[role] -= game.message_cost * (word >= SILENCE)",
+        "self.rewards[role] -= game.message_cost * (message > SILENCE)",
+        "self.rewards[role] -= game.message_cost * (message >= SILENCE)",
         ("tests/envs/proposer_verifier/test_batched.py",),
     ),
     Break(
-        "the intent is the proposer's alone",
+        "only the proposer sees the intent",
         f"{GAME}/views.py",
         "if role is Role.PROPOSER and game.rewards.draws_intent:",
         "if game.rewards.draws_intent:",
@@ -222,14 +222,14 @@ BREAKS = (
         ("tests/test_perception.py",),
     ),
     Break(
-        "a step further than the shortest solution",
+        "the search finds the shortest solution",
         "lilgym_mp/solver/tower_search.py",
         "for edits in range(min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):",
         "for edits in range(2, min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):",
         ("tests/solver/test_tower_search.py", "tests/solver/test_expert.py"),
     ),
     Break(
-        "cap of the ratio in PPO's loss",
+        "cap of the probability ratio in PPO's loss",
         f"{LEARNING}/ppo/objective.py",
         "torch.where(capped, float(np.log(ratio_cap)), torch.inf)",
         "torch.where(capped, torch.inf, torch.inf)",
@@ -250,38 +250,38 @@ BREAKS = (
         ("tests/learning/ppo/test_training.py",),
     ),
     Break(
-        "random numbers of a run that goes on",
+        "random state of a resumed run",
         f"{LEARNING}/ppo/training.py",
         'self._rng.bit_generator.state = json.loads(state["random"])',
         'json.loads(state["random"])',
         ("tests/learning/ppo/test_training.py",),
     ),
     Break(
-        "loss of sets of actions in imitation",
+        "imitation loss over sets of actions",
         f"{LEARNING}/imitation/losses.py",
         "torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)",
         "types[..., 0] + added",
         ("tests/learning/imitation",),
     ),
     Break(
-        "the mask of stop forcing",
+        "mask of stop forcing",
         "wrappers/stop_forcing.py",
         "legal[success] = False",
         "legal[~success] = False",
         ("tests/wrappers/test_stop_forcing.py",),
     ),
     Break(
-        "last observations for Stable-Baselines3",
+        "terminal observations for Stable-Baselines3",
         "lilgym_mp/sb3.py",
-        'told[number]["terminal_observation"] = last[number]',
-        'told[number]["terminal_observation"] = last[ended[0]]',
+        'step_infos[env_id]["terminal_observation"] = final_obs[env_id]',
+        'step_infos[env_id]["terminal_observation"] = final_obs[ended[0]]',
         ("tests/test_sb3.py",),
     ),
     Break(
-        "a reply that says not to do something",
+        "a reply with a negation",
         "wrappers/replies.py",
-        "bool(asked or _NEGATION.search(clause) or",
-        "bool(asked or",
+        "bool(is_question or _NEGATION.search(clause) or",
+        "bool(is_question or",
         ("tests/wrappers/test_text.py",),
     ),
     Break(
@@ -292,7 +292,7 @@ BREAKS = (
         ("tests/evaluation",),
     ),
     Break(
-        "deviation over runs in a report",
+        "standard deviation over runs in a report",
         "lilgym_mp/report/aggregation.py",
         "stdev(values) if len(values) > 1",
         "stdev([*values, mean(values)]) if len(values) > 1",
@@ -303,11 +303,11 @@ BREAKS = (
 
 @contextmanager
 def broken(copy: Path, chosen: Break) -> Iterator[None]:
-    """`copy` of the project with that rule broken. Raises ValueError where the place to change is not there once."""
+    """Breaks the rule in `copy`, and restores it afterwards. Raises ValueError unless `right` occurs exactly once."""
     path = copy / chosen.file
     text = path.read_text()
     if text.count(chosen.right) != 1:
-        raise ValueError(f"{chosen.rule}: {chosen.right!r} must occur once in {chosen.file}")
+        raise ValueError(f"{chosen.rule}: {chosen.right!r} must occur exactly once in {chosen.file}")
     path.write_text(text.replace(chosen.right, chosen.wrong))
     try:
         yield
@@ -316,7 +316,7 @@ def broken(copy: Path, chosen: Break) -> Iterator[None]:
 
 
 def first_failure(copy: Path, tests: tuple[str, ...]) -> str | None:
-    """The first of the tests that fails in the copy, without its parameters; None where all pass."""
+    """The first test that fails in the copy, without its parameters; None if all pass."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     done = subprocess.run(
         command, cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True, check=False
@@ -328,23 +328,23 @@ def first_failure(copy: Path, tests: tuple[str, ...]) -> str | None:
 
 
 def main() -> int:
-    """Prints a table row for each broken rule; the exit code says whether each was noticed."""
+    """Prints a table row for each broken rule; the exit code is 1 if tests pass in spite of one."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--only", nargs="+", metavar="RULE", choices=[one.rule for one in BREAKS])
+    parser.add_argument("--only", nargs="+", metavar="RULE", choices=[rule for rule, *_ in BREAKS])
     only = parser.parse_args().only
     missed = 0
     with tempfile.TemporaryDirectory() as directory:
-        copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=LEFT_OUT)
-        print("| broken rule | noticed by | seconds |\n|---|---|---:|")
+        copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=IGNORED)
+        print("| broken rule | failing test | seconds |\n|---|---|---:|")
         for chosen in BREAKS:
             if only and chosen.rule not in only:
                 continue
             began = perf_counter()
             with broken(copy, chosen):
-                noticed = first_failure(copy, chosen.tests)
-            missed += noticed is None
-            print(f"| {chosen.rule} | {noticed or 'NOBODY'} | {perf_counter() - began:.0f} |", flush=True)
-    print(f"{missed} not noticed")
+                failure = first_failure(copy, chosen.tests)
+            missed += failure is None
+            print(f"| {chosen.rule} | {failure or 'NONE'} | {perf_counter() - began:.0f} |", flush=True)
+    print(f"{missed} not detected")
     return int(missed > 0)
 
 

@@ -55,7 +55,7 @@ def test_broken_rules__are_caught_by_their_test_and_restored(tmp_path: Path) -> 
         assert first_failure(copy, chosen.tests) == "test_cost.py::test_cost__is_one"
     assert (copy / chosen.file).read_text() == "COST = 1\n"
     with (
-        pytest.raises(ValueError, match="cost: 'COST = 3' must occur once"),
+        pytest.raises(ValueError, match="cost: 'COST = 3' must occur exactly once"),
         broken(copy, chosen._replace(right="COST = 3")),
     ):
         pass
