@@ -1,9 +1,8 @@
-"""Write data/builtin.jsonl.gz and its figures in docs/corpus.md: statements written by hand, and generated ones.
+"""Write data/builtin.jsonl.gz from hand-written and generated statements, and its statistics in docs/corpus.md.
 
-The same source, generator and rules give the same bytes. Every statement is proven sound (see
-lilgym_mp.generator.validation), every task of it is solved by the expert. With LILGYM_DATA set, statements that
-are official ones are looked for too; the hashes of those met are kept in data/builtin_excluded.txt, so that a build
-without the official data leaves out the same ones.
+The same source, generator and rules give identical bytes. Every statement is validated (lilgym_mp.generator.validation)
+and the expert solves all its tasks. With LILGYM_DATA set, official statements are excluded; their hashes are kept in
+data/builtin_excluded.txt, so that builds without the official data exclude the same ones.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from builtin_report import Built, write_report
+from builtin_report import SolvedEntry, write_report
 
 from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
@@ -46,16 +45,16 @@ EXCLUDED, CHECKSUM = ROOT / "data" / "builtin_excluded.txt", ROOT / "data" / "bu
 PAGE = ROOT / "docs" / "corpus.md"
 NAME, LICENCE = "lilgym_mp builtin corpus", "MIT"
 SEED = 2023
-SIZES = {"train": 1000, "dev": 150, "test": 300}  # statements of an appearance
-LEVEL_SHARES = {"tower": (28, 32, 20, 12, 8), "scatter": (22, 32, 24, 13, 9)}  # percent of the generated ones
-STOCK_SIZE = 250  # chains of scenes
-MOST_OF_A_FORM = 8  # statements of one split
-MOST_WORDINGS = 3  # of one program
+SIZES = {"train": 1000, "dev": 150, "test": 300}  # statements of each appearance
+LEVEL_SHARES = {"tower": (28, 32, 20, 12, 8), "scatter": (22, 32, 24, 13, 9)}  # percent of generated statements
+POOL_WALKS = 250
+MAX_OF_FORM = 8  # statements of one split
+MAX_WORDINGS = 3  # of one program
 TYPO_SHARE, TRIVIAL_SHARE = 0.03, 0.04
-FAR_CANDIDATES = 3  # scenes of a truth value among which the one farthest from the other is looked for
-SCENE_BUDGET = 8_000  # that the expert looks at for one task
-DRAFTS = 150  # for each statement wanted of a level, before a level counts as exhausted
-SPARE = 10  # statements of a split, to make up for those that another split has too
+FAR_CANDIDATES = 3  # scenes of each truth value from which the one that takes the most actions to flip is selected
+SCENE_BUDGET = 8_000  # of the expert for one task
+DRAFTS = 150  # per statement required of a level, before the level counts as exhausted
+SPARE = 10  # additional statements of a split, in place of those that another split has too
 LETTERS = "abcdefgh"
 
 
@@ -68,9 +67,9 @@ class Source(NamedTuple):
 
 
 class Result(NamedTuple):
-    """A split, and hashes of the official statements that were left out of it."""
+    """A split, and hashes of the official statements excluded from it."""
 
-    entries: list[Built]
+    entries: list[SolvedEntry]
     official: frozenset[str]
 
 
@@ -82,22 +81,22 @@ def hand_written() -> Iterator[Source]:
 
 
 class Builder:
-    """Everything needed to build the entries of one appearance."""
+    """Builds the entries of one appearance."""
 
     def __init__(self, appearance: str) -> None:
         self.appearance = appearance
         self.rng = random.Random(f"{SEED} {appearance}")
-        self.stock = ScenePool.sample(appearance, self.rng, STOCK_SIZE)
+        self.pool = ScenePool.sample(appearance, self.rng, POOL_WALKS)
         self.solver = Solver(make_dynamics(make_appearance(appearance)), SCENE_BUDGET)
 
-    def built(self, entry: Entry, split: str, rng: random.Random) -> Built | None:
-        """The entry with far start scenes, if the expert solves all its tasks."""
+    def solved(self, entry: Entry, split: str, rng: random.Random) -> SolvedEntry | None:
+        """The entry with additional start scenes, or None if the expert does not solve all its tasks."""
         starts = (*entry.starts, *self.far_starts(entry, rng))
         solution = self.solution(entry, Scene.empty(), target=True)
         others = [self.solution(entry, start.scene, target=not start.label) for start in starts]
         if not solution.solved or not all(other.solved for other in others):
             return None
-        return Built(
+        return SolvedEntry(
             split,
             entry.statement,
             entry.program,
@@ -113,72 +112,72 @@ class Builder:
         return self.solver.solve(Task("", entry.statement, entry.program, target, start))
 
     def far_starts(self, entry: Entry, rng: random.Random) -> Iterator[StartScene]:
-        """For each truth value, the scene of some clear ones that needs the most actions, where that is over two."""
-        taken = {start.scene for start in entry.starts}
+        """For each truth value, the clear scene that takes the most actions to flip, if more than two."""
+        used = {start.scene for start in entry.starts}
         for label in (True, False):
-            scenes = clear_scenes(entry, self.stock, label, rng)
-            few = [
-                scene for scene, _ in zip((s for s in scenes if s not in taken), range(FAR_CANDIDATES), strict=False)
-            ]
-            by_steps = {scene: self.solution(entry, scene, target=not label).steps for scene in few}
-            farthest = max(by_steps, key=lambda scene: by_steps[scene], default=None)
-            if farthest is not None and by_steps[farthest] > 2:
-                yield StartScene(farthest, label, by_steps[farthest] - 1)
+            unused = (scene for scene in clear_scenes(entry, self.pool, label, rng) if scene not in used)
+            candidates = islice(unused, FAR_CANDIDATES)
+            steps = {scene: self.solution(entry, scene, target=not label).steps for scene in candidates}
+            farthest = max(steps, key=lambda scene: steps[scene], default=None)
+            if farthest is not None and steps[farthest] > 2:
+                yield StartScene(farthest, label, steps[farthest] - 1)
 
-    def by_hand(self, source: Source) -> Built:
-        """Raises SystemExit naming a hand-written statement that is not sound."""
+    def hand_written_entry(self, source: Source) -> SolvedEntry:
+        """Raises SystemExit for a hand-written statement that is not valid."""
         draft = source.draft
         rng = random.Random(f"{SEED} {draft.statement}")
-        entry = self.entry_by_hand(draft, rng)
-        built = None if entry is None else self.built(entry, source.split, rng)
-        if built is None:
-            raise SystemExit(f"not sound: {draft.statement!r}, {draft.program}")
-        return built
+        entry = self.validate_hand_written(draft, rng)
+        solved = None if entry is None else self.solved(entry, source.split, rng)
+        if solved is None:
+            raise SystemExit(f"not valid: {draft.statement!r}, {draft.program}")
+        return solved
 
-    def entry_by_hand(self, draft: Draft, rng: random.Random) -> Entry | None:
+    def validate_hand_written(self, draft: Draft, rng: random.Random) -> Entry | None:
         """As `validate_draft`, but the program is trusted; parses, if any, only help to choose the start scenes."""
-        readings = parse_statement(draft.statement)
+        parses = parse_statement(draft.statement)
         truth = compile_program(draft.program).evaluate
-        truths = TruthTable(self.stock, truth)
+        truths = TruthTable(self.pool, truth)
         edits = truths.edits_from_empty()
-        starts = select_starts(truths, rng, lambda scene: is_clear(readings, scene, truth(scene)))
+        starts = select_starts(truths, rng, lambda scene: is_clear(parses, scene, truth(scene)))
         return Entry(draft.statement, draft.program, 0, edits or 0, tuple(starts)) if starts else None
 
-    def generated(self, split: str, number: int, chosen: Selection) -> Iterator[Built]:
-        """That many sound statements; what one level lacks the next makes up for."""
+    def generated_entries(self, split: str, number: int, selection: Selection) -> Iterator[SolvedEntry]:
+        """`number` statements; if a level has too few, the next level has more."""
         missing = 0
-        for level, wanted in level_numbers(self.appearance, number).items():
-            rng = random.Random(f"{SEED} {self.appearance} {level}")  # for all splits, so that they share forms
-            found = list(self.of_level(level, split, wanted + missing, chosen, rng))
-            missing += wanted - len(found)
+        for level, required in level_counts(self.appearance, number).items():
+            rng = random.Random(f"{SEED} {self.appearance} {level}")  # the same in all splits, so that they share forms
+            found = list(self.entries_of_level(level, split, required + missing, selection, rng))
+            missing += required - len(found)
             yield from found
             print(f"{self.appearance} {split} level {level}: {len(found)} statements", file=sys.stderr, flush=True)
         if missing:
-            raise SystemExit(f"{self.appearance} {split}: {missing} statements too few")
+            raise SystemExit(f"{self.appearance} {split}: missing {missing} statements")
 
-    def of_level(self, level: int, split: str, number: int, chosen: Selection, rng: random.Random) -> Iterator[Built]:
-        """That many statements, or fewer when the level has no more."""
-        choices = random.Random(f"{SEED} {self.appearance} {split} {level}")
+    def entries_of_level(
+        self, level: int, split: str, number: int, selection: Selection, rng: random.Random
+    ) -> Iterator[SolvedEntry]:
+        """Up to `number` statements of the level."""
+        validation_rng = random.Random(f"{SEED} {self.appearance} {split} {level}")
         for draft in islice(drafts(self.appearance, level, rng), DRAFTS * number):
             if number == 0:
                 return
-            if split_of(draft.program) != split or not chosen.wants(draft, split):
+            if split_of(draft.program) != split or not selection.accepts(draft, split):
                 continue
-            entry = validate_draft(draft, self.stock, choices)
-            built = None if entry is None else self.built(entry, split, choices)
-            if built is None:
-                chosen.refuse(draft)
+            entry = validate_draft(draft, self.pool, validation_rng)
+            solved = None if entry is None else self.solved(entry, split, validation_rng)
+            if solved is None:
+                selection.reject(draft)
             else:
                 number -= 1
-                chosen.add(built)
-                yield built
+                selection.add(solved)
+                yield solved
 
 
 class Selection:
-    """What is in already, and so what is still wanted: varied, nothing twice, nothing official, little trivial."""
+    """Accepts drafts that keep the corpus varied: no duplicates or official statements, few trivial ones."""
 
-    def __init__(self, taken: Iterable[Built], statements: Iterable[str]) -> None:
-        """`taken`: what is in; `statements`: what must not come in, whoever has it."""
+    def __init__(self, taken: Iterable[SolvedEntry], statements: Iterable[str]) -> None:
+        """`taken`: entries selected before; `statements`: others that are not accepted."""
         self.statements = set(map(normalised, statements))
         self.forms: Counter[tuple[str, str]] = Counter()
         self.programs: Counter[str] = Counter()
@@ -187,19 +186,19 @@ class Selection:
         for built in taken:
             self.add(built)
 
-    def add(self, built: Built) -> None:
+    def add(self, built: SolvedEntry) -> None:
         self.statements.add(normalised(built.statement))
         self.forms[built.split, statement_form(built.statement)] += 1
         self.programs[built.program] += 1
         self.trivial[built.split] += built.steps == 1
 
-    def refuse(self, draft: Draft) -> None:
+    def reject(self, draft: Draft) -> None:
         self.statements.add(normalised(draft.statement))
 
-    def wants(self, draft: Draft, split: str) -> bool:
-        if normalised(draft.statement) in self.statements or self.programs[draft.program] >= MOST_WORDINGS:
+    def accepts(self, draft: Draft, split: str) -> bool:
+        if normalised(draft.statement) in self.statements or self.programs[draft.program] >= MAX_WORDINGS:
             return False
-        if self.forms[split, statement_form(draft.statement)] >= MOST_OF_A_FORM:
+        if self.forms[split, statement_form(draft.statement)] >= MAX_OF_FORM:
             return False
         if is_official(draft.statement):
             self.official.add(statement_hash(draft.statement))
@@ -207,15 +206,15 @@ class Selection:
         return self.trivial[split] < TRIVIAL_SHARE * SIZES[split] or not is_trivial(draft)
 
 
-def level_numbers(appearance: str, number: int) -> dict[int, int]:
-    """How many of `number` statements are of each level; the largest level takes what rounding leaves."""
+def level_counts(appearance: str, number: int) -> dict[int, int]:
+    """`number` divided among the levels; the highest level gets the remainder."""
     numbers = {level: number * share // 100 for level, share in zip(LEVELS, LEVEL_SHARES[appearance], strict=True)}
     numbers[LEVELS[-1]] += number - sum(numbers.values())
     return numbers
 
 
 def is_official(statement: str) -> bool:
-    """Whether the statement is an official one, or was found to be one before."""
+    """Whether the statement is official, or its hash was recorded as official before."""
     return statement_hash(statement) in excluded_hashes() or normalised(statement) in official_statements()
 
 
@@ -230,7 +229,7 @@ def excluded_hashes() -> frozenset[str]:
 
 @cache
 def official_statements() -> frozenset[str]:
-    """The official train and dev statements, normalised; none without LILGYM_DATA."""
+    """The normalised official train and dev statements; empty without LILGYM_DATA."""
     if not os.environ.get("LILGYM_DATA"):
         return frozenset()
     sets = (load_tasks("lilgym", a, "scratch", split) for a in APPEARANCES for split in ("train", "dev"))
@@ -238,29 +237,29 @@ def official_statements() -> frozenset[str]:
 
 
 def build(appearance: str, split: str) -> Result:
-    """The entries of a split: the hand-written ones first, then generated ones in random order, with some spare."""
+    """The entries of a split: hand-written ones first, then generated ones in random order, SPARE too many."""
     builder = Builder(appearance)
     sources = [source for source in hand_written() if source.appearance == appearance]
-    by_hand = [builder.by_hand(source) for source in sources if source.split == split]
-    chosen = Selection(by_hand, (source.draft.statement for source in sources))
-    generated = list(builder.generated(split, SIZES[split] - len(by_hand) + SPARE, chosen))
+    by_hand = [builder.hand_written_entry(source) for source in sources if source.split == split]
+    selection = Selection(by_hand, (source.draft.statement for source in sources))
+    generated = list(builder.generated_entries(split, SIZES[split] - len(by_hand) + SPARE, selection))
     random.Random(f"{SEED} {appearance} {split}").shuffle(generated)
-    return Result([*by_hand, *generated], frozenset(chosen.official))
+    return Result([*by_hand, *generated], frozenset(selection.official))
 
 
-def merged(results: Iterable[Result], appearance: str) -> list[Built]:
-    """The splits one after the other, each at its size, without what an earlier one has."""
+def merged(results: Iterable[Result], appearance: str) -> list[SolvedEntry]:
+    """All splits in order, truncated to their sizes, without statements of an earlier split."""
     seen: set[str] = set()
-    entries: list[Built] = []
+    entries: list[SolvedEntry] = []
     for result in results:
-        fresh = [built for built in result.entries if normalised(built.statement) not in seen]
-        entries += fresh[: SIZES[result.entries[0].split]]
-        seen.update(normalised(built.statement) for built in fresh)
+        unseen = [built for built in result.entries if normalised(built.statement) not in seen]
+        entries += unseen[: SIZES[result.entries[0].split]]
+        seen.update(normalised(built.statement) for built in unseen)
     return list(with_typos(entries, random.Random(f"{SEED} {appearance} typos")))
 
 
-def with_typos(entries: Sequence[Built], rng: random.Random) -> Iterator[Built]:
-    """The entries, some mistyped."""
+def with_typos(entries: Sequence[SolvedEntry], rng: random.Random) -> Iterator[SolvedEntry]:
+    """The entries, some with a typo."""
     known = {word for built in entries for word in words(built.statement)}
     for built in entries:
         if built.level and rng.random() < TYPO_SHARE:
@@ -269,13 +268,13 @@ def with_typos(entries: Sequence[Built], rng: random.Random) -> Iterator[Built]:
             yield built
 
 
-def json_entries(appearance: str, entries: Sequence[Built]) -> Iterator[dict[str, Any]]:
-    """The entries as lines of the file; forms are seen when train has them."""
+def json_entries(appearance: str, entries: Sequence[SolvedEntry]) -> Iterator[dict[str, Any]]:
+    """The entries in the file format, with tags."""
     train_forms = {statement_form(built.statement) for built in entries if built.split == "train"}
-    numbers: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for built in entries:
-        numbers[built.split] += 1
-        name = f"{appearance}-{built.split}-{numbers[built.split]:03d}"
+        counts[built.split] += 1
+        name = f"{appearance}-{built.split}-{counts[built.split]:03d}"
         tags = ["mistyped"] if built.mistyped else []
         tags += [f"level {built.level}" if built.level else "hand-written"]
         if built.split != "train":
@@ -294,9 +293,9 @@ def json_entries(appearance: str, entries: Sequence[Built]) -> Iterator[dict[str
         }
 
 
-def write(out: Path, built: Mapping[str, Sequence[Built]]) -> None:
-    """The file and its checksum. Raises SystemExit with the faults when it has any."""
-    entries = [entry for appearance, mine in built.items() for entry in json_entries(appearance, mine)]
+def write(out: Path, built: Mapping[str, Sequence[SolvedEntry]]) -> None:
+    """Write the file and its checksum. Raises SystemExit if it has faults."""
+    entries = [entry for appearance, own in built.items() for entry in json_entries(appearance, own)]
     sections = Counter(f"{entry['appearance']} {entry['split']}" for entry in entries)
     write_corpus(out, NAME, LICENCE, entries, sections)
     found = check_corpus(out)
@@ -316,8 +315,8 @@ def main() -> None:
     built = {name: merged((results[name, split] for split in SIZES), name) for name in APPEARANCES}
     write(out, built)
     if out == TARGET:
-        met = excluded_hashes().union(*(result.official for result in results.values()))
-        EXCLUDED.write_text("".join(f"{value}\n" for value in sorted(met)), encoding="ascii")
+        excluded = excluded_hashes().union(*(result.official for result in results.values()))
+        EXCLUDED.write_text("".join(f"{value}\n" for value in sorted(excluded)), encoding="ascii")
         write_report(built, out, PAGE)
 
 

@@ -1,4 +1,4 @@
-"""What docs/corpus.md tells of the builtin corpus in figures; scripts/build_builtin_corpus.py writes it there."""
+"""Statistics of the builtin corpus for docs/corpus.md, inserted there by scripts/build_builtin_corpus.py."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ MOST_STEPS = 12
 
 
 @dataclass(frozen=True)
-class Built:
-    """An entry of the file, and what the report tells of it."""
+class SolvedEntry:
+    """An entry of the file with the data of the report."""
 
     split: str
     statement: str
     program: str
     level: int  # 0: hand-written
-    steps: int  # to success from the empty scene, STOP included
-    steps_proven: bool  # to be the fewest
+    steps: int  # of the expert's solution from the empty scene, STOP included
+    steps_proven: bool  # whether that is proven shortest
     starts: tuple[StartScene, ...]
-    start_steps: tuple[int, ...]  # by start
-    starts_proven: int  # how many of them are proven to be the fewest
+    start_steps: tuple[int, ...]  # the same for each start scene
+    starts_proven: int  # number of start scenes with a proven shortest solution
     mistyped: bool = False
 
 
-def write_report(built: Mapping[str, Sequence[Built]], corpus: Path, page: Path) -> None:
-    """Replace the figures in the page. Raises ValueError when it lacks the marks around them."""
+def write_report(built: Mapping[str, Sequence[SolvedEntry]], corpus: Path, page: Path) -> None:
+    """Replace the figures in the page. Raises ValueError if the markers around them are missing."""
     text = page.read_text(encoding="utf-8")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise ValueError(f"{page}: lacks the line {BEGIN!r} or {END!r}")
+        raise ValueError(f"{page}: missing the line {BEGIN!r} or {END!r}")
     page.write_text(f"{before}{BEGIN}\n{figures(built, corpus)}\n{END}{after}", encoding="utf-8")
 
 
-def figures(built: Mapping[str, Sequence[Built]], corpus: Path) -> str:
+def figures(built: Mapping[str, Sequence[SolvedEntry]], corpus: Path) -> str:
     """All tables, in Markdown."""
     size = f"The file has {corpus.stat().st_size:,} bytes."
-    tables = (_sizes(built), _overlaps(built), _lengths(built), _phenomena(built), _makings(built))
+    tables = (_sizes(built), _overlaps(built), _lengths(built), _phenomena(built), _origins(built))
     return "\n\n".join((size, *tables))
 
 
@@ -56,7 +56,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _columns(built: Mapping[str, Sequence[Built]]) -> dict[str, list[Built]]:
+def _columns(built: Mapping[str, Sequence[SolvedEntry]]) -> dict[str, list[SolvedEntry]]:
     return {
         f"{appearance.capitalize()} {split}": [entry for entry in entries if entry.split == split]
         for appearance, entries in built.items()
@@ -64,50 +64,50 @@ def _columns(built: Mapping[str, Sequence[Built]]) -> dict[str, list[Built]]:
     }
 
 
-def _sizes(built: Mapping[str, Sequence[Built]]) -> str:
+def _sizes(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     columns = _columns(built)
     rows: dict[str, list[object]] = {
         "statements": [len(entries) for entries in columns.values()],
         "start scenes": [sum(len(entry.starts) for entry in entries) for entries in columns.values()],
         "forms": [len(_forms(entries)) for entries in columns.values()],
-        "different words": [len(_words(entries)) for entries in columns.values()],
-        "words a statement, mean (most)": [_word_counts(entries) for entries in columns.values()],
-        "different programs": [len({entry.program for entry in entries}) for entries in columns.values()],
-        "true of the empty scene": [sum(entry.steps == 1 for entry in entries) for entries in columns.values()],
+        "distinct words": [len(_words(entries)) for entries in columns.values()],
+        "words per statement, mean (max)": [_word_counts(entries) for entries in columns.values()],
+        "distinct programs": [len({entry.program for entry in entries}) for entries in columns.values()],
+        "true in the empty scene": [sum(entry.steps == 1 for entry in entries) for entries in columns.values()],
     }
     every = {appearance: len(_forms(entries)) for appearance, entries in built.items()}
     text = ", ".join(f"{number} in {appearance.capitalize()}" for appearance, number in every.items())
-    return f"{_table(['', *columns], ([name, *row] for name, row in rows.items()))}\n\nForms over all splits: {text}."
+    return f"{_table(['', *columns], ([name, *row] for name, row in rows.items()))}\n\nForms in all splits: {text}."
 
 
-def _word_counts(entries: Sequence[Built]) -> str:
+def _word_counts(entries: Sequence[SolvedEntry]) -> str:
     counts = [len(words(entry.statement)) for entry in entries]
     return f"{sum(counts) / len(counts):.1f} ({max(counts)})"
 
 
-def _forms(entries: Iterable[Built]) -> set[str]:
+def _forms(entries: Iterable[SolvedEntry]) -> set[str]:
     return {statement_form(entry.statement) for entry in entries}
 
 
-def _words(entries: Iterable[Built]) -> set[str]:
+def _words(entries: Iterable[SolvedEntry]) -> set[str]:
     return {word for entry in entries for word in words(entry.statement)}
 
 
-def _overlaps(built: Mapping[str, Sequence[Built]]) -> str:
+def _overlaps(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     rows: list[list[object]] = []
     for appearance, entries in built.items():
         train = [entry for entry in entries if entry.split == "train"]
         forms, known, programs = _forms(train), _words(train), {entry.program for entry in train}
         for split in ("dev", "test"):
-            mine = [entry for entry in entries if entry.split == split]
-            seen = sum(statement_form(entry.statement) in forms for entry in mine)
-            same = sum(entry.program in programs for entry in mine)
-            rows.append([f"{appearance.capitalize()} {split}", seen, len(mine) - seen, same, len(_words(mine) - known)])
+            own = [entry for entry in entries if entry.split == split]
+            seen = sum(statement_form(entry.statement) in forms for entry in own)
+            same = sum(entry.program in programs for entry in own)
+            rows.append([f"{appearance.capitalize()} {split}", seen, len(own) - seen, same, len(_words(own) - known)])
     head = ["", "form seen in train", "form unseen", "program seen in train", "words not in train"]
     return _table(head, rows)
 
 
-def _lengths(built: Mapping[str, Sequence[Built]]) -> str:
+def _lengths(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     rows: list[list[object]] = []
     for appearance, entries in built.items():
         scratch = Counter(entry.steps for entry in entries)
@@ -124,18 +124,18 @@ def _lengths(built: Mapping[str, Sequence[Built]]) -> str:
     return _table(head, rows)
 
 
-def _phenomena(built: Mapping[str, Sequence[Built]]) -> str:
+def _phenomena(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     counts = {
         appearance: Counter(
             found for entry in entries for found in (*phenomena(entry.program), *syntactic_phenomena(entry.statement))
         )
         for appearance, entries in built.items()
     }
-    head = ["statements that show", *(appearance.capitalize() for appearance in built)]
+    head = ["phenomenon (statements)", *(appearance.capitalize() for appearance in built)]
     return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in built)] for phenomenon in PHENOMENA))
 
 
-def _makings(built: Mapping[str, Sequence[Built]]) -> str:
+def _origins(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     levels = sorted({entry.level for entries in built.values() for entry in entries})
     rows: list[list[object]] = [
         [
@@ -145,9 +145,11 @@ def _makings(built: Mapping[str, Sequence[Built]]) -> str:
         for level in levels
     ]
     rows.append(["mistyped", *(sum(entry.mistyped for entry in entries) for entries in built.values())])
-    rows.append(["hand-written that the grammar reads", *(sum(map(_read_by_hand, es)) for es in built.values())])
+    rows.append(
+        ["hand-written, parsed by the grammar", *(sum(map(_is_parsed_hand_written, es)) for es in built.values())]
+    )
     return _table(["statements", *(appearance.capitalize() for appearance in built)], rows)
 
 
-def _read_by_hand(entry: Built) -> bool:
+def _is_parsed_hand_written(entry: SolvedEntry) -> bool:
     return entry.level == 0 and bool(parse_statement(entry.statement))

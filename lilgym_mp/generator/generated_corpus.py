@@ -97,7 +97,7 @@ def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
 def generated_entries(spec: CorpusSpec, appearance: str, split: str) -> tuple[Entry, ...]:
     """The entries of one split of a generated corpus. Raises ValueError for an unknown appearance."""
     choose("appearance", appearance, SAMPLERS)
-    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # the same for all splits, so that they share forms
+    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # the same in all splits, so that they share forms
     pool = ScenePool.sample(appearance, rng, POOL_WALKS)
     validation_rng = random.Random(rng.getrandbits(64))
     selection = Selection()

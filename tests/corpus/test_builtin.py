@@ -1,4 +1,4 @@
-"""The builtin corpus: that it matches its source, and keeps what docs/corpus.md promises of it."""
+"""The builtin corpus matches its source and has the properties documented in docs/corpus.md."""
 
 from __future__ import annotations
 
@@ -51,18 +51,18 @@ def test_builtin__has_no_faults():
     assert check_corpus("builtin").faults == ()
 
 
-def test_builtin__is_small_and_is_the_file_its_checksum_is_of():
+def test_builtin__is_small_and_has_the_recorded_checksum():
     sizes = {path.name: path.stat().st_size for path in SHIPPED.parent.iterdir() if path.is_file()}
     agents = {name: size for name, size in sizes.items() if name.startswith("agent-")}
     assert max(agents.values()) < MOST_BYTES
     assert sum(sizes.values()) - sum(agents.values()) < MOST_BYTES
     assert SHIPPED.with_name("builtin.sha256").read_text().strip() == hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
-    assert SHIPPED.read_bytes()[4:8] == bytes(4), "the gzip header tells a time"
+    assert SHIPPED.read_bytes()[4:8] == bytes(4), "the gzip header has a timestamp"
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__loads_to_what_a_copy_that_is_checked_loads_to(appearance: str, start: str, tmp_path: Path):
+def test_builtin__loads_like_a_copy_that_is_checked(appearance: str, start: str, tmp_path: Path):
     text = gzip.decompress(SHIPPED.read_bytes())
     (tmp_path / "copy.jsonl").write_bytes(text + b"\n")
     copy = load_tasks(tmp_path / "copy.jsonl", appearance, start, "dev")
@@ -73,44 +73,44 @@ def test_builtin__loads_to_what_a_copy_that_is_checked_loads_to(appearance: str,
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
-def test_builtin__begins_with_the_statements_and_programs_of_its_source(appearance: str, split: str):
+def test_builtin__has_the_statements_and_programs_of_its_source(appearance: str, split: str):
     source = tomllib.loads(SOURCE.read_text(encoding="utf-8"))[appearance][split]
     tasks = load_tasks("builtin", appearance, "scratch", split)
     assert len(tasks) == SIZES[split]
-    by_hand = [(task.statement, task.program) for task in tasks if "hand-written" in tasks.tags(task.id)]
-    assert by_hand == [(entry["statement"], entry["program"]) for entry in source]
+    hand_written = [(task.statement, task.program) for task in tasks if "hand-written" in tasks.tags(task.id)]
+    assert hand_written == [(entry["statement"], entry["program"]) for entry in source]
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
-def test_builtin__every_statement_has_four_start_scenes_or_more_of_both_truth_values(appearance: str, split: str):
+def test_builtin__every_statement_has_at_least_four_start_scenes_of_both_truth_values(appearance: str, split: str):
     tasks = load_tasks("builtin", appearance, "flipit", split)
     assert contexts(tasks) == 2 * SIZES[split]
-    for mine in starts(appearance, split).values():
-        assert len(mine) >= 4
-        assert min(Counter(task.target for task in mine).values()) >= 2
+    for tasks in starts(appearance, split).values():
+        assert len(tasks) >= 4
+        assert min(Counter(task.target for task in tasks).values()) >= 2
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
-def test_builtin__start_scenes_come_in_pairs_one_item_apart_that_differ_in_truth(appearance: str, split: str):
-    for statement, mine in starts(appearance, split).items():
-        pairs = [pair for number, pair in enumerate(pairwise(mine[:4])) if number in (0, 2)]
+def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_values(appearance: str, split: str):
+    for statement, tasks in starts(appearance, split).items():
+        pairs = [pair for number, pair in enumerate(pairwise(tasks[:4])) if number in (0, 2)]
         assert all(one.target != other.target for one, other in pairs), statement
         assert all(items_apart(one.start, other.start) <= 2 for one, other in pairs), statement
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__in_most_statements_some_pair_is_equally_full(appearance: str):
-    mine = list(starts(appearance, "train").values())
-    twins = sum(any(fullness(a) == fullness(b) for a, b in ((m[0], m[1]), (m[2], m[3]))) for m in mine)
-    assert twins > 0.9 * len(mine)
+def test_builtin__most_statements_have_a_pair_with_equally_many_items(appearance: str):
+    tasks = list(starts(appearance, "train").values())
+    with_equal_counts = sum(any(item_count(a) == item_count(b) for a, b in ((m[0], m[1]), (m[2], m[3]))) for m in tasks)
+    assert with_equal_counts > 0.9 * len(tasks)
 
 
-def fullness(task: Any) -> int:
+def item_count(task: Any) -> int:
     return sum(1 for _ in task.start.items())
 
 
 def items_apart(one: Scene, other: Scene) -> int:
-    """How many items stand in one of the scenes only."""
+    """The number of items that are in only one of the scenes."""
     pairs = zip(one.boxes, other.boxes, strict=True)
     return sum(len(set(a.items) ^ set(b.items)) for a, b in pairs)
 
@@ -123,22 +123,22 @@ def test_builtin__statements_have_many_forms(appearance: str):
 
 @pytest.mark.parametrize("split", ["dev", "test"])
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__dev_and_test_tell_which_forms_train_has(appearance: str, split: str):
+def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance: str, split: str):
     train = {statement_form(task.statement) for task in load_tasks("builtin", appearance, "scratch", "train")}
     tasks = load_tasks("builtin", appearance, "scratch", split)
     seen = [statement_form(task.statement) in train for task in tasks]
-    assert [
+    assert all(
         ("seen form" if known else "unseen form") in tasks.tags(task.id)
         for task, known in zip(tasks, seen, strict=True)
-    ]
+    )
     assert 0.2 < sum(seen) / len(seen) < 0.8
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__statements_that_can_be_read_say_what_their_start_scenes_are_labelled(appearance: str):
-    for statement, mine in starts(appearance, "test").items():
-        for reading in parse_statement(statement):
-            assert all(holds(reading, task.start) != task.target for task in mine), statement
+def test_builtin__parses_agree_with_the_labels_of_start_scenes(appearance: str):
+    for statement, tasks in starts(appearance, "test").items():
+        for parse in parse_statement(statement):
+            assert all(holds(parse, task.start) != task.target for task in tasks), statement
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
@@ -163,35 +163,35 @@ def builder() -> Iterator[ModuleType]:
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__building_an_entry_again_gives_the_start_scenes_that_are_shipped(builder: ModuleType, appearance: str):
+def test_builtin__rebuilding_an_entry_reproduces_its_start_scenes(builder: ModuleType, appearance: str):
     shipped = {
         entry["statement"]: entry for entry in map(json.loads, gzip.decompress(SHIPPED.read_bytes()).splitlines()[1:])
     }
-    maker = builder.Builder(appearance)
+    entry_builder = builder.Builder(appearance)
     for source in [source for source in builder.hand_written() if source.appearance == appearance][::40]:
-        scenes = [start.scene.to_json() for start in maker.by_hand(source).starts]
+        scenes = [start.scene.to_json() for start in entry_builder.hand_written_entry(source).starts]
         assert scenes == [start["scene"] for start in shipped[source.draft.statement]["starts"]]
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__few_statements_are_true_of_the_empty_scene(appearance: str):
+def test_builtin__few_statements_are_true_in_the_empty_scene(appearance: str):
     tasks = [task for split in scratch(appearance) for task in split]
-    true_of_nothing = [task.statement for task in tasks if task.truth(Scene.empty())]
-    assert len(true_of_nothing) < 0.05 * len(tasks)
+    true_in_empty = [task.statement for task in tasks if task.truth(Scene.empty())]
+    assert len(true_in_empty) < 0.05 * len(tasks)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__no_statement_stands_twice(appearance: str):
+def test_builtin__statements_are_distinct(appearance: str):
     statements = [normalised(task.statement) for split in scratch(appearance) for task in split]
     assert len(set(statements)) == len(statements)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__dev_and_test_use_the_words_of_train(appearance: str):
+def test_builtin__dev_and_test_have_few_words_unseen_in_train(appearance: str):
     train, dev, test = scratch(appearance)
     known = set(Vocabulary.from_statements(task.statement for task in train).words)
-    right = [task.statement for tasks in (dev, test) for task in tasks if "mistyped" not in tasks.tags(task.id)]
-    used = set(Vocabulary.from_statements(right).words)
+    correct = [task.statement for tasks in (dev, test) for task in tasks if "mistyped" not in tasks.tags(task.id)]
+    used = set(Vocabulary.from_statements(correct).words)
     assert len(used - known) <= 0.05 * len(used)
 
 

@@ -57,7 +57,7 @@ def _built(report: ModuleType, appearance: str) -> Iterator[Any]:
         for task in tasks:
             tags = tasks.tags(task.id)
             (level,) = [tag.removeprefix("level ") for tag in tags if tag == "hand-written" or tag.startswith("level ")]
-            yield report.Built(
+            yield report.SolvedEntry(
                 split,
                 task.statement,
                 task.program,
@@ -71,8 +71,8 @@ def _built(report: ModuleType, appearance: str) -> Iterator[Any]:
             )
 
 
-@pytest.mark.parametrize("table", ["_sizes", "_overlaps", "_phenomena", "_makings"])
-def test_corpus_page__tells_what_is_in_the_builtin_corpus(
+@pytest.mark.parametrize("table", ["_sizes", "_overlaps", "_phenomena", "_origins"])
+def test_corpus_page__has_the_statistics_of_the_builtin_corpus(
     table: str, report: ModuleType, built: Mapping[str, Sequence[Any]]
 ):
     assert getattr(report, table)(built) in BUILTIN.read_text(encoding="utf-8"), "run scripts/build_builtin_corpus.py"

@@ -1,4 +1,4 @@
-"""The endless corpus behind `corpus="generated:LEVEL"`."""
+"""Generated corpora: `corpus="generated:LEVEL"`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SAMPLES = [("tower", 1), ("tower", 4), ("scatter", 2)]  # (appearance, level)
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
-def test_load_scratch__has_the_documented_number_of_different_statements(appearance: str, level: int):
+def test_load_scratch__has_the_documented_number_of_distinct_statements(appearance: str, level: int):
     tasks = load_tasks(f"generated:{level}", appearance, "scratch", "dev")
     assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SPLIT_SIZES["dev"]
     assert all(task.target and not any(task.start.items()) for task in tasks)
@@ -33,7 +33,7 @@ def test_load_scratch__has_the_documented_number_of_different_statements(appeara
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
-def test_load_flipit__has_four_start_scenes_of_each_statement_half_of_them_true(appearance: str, level: int):
+def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appearance: str, level: int):
     tasks = load_tasks(f"generated:{level}:5", appearance, "flipit", "dev")
     assert len(tasks) == 4 * SPLIT_SIZES["dev"]
     assert contexts(tasks) == 2 * SPLIT_SIZES["dev"]
@@ -43,18 +43,18 @@ def test_load_flipit__has_four_start_scenes_of_each_statement_half_of_them_true(
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_start_scenes__of_a_pair_differ_in_one_item(appearance: str):
+def test_start_scenes__differ_in_one_item_within_a_pair(appearance: str):
     for entry in generated_entries(CorpusSpec(3), appearance, "dev"):
         for place in (0, 2):
-            one, other = (everything(start.scene) for start in entry.starts[place : place + 2])
+            one, other = (boxed_items(start.scene) for start in entry.starts[place : place + 2])
             assert sorted((len(one - other), len(other - one))) in ([0, 1], [1, 1])
 
 
-def everything(scene: Scene) -> set[tuple[int, Item]]:
+def boxed_items(scene: Scene) -> set[tuple[int, Item]]:
     return {(index, item) for index, box in enumerate(scene.boxes) for item in box.items}
 
 
-def test_load__the_same_name_gives_the_same_tasks_and_another_seed_others():
+def test_load__is_deterministic_in_the_name_and_varies_with_the_seed():
     first = load_tasks("generated:2", "tower", "flipit", "dev")
     generated_entries.cache_clear()
     again = load_tasks("generated:2:0", "tower", "flipit", "dev")
@@ -65,7 +65,7 @@ def test_load__the_same_name_gives_the_same_tasks_and_another_seed_others():
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_splits__share_no_program_whatever_the_seed(seed: int):
+def test_splits__share_no_program(seed: int):
     for split in ("dev", "test"):
         tasks = load_tasks(f"generated:1:{seed}", "tower", "scratch", split)
         assert {split_of(task.program) for task in tasks} == {split}
@@ -81,12 +81,12 @@ def test_splits__share_no_program_whatever_the_seed(seed: int):
         ("generated:6", "unknown level 6; choose from 1, 2, 3, 4, 5"),
     ],
 )
-def test_load__a_name_that_is_none_is_refused_with_the_choices(corpus: str, message: str):
+def test_load__rejects_malformed_names(corpus: str, message: str):
     with pytest.raises(CorpusError, match=message):
         load_tasks(corpus, "tower", "scratch", "train")
 
 
-def test_environment__plays_a_generated_corpus():
+def test_environment__accepts_a_generated_corpus():
     env = gym.make("lilgym_mp/TowerFlipIt-v0", corpus="generated:1", split="dev")
     observation, info = env.reset(seed=0)
     assert observation["statement"]
@@ -95,7 +95,7 @@ def test_environment__plays_a_generated_corpus():
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_pool__neighbours_are_one_legal_edit_apart(appearance: str):
+def test_scene_pool__successors_are_one_legal_edit_apart(appearance: str):
     pool = ScenePool.sample(appearance, random.Random(4), 4)
     dynamics = make_dynamics(APPEARANCES[appearance])
     for expansion in (expansion for walk in pool.walks for expansion in walk[:2]):
@@ -106,7 +106,7 @@ def test_pool__neighbours_are_one_legal_edit_apart(appearance: str):
         assert {pool.scenes[index] for index in expansion.successors} <= reached
 
 
-def test_truths__edits_from_the_empty_scene_are_those_that_grew_a_true_one():
+def test_truth_table__counts_the_edits_from_the_empty_scene_to_a_true_one():
     pool = ScenePool.sample("tower", random.Random(0), 40)
     blocks = [compile_program(f"count(all_items) == {number}").evaluate for number in (0, 1, 3, 13)]
     assert [TruthTable(pool, truth).edits_from_empty() for truth in blocks] == [0, 1, 3, None]

@@ -1,4 +1,4 @@
-"""The endless stream of statements with programs: lilgym_mp.generator.training_pairs."""
+"""Endless statement-program pairs: lilgym_mp.generator.training_pairs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
 APPEARANCES = ("tower", "scatter")
-WORDS_USED = {
+PROGRAM_WORDS = {
     "tower": {
         "exist", "count", "filter_obj", "filter_color", "combinations", "is_yellow", "is_blue", "is_black", "is_top",
         "is_bottom", "is_second", "is_third", "is_touching_wall", "get_touching", "get_above", "get_below",
@@ -47,74 +47,75 @@ def scenes(appearance: str, number: int) -> list[Scene]:
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__same_arguments_give_the_same_pairs(appearance: str) -> None:
+def test_training_pairs__are_deterministic_in_the_arguments(appearance: str) -> None:
     assert pairs(appearance, 200, noise=True) == pairs(appearance, 200, noise=True)
     assert pairs(appearance, 200) != pairs(appearance, 200, seed=4)
 
 
-def test_training_pairs__unknown_appearance_is_refused() -> None:
+def test_training_pairs__rejects_an_unknown_appearance() -> None:
     with pytest.raises(ValueError, match="unknown appearance 'towers'; choose from scatter, tower"):
         next(training_pairs("towers", 0))
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__hardly_ever_repeat_a_statement(appearance: str) -> None:
+def test_training_pairs__rarely_repeat_a_statement(appearance: str) -> None:
     assert len({pair.statement for pair in pairs(appearance, 2000)}) > 1800
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__every_program_has_a_value_on_every_scene(appearance: str) -> None:
-    stock = [Scene.empty(), *scenes(appearance, 6)]
+def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str) -> None:
+    pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 500):
         program = compile_program(pair.program)
-        for scene in stock:
+        for scene in pool:
             assert program.evaluate(scene) in (True, False), pair
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__use_the_words_of_the_program_language_that_they_are_said_to(appearance: str) -> None:
+def test_training_pairs__cover_the_documented_program_words(appearance: str) -> None:
     used: set[str] = set()
     for pair in pairs(appearance, 4000):
         used |= {node.id for node in ast.walk(ast.parse(pair.program)) if isinstance(node, ast.Name)}
-    assert used >= WORDS_USED[appearance]
+    assert used >= PROGRAM_WORDS[appearance]
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__most_are_neither_always_true_nor_always_false(appearance: str) -> None:
-    stock = scenes(appearance, 120)
+def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance: str) -> None:
+    pool = scenes(appearance, 120)
     sample = pairs(appearance, 250)
-    varied = sum(len({compile_program(pair.program)(scene) for scene in stock}) == 2 for pair in sample)
+    varied = sum(len({compile_program(pair.program)(scene) for scene in pool}) == 2 for pair in sample)
     assert varied > 0.55 * len(sample)
 
 
 @pytest.mark.parametrize(("appearance", "least"), [("tower", 25), ("scatter", 40)])
-def test_training_pairs__statements_that_can_be_read_back_mean_their_program(appearance: str, least: int) -> None:
-    """The grammar of `reading` was written for other wordings and reads few of these; those it reads must agree."""
-    stock = scenes(appearance, 25)
-    agreeing = read = 0
+def test_training_pairs__parsed_statements_agree_with_their_programs(appearance: str, least: int) -> None:
+    """The grammar was written for other wordings and parses few statements; those must agree."""
+    pool = scenes(appearance, 25)
+    agreeing = parsed = 0
     for pair in pairs(appearance, 500):
-        found = parse_statement(pair.statement)
-        if found and not pair.statement.startswith("one of the"):  # exactly one, to that grammar
-            read += 1
+        parses = parse_statement(pair.statement)
+        if parses and not pair.statement.startswith("one of the"):  # exactly one in that grammar
+            parsed += 1
             truth = compile_program(pair.program)
-            agreeing += any(all(holds(clause, scene) == truth(scene) for scene in stock) for clause in found)
-    assert read >= least
-    assert agreeing > 0.95 * read
+            agreeing += any(all(holds(clause, scene) == truth(scene) for scene in pool) for clause in parses)
+    assert parsed >= least
+    assert agreeing > 0.95 * parsed
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__a_statement_always_means_the_same(appearance: str) -> None:
-    stock = scenes(appearance, 60)
+def test_training_pairs__equal_statements_have_equivalent_programs(appearance: str) -> None:
+    pool = scenes(appearance, 60)
     programs: dict[str, set[str]] = {}
     for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 25_000):
         programs.setdefault(statement, set()).add(program)
-    several = {statement: found for statement, found in programs.items() if len(found) > 1}
-    for statement, found in several.items():
-        truths = {tuple(compile_program(program)(scene) for scene in stock) for program in found}
+    for statement, found in programs.items():
+        if len(found) == 1:
+            continue
+        truths = {tuple(compile_program(program)(scene) for scene in pool) for program in found}
         assert len(truths) == 1, statement
 
 
-def test_training_pairs__some_writers_mean_at_least_by_a_bare_number() -> None:
+def test_training_pairs__bare_numbers_are_sometimes_lower_bounds() -> None:
     strict = {program for text, program in pairs_of(0) if text == "there are two black blocks"}
     bounds = {program for text, program in pairs_of(1) if text == "there are two black blocks"}
     assert strict == {"count(filter_color(all_items, Color.BLACK)) == 2"}
@@ -125,22 +126,22 @@ def pairs_of(share: float) -> list[TrainingPair]:
     return list(islice(training_pairs("tower", 8, noise=False, bound_share=share), 25_000))
 
 
-def test_with_noise__is_repeatable_and_keeps_most_words() -> None:
+def test_with_noise__is_deterministic_and_keeps_most_words() -> None:
     statement = "there is a box with exactly two yellow triangles"
-    told = [with_noise(statement, random.Random(seed)) for seed in range(300)]
-    assert told == [with_noise(statement, random.Random(seed)) for seed in range(300)]
-    assert len(set(told)) > 40
-    kept = [len(set(statement.split()) & set(text.lower().strip(" .").split())) for text in told]
+    noisy = [with_noise(statement, random.Random(seed)) for seed in range(300)]
+    assert noisy == [with_noise(statement, random.Random(seed)) for seed in range(300)]
+    assert len(set(noisy)) > 40
+    kept = [len(set(statement.split()) & set(text.lower().strip(" .").split())) for text in noisy]
     assert min(kept) >= len(statement.split()) - 4
 
 
-def test_with_noise__sets_no_second_full_stop() -> None:
-    told = {with_noise("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
-    assert any(text[:1].islower() for text in told)
-    assert max(text.count(".") for text in told) == 1
+def test_with_noise__adds_no_second_full_stop() -> None:
+    noisy = {with_noise("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
+    assert any(text[:1].islower() for text in noisy)
+    assert max(text.count(".") for text in noisy) == 1
 
 
-def test_training_pairs__are_not_imported_with_the_package() -> None:
+def test_training_pairs__are_imported_lazily() -> None:
     lazy = ("lilgym_mp.generator.training_pairs", "lilgym_mp.corpus.spelling")
     code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
