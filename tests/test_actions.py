@@ -1,4 +1,4 @@
-"""Actions: their numbers, the released array form, and what is no action."""
+"""Actions: indices, the released array form, and invalid values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRIDS = [(19, 5), (19, 1), (38, 10), (76, 20), (95, 4), (190, 50), (380, 100)]
 
 
 def all_or_sampled(appearance: Appearance) -> Iterable[int]:
-    """Every action's number, or the first and last of each type and 3,000 more."""
+    """The indices of all actions, or the first and last of each type and 3,000 random ones."""
     count = appearance.action_count
     if count < 10_000:
         return range(count)
@@ -32,19 +32,19 @@ def all_or_sampled(appearance: Appearance) -> Iterable[int]:
 
 
 @pytest.mark.parametrize(("appearance", "count"), [(TOWER, 13), (SCATTER, 2661), (PIXELS, 1_064_001)])
-def test_action_count__is_the_papers(appearance: Appearance, count: int):
+def test_action_count__is_that_of_the_paper(appearance: Appearance, count: int):
     assert appearance.action_count == count
 
 
 @pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
-def test_numbers__encode_undoes_decode_and_from_array_undoes_to_array(appearance: Appearance):
-    for number in all_or_sampled(appearance):
-        action = appearance.decode(number)
-        assert appearance.encode(action) == number
+def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance: Appearance):
+    for index in all_or_sampled(appearance):
+        action = appearance.decode(index)
+        assert appearance.encode(action) == index
         assert appearance.from_array(appearance.to_array(action)) == action
 
 
-def test_tower_numbers__stop_then_adds_by_box_and_colour_then_removes():
+def test_tower_indices__stop_then_adds_by_box_and_colour_then_removes():
     assert TOWER.decode(0) == STOP
     for box in range(3):
         assert TOWER.decode(10 + box) == RemoveBlock(box)
@@ -53,7 +53,7 @@ def test_tower_numbers__stop_then_adds_by_box_and_colour_then_removes():
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_scatter_numbers__stop_then_adds_by_cell_shape_colour_size_then_removes(grid: tuple[int, int]):
+def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(grid: tuple[int, int]):
     columns, rows = grid
     scatter = Scatter(grid)
     cells = [(0, 0), (0, rows - 1), (1, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)]
@@ -63,8 +63,8 @@ def test_scatter_numbers__stop_then_adds_by_cell_shape_colour_size_then_removes(
         for shape in Shape:
             for colour in Colour:
                 for size in Size:
-                    number = 1 + ((x * rows + y) * 27 + shape * 9 + colour * 3 + size)
-                    assert scatter.decode(number) == AddItem(x, y, shape, colour, size)
+                    index = 1 + ((x * rows + y) * 27 + shape * 9 + colour * 3 + size)
+                    assert scatter.decode(index) == AddItem(x, y, shape, colour, size)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_scatter_numbers__stop_then_adds_by_cell_shape_colour_size_then_removes(
         (PIXELS, [2, 379, 99, -1, -1, -1], RemoveItem(379, 99)),
     ],
 )
-def test_array_form__is_the_released_one_both_ways(appearance: Appearance, values: list[int], action: Action):
+def test_array_form__is_converted_both_ways(appearance: Appearance, values: list[int], action: Action):
     assert appearance.from_array(values) == action
     assert appearance.to_array(action) == values
 
@@ -100,7 +100,7 @@ def test_array_form__unused_slots_are_ignored(appearance: Appearance, values: li
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int64, np.uint8])
-def test_array_form__numpy_arrays_of_whole_numbers_do(dtype: Any):
+def test_array_form__accepts_integer_numpy_arrays(dtype: Any):
     decoded = SCATTER.from_array(np.array([1, 3, 2, 1, 0, 2], dtype))
     assert decoded == AddItem(3, 2, Shape.SQUARE, Colour.YELLOW, Size.LARGE)
     assert all(not isinstance(part, np.generic) for part in decoded)
@@ -130,7 +130,7 @@ def test_array_form__numpy_arrays_of_whole_numbers_do(dtype: Any):
         (SCATTER, [1, 0, 0, 0, 0, -1], r"size -1 of the action is out of range"),
     ],
 )
-def test_array_form__what_is_no_action_is_refused_by_slot_and_choices(
+def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(
     appearance: Appearance, values: Any, message: str
 ):
     with pytest.raises(ActionError, match=message):
@@ -138,7 +138,7 @@ def test_array_form__what_is_no_action_is_refused_by_slot_and_choices(
 
 
 @given(st.lists(st.integers(-3, 20) | st.floats() | st.none() | st.text(max_size=2), max_size=8))
-def test_array_form__any_list_is_an_action_or_an_action_error(values: list[Any]):
+def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[Any]):
     for appearance in (TOWER, SCATTER):
         try:
             action = appearance.from_array(values)
@@ -168,7 +168,7 @@ def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearan
 
 
 @pytest.mark.parametrize("appearance", [TOWER, SCATTER], ids=str)
-def test_to_array__what_is_no_action_here_is_refused(appearance: Appearance):
+def test_to_array__a_value_that_is_not_an_action_is_refused(appearance: Appearance):
     with pytest.raises(ActionError, match=rf"'STOP' is no action of {appearance.name}"):
         appearance.to_array("STOP")  # type: ignore[arg-type]
 
@@ -184,5 +184,5 @@ def test_to_array__what_is_no_action_here_is_refused(appearance: Appearance):
         (RemoveItem(3, 4), "REMOVE(3, 4)"),
     ],
 )
-def test_describe__says_the_action_as_people_write_it(action: Action, words: str):
+def test_describe__names_the_action(action: Action, words: str):
     assert describe(action) == words

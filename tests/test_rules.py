@@ -1,4 +1,4 @@
-"""The MDP's table of rewards and ends (SPEC sections 5 and 7), and that a step is a pure function."""
+"""The table of rewards and termination of the MDP (SPEC sections 5 and 7), and purity of steps."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ BLUE_IS_HERE = "exist(filter_color(all_items, Color.BLUE))"
 BLUE, BLACK = scene(tower(B)), scene(tower(K))
 ADD, INVALID = AddBlock(1, K), RemoveBlock(2)
 
-# Where in the episode, the action, whether the statement is true before it -> outcome, reward, terminated, truncated,
-# whether the scene changes. The target is always True, so that `true` is where STOP succeeds.
+# (steps before, action, whether the statement is true) -> (outcome, reward, terminated, truncated, whether the scene
+# changes). The target is always True, so STOP succeeds if the statement is true.
 EARLY, LAST = 0, HORIZON - 1
 TABLE: dict[str, dict[tuple[int, Action, bool], tuple[str, float, bool, bool, bool]]] = {
     "paper": {
@@ -76,7 +76,7 @@ def test_step__reward_flags_and_scene_are_those_of_the_table(
 
 
 @pytest.mark.parametrize("rules", RULE_SETS)
-def test_every_rule_set__has_a_consequence_for_every_outcome(rules: str):
+def test_every_rule_set__has_a_reward_for_every_outcome(rules: str):
     rule_set = RULE_SETS[rules]
     assert rule_set.name == rules
     assert set(rule_set.signals) == set(Outcome)
@@ -86,7 +86,7 @@ def test_every_rule_set__has_a_consequence_for_every_outcome(rules: str):
 
 
 @pytest.mark.parametrize("target", [True, False])
-def test_stop__succeeds_where_the_truth_is_the_target(target: bool):
+def test_stop__succeeds_if_the_truth_is_the_target(target: bool):
     dynamics = make_dynamics(make_appearance("tower"))
     for start, truth in ((BLUE, True), (BLACK, False)):
         state = dynamics.start(task(start, target=target))
@@ -105,21 +105,21 @@ def test_default_horizon__is_the_rule_sets(rules: str, horizon: int):
     dynamics = make_dynamics(make_appearance("tower"), rules)
     assert dynamics.horizon == horizon
     state, outcomes = dynamics.start(task(BLACK)), []
-    for number in range(horizon):
-        transition = dynamics.step(state, RemoveBlock(1) if number % 2 else ADD)
+    for step in range(horizon):
+        transition = dynamics.step(state, RemoveBlock(1) if step % 2 else ADD)
         state = transition.state
         outcomes.append(transition.outcome)
     assert outcomes == [Outcome.CONTINUES] * (horizon - 1) + [Outcome.HORIZON]
     assert state.steps == horizon
 
 
-def test_horizon__a_given_one_replaces_the_rule_sets():
+def test_horizon__overrides_that_of_the_rule_set():
     dynamics = make_dynamics(make_appearance("tower"), "release", 1)
     assert dynamics.step(dynamics.start(task(BLACK)), ADD).outcome is Outcome.HORIZON
 
 
 @pytest.mark.parametrize("horizon", [0, -1, 2.0, "12", True, float("inf")])
-def test_horizon__what_is_no_positive_number_is_refused(horizon: Any):
+def test_horizon__an_invalid_value_is_refused(horizon: Any):
     with pytest.raises(ValueError, match=r"horizon must be a positive whole number of actions or None, not "):
         make_dynamics(make_appearance("tower"), "paper", horizon)
 
@@ -141,7 +141,7 @@ def test_rules__an_unknown_name_is_refused_with_the_choices(rules: Any):
     ],
 )
 @pytest.mark.parametrize("rules", RULE_SETS)
-def test_scatter_step__an_invalid_action_tells_why_and_leaves_the_scene(rules: str, action: Action, reason: str):
+def test_scatter_step__an_invalid_action_has_a_reason_and_keeps_the_scene(rules: str, action: Action, reason: str):
     dynamics = make_dynamics(make_appearance("scatter"), rules)
     before = scene([square(0, 0)])
     transition = dynamics.step(dynamics.start(task(before)), action)
@@ -154,9 +154,9 @@ def states_and_actions(draw: st.DrawFn) -> tuple[Dynamics, State, Action]:
     name = draw(st.sampled_from(sorted(APPEARANCES)))
     dynamics = make_dynamics(make_appearance(name), draw(st.sampled_from(sorted(RULE_SETS))), HORIZON)
     start = draw(SCENES[name])
-    number = draw(st.integers(0, dynamics.appearance.action_count - 1))
+    index = draw(st.integers(0, dynamics.appearance.action_count - 1))
     state = State(task(start), start, draw(st.integers(0, HORIZON - 1)))
-    return dynamics, state, dynamics.appearance.decode(number)
+    return dynamics, state, dynamics.appearance.decode(index)
 
 
 @given(states_and_actions())
@@ -169,7 +169,7 @@ def test_step__is_pure(given_case: tuple[Dynamics, State, Action]):
 
 
 @given(states_and_actions())
-def test_step__the_mask_neither_changes_nor_depends_on_what_was_done(given_case: tuple[Dynamics, State, Action]):
+def test_step__the_mask_is_independent_of_earlier_calls(given_case: tuple[Dynamics, State, Action]):
     dynamics, state, action = given_case
     fresh = copy.deepcopy(state)
     mask = dynamics.legal_mask(state)
@@ -187,7 +187,7 @@ def test_step__the_mask_neither_changes_nor_depends_on_what_was_done(given_case:
         ("release", LAST, ("horizon", -0.1, False, True)),
     ],
 )
-def test_wait__counts_as_a_valid_edit_that_leaves_the_scene(
+def test_wait__counts_as_a_valid_edit_that_keeps_the_scene(
     rules: str, steps: int, expected: tuple[str, float, bool, bool]
 ):
     dynamics = make_dynamics(make_appearance("tower"), rules, HORIZON)

@@ -1,4 +1,4 @@
-"""Scenes: the released JSON form, its faults, and what immutability is good for."""
+"""Scenes: the released JSON form, errors in it, and immutability."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_to_json__writes_the_released_form():
 
 
 @given(LOOSE_SCENES)
-def test_json__reading_what_was_written_gives_the_scene(written: Scene):
+def test_json__reading_a_written_scene_restores_it(written: Scene):
     assert Scene.from_json(json.loads(json.dumps(written.to_json()))) == written
 
 
@@ -48,7 +48,7 @@ def test_json__reading_what_was_written_gives_the_scene(written: Scene):
         ([[], [], [7]], r"^box 2, item 0: an item must be an object with keys color, size, type, x_loc, y_loc, not 7$"),
     ],
 )
-def test_from_json__what_is_no_scene_is_refused_with_its_place(data: object, message: str):
+def test_from_json__malformed_data_is_refused_with_its_place(data: object, message: str):
     with pytest.raises(SceneError, match=message):
         Scene.from_json(data)
 
@@ -92,7 +92,7 @@ def test_permuted__box_k_is_the_old_box_order_k():
 
 
 @pytest.mark.parametrize("order", [(0, 1), (0, 1, 1), (1, 2, 3)])
-def test_permuted__what_is_no_permutation_is_refused(order: tuple[int, ...]):
+def test_permuted__an_invalid_permutation_is_refused(order: tuple[int, ...]):
     with pytest.raises(SceneError, match=r"is not a permutation of the boxes 0, 1, 2"):
         SCENE.permuted(order)
 
@@ -111,7 +111,7 @@ def test_fields__cannot_be_set(value: Any, name: str):
         setattr(value, name, None)
 
 
-def test_with_box__other_boxes_are_shared_and_the_old_scene_stays():
+def test_with_box__shares_other_boxes_and_keeps_the_old_scene():
     for index in range(3):
         changed = SCENE.with_box(index, Box((circle(1, 1),)))
         assert changed.boxes[index].items == (circle(1, 1),)
@@ -143,12 +143,12 @@ def test_pickling__keeps_the_scene_and_drops_the_memos():
     assert not any(box.memo for box in copied.boxes)
 
 
-def test_items__come_box_by_box():
+def test_items__are_listed_box_by_box():
     assert list(SCENE.items()) == [circle(0, 70, LARGE), triangle(5, -2, SMALL, B), square(40, 80, colour=K)]
     assert list(Scene.empty().items()) == []
 
 
-def test_kind__numbers_shape_and_size_and_gives_the_side():
+def test_footprint__is_an_index_of_shape_and_size_with_its_side():
     footprints = [Item(0, 0, shape, Colour.BLUE, size).footprint for shape in Shape for size in Size]
     assert footprints == list(range(9))
     assert FOOTPRINT_SIDES == (10, 20, 30, 10, 20, 30, 10, 20, 30)

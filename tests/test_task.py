@@ -1,4 +1,4 @@
-"""A task: what its program says of a scene, and whether STOP succeeds there."""
+"""Tasks: truth of the statement in a scene, and whether STOP succeeds there."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_solved_by__truth_equal_to_the_target(target: bool):
     assert task.solved_by(scene(tower(K))) is not target
 
 
-def test_truth__where_the_program_raises_is_false():
+def test_truth__is_false_if_the_program_raises():
     task = dataclasses.replace(TASK, program="is_blue(unique(all_items))")
     assert task.truth(scene(tower(B))) is True
     assert task.truth(Scene.empty()) is False
