@@ -176,7 +176,9 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
         trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
             torch.manual_seed(args.seed)
-            fresh = ImitationAgent(agent.shape.network().eval(), agent.shape, agent.rules, agent.description)
+            fresh = ImitationAgent(
+                agent.architecture.network().eval(), agent.architecture, agent.rules, agent.description
+            )
             trained.insert(0, NamedPolicy("untrained network", fresh.policy))
     return [built_in_policy("random-type"), built_in_policy("random-legal"), *trained, built_in_policy("expert")]
 

@@ -1,4 +1,4 @@
-"""The agent that PPO trains: its model file, and its policy on images."""
+"""The PPO agent: its model file, and its policy on images."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ KIND = "ppo"
 VERSION = 2
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
-MOST_BOXES = 50_000  # distinct boxes that a policy remembers
+MAX_CACHED_BOXES = 50_000
 
 
 class ModelPolicy:
-    """A model as evaluations call it."""
+    """A model as a policy for evaluations."""
 
     def __init__(self, model: Model, *, mask: bool, sampled: bool) -> None:
         self.needs_masks = mask
         self._model, self._sampled = model, sampled
         self._table = BoxImageTable()
         self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
-        self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and the values, of the latest call
+        self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        if len(self._table) > MOST_BOXES:
+        if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        numbers: dict[str, int] = {}
-        statement_of = [numbers.setdefault(text, len(numbers)) for text in observations.statements]
+        indices: dict[str, int] = {}
+        statement_of = [indices.setdefault(statement, len(indices)) for statement in observations.statements]
         boxes_of = self._table.indices(observations.images)
         targets = observations.targets.astype(np.int64)
-        states = self._table.states(tuple(numbers), np.array(statement_of, np.int64), boxes_of, targets)
+        states = self._table.states(tuple(indices), np.array(statement_of, np.int64), boxes_of, targets)
         with torch.no_grad():
             policy, values = policy_and_values(self._model, states, legal if self.needs_masks else None)
         self.stop_probabilities = policy.stop_probability().float().cpu().numpy()
         self._latest = policy, values
-        return policy.sample(rng) if self._sampled else policy.likeliest()
+        return policy.sample(rng) if self._sampled else policy.greedy()
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
         if self._latest is None:
@@ -66,7 +66,7 @@ class ModelPolicy:
 
 @dataclass(frozen=True)
 class PPOAgent:
-    """A trained model with what it was trained in."""
+    """A trained model with its training environment."""
 
     description: ModelDescription
     settings: Settings
@@ -74,7 +74,7 @@ class PPOAgent:
     mask: bool
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
-        """Raises AgentError for another configuration or grid than it was trained in."""
+        """Raises AgentError for a configuration or grid it was not trained on."""
         check_configuration(self.description, settings)
         if settings.grid != self.settings.grid:
             raise AgentError(f"this agent was trained on the grid {self.settings.grid}, not {settings.grid}")
@@ -87,9 +87,9 @@ def describe(
     recipe_name: str,
     configurations: tuple[str, ...],
     model: Model,
-    found: Mapping[str, Any],
+    statistics: Mapping[str, Any],
 ) -> ModelDescription:
-    """`found`: what else is worth keeping, such as how long the training took."""
+    """`statistics`: further details to save, such as the training time."""
     supervision = f"rewards alone (corpus {settings.corpus}); {MASKED if recipe.mask else UNMASKED}"
     if model.pretraining:
         supervision += f"; {model.pretraining}"
@@ -98,15 +98,15 @@ def describe(
         "recipe_name": recipe_name,
         "mask": recipe.mask,
         "model": dict(model.details()),
-        **found,
+        **statistics,
     }
     return ModelDescription(KIND, VERSION, configurations, supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    target = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, target)
+    torch_device = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
     try:
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)
@@ -117,4 +117,4 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     except (KeyError, TypeError, ValueError, VocabularyError) as error:
         raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(model, tensors, path)
-    return PPOAgent(description, settings, model.to(target).eval(), recipe.mask)
+    return PPOAgent(description, settings, model.to(torch_device).eval(), recipe.mask)

@@ -1,7 +1,7 @@
-"""Policies that choose the type of an action first, then only the arguments that the type needs.
+"""Factored policies: a categorical over action types, then one over each argument the type uses.
 
-An argument that a type does not need is marginalised: it adds nothing to the action's log-probability. Source: Wu et
-al. 2023, section 6 (the action head of all models).
+Unused arguments are marginalised out: they add nothing to the action's log-probability. Source: Wu et al. 2023,
+section 6 (the action head of all models).
 """
 
 from __future__ import annotations
@@ -18,62 +18,62 @@ from torch import Tensor
 from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
-from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from lilgym_mp.arrays import Float32Array, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
-UNUSED = -1
-STOP = 0  # index of the action
-MOST_ACTIONS = 50_000
+UNUSED = -1  # sentinel: an argument the type does not use, or an action without probability
+STOP = 0  # action index
+MAX_ACTIONS = 50_000
 
 
 class Head(NamedTuple):
-    """An argument that is chosen, given the type, independently of the others."""
+    """A categorical over one argument, independent of the other arguments given the type."""
 
     name: str
     size: int
-    types: tuple[ActionType, ...]  # that need it
+    types: tuple[ActionType, ...]  # that use it
 
 
 @dataclass(frozen=True)
 class Factorisation:
-    """What the heads' choices mean for each action of an appearance."""
+    """The mapping between an appearance's actions and the choices of the heads."""
 
     heads: tuple[Head, ...]
-    types: Int64Array  # (actions,) type of each, UNUSED for one that the heads leave out
-    choices: Int64Array  # (actions, heads) what each head must choose; UNUSED where the type does not need it
+    types: Int64Array  # (actions,) type of each; UNUSED for actions the heads cannot express
+    choices: Int64Array  # (actions, heads) choice of each head; UNUSED if the type does not use it
 
     @property
     def action_count(self) -> int:
         return len(self.types)
 
     def actions(self, types: Int64Array, choices: Sequence[Int64Array]) -> Int64Array:
-        """(N,) actions of N types and of N choices of each head, those not needed ignored."""
-        found = np.full(len(types), STOP, np.int64)
+        """(N,) action indices from N types and N choices of each head, ignoring unused ones."""
+        actions = np.full(len(types), STOP, np.int64)
         for action_type in (ActionType.ADD, ActionType.REMOVE):
             rows = np.flatnonzero(types == action_type)
-            needed = tuple(choices[index][rows] for index, head in enumerate(self.heads) if action_type in head.types)
-            found[rows] = self._table(action_type)[needed]
-        return found
+            used = tuple(choices[index][rows] for index, head in enumerate(self.heads) if action_type in head.types)
+            actions[rows] = self._table(action_type)[used]
+        return actions
 
     def _table(self, action_type: ActionType) -> Int64Array:
-        """The action of each choice of the heads that the type needs."""
-        needed = [index for index, head in enumerate(self.heads) if action_type in head.types]
-        return _table(self, action_type, tuple(needed))
+        """Lookup table from the choices of the heads the type uses to the action index."""
+        used = tuple(index for index, head in enumerate(self.heads) if action_type in head.types)
+        return _table(self, action_type, used)
 
     def __hash__(self) -> int:
         return id(self)
 
 
 @cache
-def _table(factorisation: Factorisation, action_type: ActionType, needed: tuple[int, ...]) -> Int64Array:
-    table = np.empty([factorisation.heads[index].size for index in needed], np.int64)
+def _table(factorisation: Factorisation, action_type: ActionType, used: tuple[int, ...]) -> Int64Array:
+    table = np.empty([factorisation.heads[index].size for index in used], np.int64)
     actions = np.flatnonzero(factorisation.types == action_type)
-    table[tuple(factorisation.choices[actions, index] for index in needed)] = actions
+    table[tuple(factorisation.choices[actions, index] for index in used)] = actions
     return table
 
 
 _EDITS = (ActionType.ADD, ActionType.REMOVE)
-_SLOTS = {  # names of the slots of the released array form after the type, and who needs them
+_SLOTS = {  # by length of the released array form: its slots after the type, and the types that use them
     3: (("box", _EDITS), ("colour", (ActionType.ADD,))),
     6: (
         ("x", _EDITS),
@@ -87,7 +87,7 @@ _SLOTS = {  # names of the slots of the released array form after the type, and 
 
 @cache
 def slot_factorisation(appearance: Appearance) -> Factorisation:
-    """A head for each slot of the released array form; ADD and REMOVE share those of the position, as released.
+    """One head per slot of the released array form; ADD and REMOVE share the position heads, as in the release.
 
     Tower: box 3, colour 3. Scatter on the released grid: x 19, y 5, shape 3, colour 3, size 3.
     """
@@ -100,15 +100,15 @@ def slot_factorisation(appearance: Appearance) -> Factorisation:
 
 @cache
 def joint_factorisation(appearance: Appearance) -> Factorisation:
-    """One head for all that an ADD needs, by box, cell of the box and look, and one for a REMOVE's box and cell.
+    """One head for ADD, over box, cell and item type, and one for REMOVE, over box and cell.
 
-    A Tower box is one cell with three looks, its colours. Scatter's cells on separators are left out: they have no
-    probability, as nothing is ever valid there.
+    A Tower box is a single cell with three item types, its colours. Scatter's cells on separators have probability 0,
+    as no edit is ever legal there.
     """
     count = appearance.action_count
-    found = [_joint(appearance, appearance.decode(index)) for index in range(count)]
-    types = np.array([action_type for action_type, _ in found], np.int64)
-    adds, removes = ([choice for action_type, choice in found if action_type == wanted] for wanted in _EDITS)
+    pairs = [_joint_choice(appearance, appearance.decode(index)) for index in range(count)]
+    types = np.array([action_type for action_type, _ in pairs], np.int64)
+    adds, removes = ([choice for action_type, choice in pairs if action_type == edit] for edit in _EDITS)
     choices = np.full((count, 2), UNUSED, np.int64)
     choices[types == ActionType.ADD, 0] = adds
     choices[types == ActionType.REMOVE, 1] = removes
@@ -116,8 +116,8 @@ def joint_factorisation(appearance: Appearance) -> Factorisation:
     return Factorisation(heads, types, choices)
 
 
-def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
-    """The type, and the choice of its one head; UNUSED for an action on a separator."""
+def _joint_choice(appearance: Appearance, action: Action) -> tuple[int, int]:
+    """The type and its head's choice; type UNUSED for an action on a separator."""
     match action:
         case AddBlock(box, colour):
             return ActionType.ADD, box * len(Colour) + colour
@@ -138,15 +138,15 @@ def _joint(appearance: Appearance, action: Action) -> tuple[int, int]:
 
 
 def _cell(appearance: Appearance, column: int, row: int) -> int | None:
-    """The cell counted box by box, row by row; None on a separator."""
+    """The cell's index, by box, then row-major; None on a separator."""
     assert isinstance(appearance, Scatter)
     rows, columns, pitch = box_cells(appearance)
-    box, across = divmod(column, pitch)
-    return None if across >= columns else (box * rows + row) * columns + across
+    box, box_column = divmod(column, pitch)
+    return None if box_column >= columns else (box * rows + row) * columns + box_column
 
 
 def box_cells(appearance: Scatter) -> tuple[int, int, int]:
-    """Rows and columns of a box's cells, and columns from a box to the next."""
+    """Cell rows and columns of a box, and columns from a box to the next."""
     columns, rows = appearance.grid
     width = IMAGE_WIDTH // columns
     return rows, BOX_SIDE // width, BOX_PITCH // width
@@ -161,110 +161,112 @@ def cells_of(appearance: Appearance) -> int:
 
 
 class FactoredPolicy:
-    """The distributions over actions of N states, of the logits of the type and of each head."""
+    """Action distributions of N states, from the logits of the type and of each head."""
 
     def __init__(
         self, factorisation: Factorisation, types: Tensor, heads: Sequence[Tensor], legal: Tensor | None = None
     ) -> None:
-        """`types` (N, 3) and `heads` (N, size) each; `legal` (N, actions) leaves nothing else its probability."""
+        """`types` (N, 3), `heads` (N, size) each; `legal` (N, actions) masks illegal actions."""
         self.factorisation = factorisation
-        self.types = torch.log_softmax(types, -1)
+        self.type_log_probs = torch.log_softmax(types, -1)
         self._heads = heads
-        self.masked = None if legal is None else _masked(self.joint(), legal)
+        self._masked = None if legal is None else _masked(self.joint_log_probs(), legal)  # (N, actions)
 
     def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """(N,) log-probabilities of N actions, and (N,) entropies.
+        """(N,) log-probabilities of N actions, and (N,) exact entropies.
 
-        The entropy is exact: the type's, and each head's as often as it is needed.
+        The entropy is the type's plus each head's, weighted by the probability that the head is used.
         """
-        if self.masked is not None:
-            return self.masked.gather(1, actions[:, None]).squeeze(1), _entropy(self.masked)
-        entropy = _entropy(self.types)
-        probabilities = self.types.exp()
+        if self._masked is not None:
+            return self._masked.gather(1, actions[:, None]).squeeze(1), _entropy(self._masked)
+        entropy = _entropy(self.type_log_probs)
+        probabilities = self.type_log_probs.exp()
         log_probs: list[Tensor] = []
-        for head, logits, chosen in self._chosen(actions):
-            log_prob, of_head = log_prob_and_entropy(logits, chosen)
+        for head, logits, chosen in self._head_choices(actions):
+            log_prob, head_entropy = log_prob_and_entropy(logits, chosen)
             log_probs.append(log_prob)
-            entropy = entropy + probabilities[:, list(head.types)].sum(1) * of_head
-        return self._joined(actions, log_probs), entropy
+            entropy = entropy + probabilities[:, list(head.types)].sum(1) * head_entropy
+        return self._action_log_probs(actions, log_probs), entropy
 
     def log_prob(self, actions: Tensor) -> Tensor:
-        """(N,) of N actions."""
-        if self.masked is not None:
-            return self.masked.gather(1, actions[:, None]).squeeze(1)
-        heads = self._chosen(actions)
-        return self._joined(
+        """(N,) log-probabilities of N actions."""
+        if self._masked is not None:
+            return self._masked.gather(1, actions[:, None]).squeeze(1)
+        heads = self._head_choices(actions)
+        return self._action_log_probs(
             actions,
             [logits.gather(1, chosen[:, None]).squeeze(1) - logits.logsumexp(1) for _, logits, chosen in heads],
         )
 
-    def _chosen(self, actions: Tensor) -> list[tuple[Head, Tensor, Tensor]]:
-        """Each head, its logits, and (N,) what N actions choose of it; anything where they need nothing."""
+    def _head_choices(self, actions: Tensor) -> list[tuple[Head, Tensor, Tensor]]:
+        """Each head with its logits and (N,) choices of N actions, arbitrary where unused."""
         choices = _tensors(self.factorisation, actions.device)[1][actions].clamp(min=0)
         heads = zip(self.factorisation.heads, self._heads, strict=True)
         return [(head, logits, choices[:, index]) for index, (head, logits) in enumerate(heads)]
 
-    def _joined(self, actions: Tensor, of_heads: Sequence[Tensor]) -> Tensor:
-        """(N,) log-probabilities of N actions: of the type, and of what the heads that it needs choose."""
+    def _action_log_probs(self, actions: Tensor, head_log_probs: Sequence[Tensor]) -> Tensor:
+        """(N,) sums of the type's log-probability and those of the heads it uses."""
         action_types, choices = _tensors(self.factorisation, actions.device)
         action_type = action_types[actions]
-        total = self.types.gather(1, action_type.clamp(min=0)[:, None]).squeeze(1)
-        for index, found in enumerate(of_heads):
-            total = total + torch.where(choices[actions, index] == UNUSED, torch.zeros_like(found), found)
+        total = self.type_log_probs.gather(1, action_type.clamp(min=0)[:, None]).squeeze(1)
+        for index, log_probs in enumerate(head_log_probs):
+            total = total + torch.where(choices[actions, index] == UNUSED, torch.zeros_like(log_probs), log_probs)
         return total.masked_fill(action_type == UNUSED, -torch.inf)
 
     def entropy(self) -> Tensor:
-        """(N,) as `evaluate_actions` has it."""
-        return self.evaluate_actions(torch.full((len(self.types),), STOP, device=self.types.device))[1]
+        """(N,) as in `evaluate_actions`."""
+        return self.evaluate_actions(torch.full((len(self.type_log_probs),), STOP, device=self.type_log_probs.device))[
+            1
+        ]
 
-    def joint(self) -> Tensor:
-        """(N, actions) log-probability of every action."""
-        action_types, choices = _tensors(self.factorisation, self.types.device)
-        total = self.types[:, action_types.clamp(min=0)]
+    def joint_log_probs(self) -> Tensor:
+        """(N, actions) log-probabilities of all actions, unmasked."""
+        action_types, choices = _tensors(self.factorisation, self.type_log_probs.device)
+        total = self.type_log_probs[:, action_types.clamp(min=0)]
         for index, logits in enumerate(self._heads):
-            needed = choices[:, index] != UNUSED
-            found = torch.log_softmax(logits, -1)[:, choices[:, index].clamp(min=0)]
-            total = total + torch.where(needed, found, torch.zeros_like(found))
+            used = choices[:, index] != UNUSED
+            log_probs = torch.log_softmax(logits, -1)[:, choices[:, index].clamp(min=0)]
+            total = total + torch.where(used, log_probs, torch.zeros_like(log_probs))
         return total.masked_fill(action_types == UNUSED, -torch.inf)
 
     def probabilities(self) -> Tensor:
-        """(N, actions) of being drawn; with a mask, of the legal ones alone."""
-        return (self.joint() if self.masked is None else self.masked).float().exp()
+        """(N, actions); masked if there is a mask."""
+        return (self.joint_log_probs() if self._masked is None else self._masked).float().exp()
 
     def sample(self, rng: np.random.Generator) -> Int64Array:
-        """(N,) actions drawn."""
-        count = len(self.types)
-        if self.masked is not None:
-            return _drawn(_array(self.masked), rng.random(count))
-        types = _drawn(_array(self.types), rng.random(count))
+        """(N,) sampled action indices."""
+        count = len(self.type_log_probs)
+        if self._masked is not None:
+            return _sample(_array(self._masked), rng.random(count))
+        types = _sample(_array(self.type_log_probs), rng.random(count))
         choices: list[Int64Array] = []
         for head, logits in zip(self.factorisation.heads, self._heads, strict=True):
-            drawn, thresholds = np.zeros(count, np.int64), rng.random(count)
-            needed = np.isin(types, head.types)
-            drawn[needed] = _drawn(_array(logits)[needed], thresholds[needed])
-            choices.append(drawn)
+            sampled, uniforms = np.zeros(count, np.int64), rng.random(count)
+            used = np.isin(types, head.types)
+            sampled[used] = _sample(_array(logits)[used], uniforms[used])
+            choices.append(sampled)
         return self.factorisation.actions(types, choices)
 
-    def likeliest(self) -> Int64Array:
-        """(N,) the likeliest type with its likeliest arguments; with a mask, the likeliest legal action."""
-        if self.masked is not None:
-            return _array(self.masked).argmax(1)
+    def greedy(self) -> Int64Array:
+        """(N,) the most probable type with its most probable arguments; if masked, the most probable legal action."""
+        if self._masked is not None:
+            return _array(self._masked).argmax(1)
         return self.factorisation.actions(
-            _array(self.types).argmax(1), [_array(logits).argmax(1) for logits in self._heads]
+            _array(self.type_log_probs).argmax(1), [_array(logits).argmax(1) for logits in self._heads]
         )
 
     def stop_probability(self) -> Tensor:
         """(N,)."""
-        return (self.types if self.masked is None else self.masked)[:, STOP].exp()
+        return (self.type_log_probs if self._masked is None else self._masked)[:, STOP].exp()
 
 
 def _masked(log_probabilities: Tensor, legal: Tensor) -> Tensor:
-    kept = log_probabilities.masked_fill(~legal, -torch.inf)
-    return kept - kept.logsumexp(1, keepdim=True)
+    masked = log_probabilities.masked_fill(~legal, -torch.inf)
+    return masked - masked.logsumexp(1, keepdim=True)
 
 
 def _entropy(log_probabilities: Tensor) -> Tensor:
-    """(N,) of (N, size); what has no probability counts nothing."""
+    """(N,) of (N, size); -inf contributes 0."""
     finite = log_probabilities.clamp(min=torch.finfo(log_probabilities.dtype).min)
     return -(log_probabilities.exp() * finite).sum(1)
 
@@ -273,17 +275,17 @@ def _array(tensor: Tensor) -> Float32Array:
     return tensor.detach().float().cpu().numpy()
 
 
-def _drawn(logits: Float32Array, thresholds: Float64Array) -> Int64Array:
-    """(N,) places, drawn from (N, size) by numbers from 0 to 1 (N,)."""
+def _sample(logits: Float32Array, uniforms: Float64Array) -> Int64Array:
+    """(N,) indices by inverse transform sampling from logits (N, size) and uniform numbers (N,)."""
     sums = np.exp(logits - logits.max(1, keepdims=True, initial=-np.inf)).cumsum(1)
-    return (sums <= (thresholds * sums[:, -1])[:, None]).sum(1)
+    return (sums <= (uniforms * sums[:, -1])[:, None]).sum(1)
 
 
-CHUNK = 64  # rows of logits at once, so that they stay in the processor's cache
+CHUNK = 64  # rows of logits per operation, to stay in the CPU cache
 
 
 class _LogProbAndEntropy(torch.autograd.Function):
-    """Row by row, calculated again for the gradients: cheaper than to write it to memory and read it."""
+    """Log-probability and entropy in chunks, recomputed in the backward pass: cheaper than storing log-softmaxes."""
 
     @staticmethod
     def forward(ctx: Any, logits: Tensor, choices: Tensor) -> tuple[Tensor, Tensor]:
@@ -298,14 +300,14 @@ class _LogProbAndEntropy(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
         logits, choices, entropies = ctx.saved_tensors
-        of_log_probs, of_entropies = (gradient[:, None] for gradient in gradients)
-        found = torch.empty_like(logits)
+        log_prob_gradients, entropy_gradients = (gradient[:, None] for gradient in gradients)
+        logit_gradients = torch.empty_like(logits)
         for rows in _chunks(logits):
             logs = torch.log_softmax(logits[rows], 1)
-            weights = (logs + entropies[rows, None]).mul_(of_entropies[rows]).add_(of_log_probs[rows])
-            part = torch.mul(logs.exp_(), weights, out=found[rows]).neg_()
-            part.scatter_add_(1, choices[rows, None], of_log_probs[rows])
-        return found, None
+            weights = (logs + entropies[rows, None]).mul_(entropy_gradients[rows]).add_(log_prob_gradients[rows])
+            part = torch.mul(logs.exp_(), weights, out=logit_gradients[rows]).neg_()
+            part.scatter_add_(1, choices[rows, None], log_prob_gradients[rows])
+        return logit_gradients, None
 
 
 def _chunks(logits: Tensor) -> list[slice]:
@@ -321,7 +323,3 @@ def log_prob_and_entropy(logits: Tensor, choices: Tensor) -> tuple[Tensor, Tenso
 @cache
 def _tensors(factorisation: Factorisation, device: torch.device) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(factorisation.types).to(device), torch.from_numpy(factorisation.choices).to(device)
-
-
-def mask_of(legal: BoolArray, device: torch.device) -> Tensor:
-    return torch.from_numpy(legal).to(device)

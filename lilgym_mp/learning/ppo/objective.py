@@ -1,4 +1,4 @@
-"""Advantages, and the loss of PPO with the cap M of stop forcing. Source: Wu et al. 2023, section 6; SPEC section 6."""
+"""Generalised advantages, and the PPO loss with the ratio cap M of PPO+SF (Wu et al. 2023, section 6)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch import Tensor
 from lilgym_mp.arrays import BoolArray, Float32Array
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 
-SMALLEST_DEVIATION = 1e-8
+EPSILON = 1e-8  # added to the standard deviation
 
 
 def generalised_advantages(
@@ -22,32 +22,32 @@ def generalised_advantages(
     gamma: float,
     gae_lambda: float,
 ) -> Float32Array:
-    """(T, N) of T steps in N environments; `last_values` (N,) of the states after them.
+    """(T, N) advantages of T steps in N environments; `last_values` (N,) of the states after them.
 
-    Nothing is bootstrapped past an end, however it is flagged: an invalid action and the horizon are part of the
-    MDP's reward function (SPEC section 7). The return is the advantage plus the value.
+    Never bootstraps past the end of an episode, terminated or truncated: an invalid action and the horizon are part of
+    the MDP's reward function (SPEC section 7). The return is the advantage plus the value.
     """
     advantages = np.zeros_like(rewards)
-    following, after = last_values, np.zeros_like(last_values)
+    next_values, next_advantages = last_values, np.zeros_like(last_values)
     for step in range(len(rewards) - 1, -1, -1):
         continues = ~ended[step]
-        difference = rewards[step] + gamma * following * continues - values[step]
-        after = advantages[step] = difference + gamma * gae_lambda * continues * after
-        following = values[step]
+        delta = rewards[step] + gamma * next_values * continues - values[step]
+        next_advantages = advantages[step] = delta + gamma * gae_lambda * continues * next_advantages
+        next_values = values[step]
     return advantages
 
 
-def scale_advantages(advantages: Float32Array, manner: str) -> Float32Array:
-    """The advantages of a rollout as the recipe's `advantages` says: centred and scaled, or scaled alone."""
-    centre = advantages.mean() if manner == "normalised" else 0.0
-    return (advantages - centre) / (advantages.std() + SMALLEST_DEVIATION)
+def scale_advantages(advantages: Float32Array, mode: str) -> Float32Array:
+    """A rollout's advantages divided by their standard deviation, and centred if `mode` is "normalised"."""
+    centre = advantages.mean() if mode == "normalised" else 0.0
+    return (advantages - centre) / (advantages.std() + EPSILON)
 
 
 def policy_loss(log_ratios: Tensor, advantages: Tensor, *, clip: float, capped: Tensor, ratio_cap: float) -> Tensor:
-    """-mean of min(r A, clip(r) A), where r is at most `ratio_cap` for the actions that are `capped` (bool).
+    """-mean of min(r A, clip(r) A), with r capped at `ratio_cap` for the `capped` actions (bool).
 
-    Clipping alone does not bound r A where A is negative and r large, as for a forced STOP whose advantage came to be
-    negative by centring: the cap does, and beyond it there is no gradient.
+    Clipping alone does not bound r A for negative A and large r, as for a forced STOP whose advantage became negative
+    by centring. The cap does; beyond it the gradient is 0.
     """
     limit = torch.where(capped, float(np.log(ratio_cap)), torch.inf).to(log_ratios.dtype)
     ratios = torch.minimum(log_ratios, limit).exp()
@@ -55,47 +55,47 @@ def policy_loss(log_ratios: Tensor, advantages: Tensor, *, clip: float, capped: 
 
 
 def value_loss(values: Tensor, old_values: Tensor, returns: Tensor, clip: float | None) -> Tensor:
-    """Half the mean squared error; with `clip` that of the value moved no further than that, where it is larger."""
+    """Half the mean squared error; with `clip`, elementwise the larger of it and that of the clipped values."""
     errors = (values - returns).square()
     if clip is not None:
-        near = old_values + (values - old_values).clamp(-clip, clip)
-        errors = torch.maximum(errors, (near - returns).square())
+        clipped = old_values + (values - old_values).clamp(-clip, clip)
+        errors = torch.maximum(errors, (clipped - returns).square())
     return 0.5 * errors.mean()
 
 
 class ActionEvaluation(NamedTuple):
-    """What the loss is made of, for M states."""
+    """The current policy and value evaluated on M transitions."""
 
-    log_probabilities: Tensor  # (M,) of the actions taken, by the policy as it is now
+    log_probabilities: Tensor  # (M,) of the actions taken
     entropies: Tensor  # (M,)
     values: Tensor  # (M,)
 
 
 class RolloutBatch(NamedTuple):
-    """What was played in M states."""
+    """M transitions of the rollout."""
 
-    log_probabilities: Tensor  # (M,) by the policy that played; of a forced STOP too, as if it had been free
+    log_probabilities: Tensor  # (M,) under the behaviour policy; of forced STOPs too, as if unforced
     values: Tensor  # (M,)
-    advantages: Tensor  # (M,) scale_advantages
+    advantages: Tensor  # (M,) scaled
     returns: Tensor  # (M,)
-    forced: Tensor  # (M,) bool: a STOP that the policy was made to take
+    forced: Tensor  # (M,) bool, forced STOPs
 
 
 class Losses(NamedTuple):
     total: Tensor
     policy: Tensor
     value: Tensor
-    entropy: Tensor  # mean of the policies' entropy
-    clipped: Tensor  # share of the ratios outside of the clip
+    entropy: Tensor  # mean
+    clipped: Tensor  # fraction of ratios outside the clip range
 
 
-def losses(recipe: PPORecipe, learnt: ActionEvaluation, experience: RolloutBatch, entropy_coefficient: float) -> Losses:
-    """Of a mini-batch."""
-    log_ratios = learnt.log_probabilities - experience.log_probabilities
-    capped = torch.ones_like(experience.forced) if recipe.cap_every_ratio else experience.forced
-    policy = policy_loss(log_ratios, experience.advantages, clip=recipe.clip, capped=capped, ratio_cap=recipe.ratio_cap)
-    value = value_loss(learnt.values, experience.values, experience.returns, recipe.clip if recipe.clip_value else None)
-    entropy = learnt.entropies.mean()
+def losses(recipe: PPORecipe, current: ActionEvaluation, batch: RolloutBatch, entropy_coefficient: float) -> Losses:
+    """The losses of a mini-batch."""
+    log_ratios = current.log_probabilities - batch.log_probabilities
+    capped = torch.ones_like(batch.forced) if recipe.cap_every_ratio else batch.forced
+    policy = policy_loss(log_ratios, batch.advantages, clip=recipe.clip, capped=capped, ratio_cap=recipe.ratio_cap)
+    value = value_loss(current.values, batch.values, batch.returns, recipe.clip if recipe.clip_value else None)
+    entropy = current.entropies.mean()
     total = policy + recipe.value * value - entropy_coefficient * entropy
     clipped = ((log_ratios.detach().exp() - 1).abs() > recipe.clip).float().mean()
     return Losses(total, policy.detach(), value.detach(), entropy.detach(), clipped)

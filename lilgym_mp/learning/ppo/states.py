@@ -1,4 +1,4 @@
-"""What policies see of many states, without repetition: distinct statements, boxes, and patches of the boxes."""
+"""Deduplicated observations: a batch of states by its distinct statements, boxes and image patches."""
 
 from __future__ import annotations
 
@@ -12,45 +12,45 @@ from lilgym_mp.render.drawing import SEPARATOR_RGB
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
-SIDE = IMAGE_SHAPE[0]  # pixels of a box
+SIDE = IMAGE_SHAPE[0]  # side of a box in pixels
 PITCH = BOX_PITCH * SIDE // BOX_SIDE  # pixels from a box to the next
 assert IMAGE_SHAPE[1] == IMAGE_WIDTH * SIDE // BOX_SIDE
-PATCH = 10  # pixels a side
+PATCH = 10  # side of a patch in pixels
 PATCHES = SIDE // PATCH  # along each side of a box
 PATCH_BYTES = PATCH * PATCH * 3
 _BOX_BYTES = SIDE * SIDE * 3
 
 
 class States(NamedTuple):
-    """N states of S statements with U boxes of Q patches; each statement, box and patch is used by some state."""
+    """N states with S distinct statements, U distinct boxes and Q distinct patches, all of them used."""
 
     statements: tuple[str, ...]  # S
-    patches: UInt8Array  # (Q, 300) pixels, row by row
-    patches_of: Int64Array  # (U, 25) of each box, row by row
-    box_codes: UInt64Array  # (U,) the same for the same box in every table
-    statement_of: Int64Array  # (N,)
-    boxes_of: Int64Array  # (N, 3) left to right
+    patches: UInt8Array  # (Q, 300) pixels in row-major order
+    patches_of: Int64Array  # (U, 25) patch indices of each box in row-major order
+    box_codes: UInt64Array  # (U,) content hashes
+    statement_of: Int64Array  # (N,) statement index
+    boxes_of: Int64Array  # (N, 3) box indices, left to right
     targets: Int64Array  # (N,) 1: make the statement true, 0: false
 
     def boxes(self) -> UInt8Array:
-        """(U, 50, 50, 3) pixels, put together from the patches."""
+        """(U, 50, 50, 3) pixels, assembled from the patches."""
         cut = self.patches[self.patches_of].reshape(-1, PATCHES, PATCHES, PATCH, PATCH, 3)
         return cut.transpose(0, 1, 3, 2, 4, 5).reshape(-1, SIDE, SIDE, 3)
 
     def images(self) -> UInt8Array:
-        """(N, 50, 190, 3) the half-size images, put together from their boxes."""
+        """(N, 50, 190, 3) half-size images, assembled from their boxes."""
         images = np.full((len(self.targets), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
         boxes = self.boxes()
-        for place in range(BOX_COUNT):
-            images[:, :, place * PITCH : place * PITCH + SIDE] = boxes[self.boxes_of[:, place]]
+        for box in range(BOX_COUNT):
+            images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[self.boxes_of[:, box]]
         return images
 
 
 class BoxImageTable:
-    """Distinct boxes of images and the distinct patches they are made of, numbered in the order they are met."""
+    """Growing tables of distinct box images and of their distinct patches, indexed in order of first occurrence."""
 
     def __init__(self) -> None:
-        self._boxes: dict[int, int] = {}  # indices by code
+        self._boxes: dict[int, int] = {}  # hash -> index
         self._patches: dict[int, int] = {}
         self._box_codes = _GrowingArray(np.uint64)
         self._patches_of = _GrowingArray(np.int64, PATCHES**2)
@@ -61,40 +61,40 @@ class BoxImageTable:
         return len(self._boxes)
 
     def indices(self, images: UInt8Array) -> Int64Array:
-        """(N, 3) the boxes of N half-size images (N, 50, 190, 3), entered where they are new."""
+        """(N, 3) box indices of half-size images (N, 50, 190, 3); new boxes are added."""
         count = BOX_COUNT * len(images)
         if len(self._padded) != count:
             self._padded = _padded(count, _BOX_BYTES)
         boxes = self._padded[:, :_BOX_BYTES].reshape(count, SIDE, SIDE, 3)  # a view
-        for place in range(BOX_COUNT):
-            boxes[place::BOX_COUNT] = images[:, :, place * PITCH : place * PITCH + SIDE]
-        codes = _codes(self._padded)
-        indices, new = _numbered(codes, self._boxes)
+        for box in range(BOX_COUNT):
+            boxes[box::BOX_COUNT] = images[:, :, box * PITCH : box * PITCH + SIDE]
+        codes = _hashes(self._padded)
+        indices, new = _assign_indices(codes, self._boxes)
         if len(new):
             self._box_codes.extend(codes[new])
             self._patches_of.extend(self._patch_indices(boxes[new]))
         return indices.reshape(-1, BOX_COUNT)
 
     def _patch_indices(self, boxes: UInt8Array) -> Int64Array:
-        """(U, 25) the patches of some boxes (U, 50, 50, 3), entered where they are new."""
+        """(U, 25) patch indices of box images (U, 50, 50, 3); new patches are added."""
         padded = _padded(len(boxes) * PATCHES**2, PATCH_BYTES)
         patches = padded[:, :PATCH_BYTES]  # a view
         cut = boxes.reshape(-1, PATCHES, PATCH, PATCHES, PATCH * 3).swapaxes(2, 3)
         patches.reshape(cut.shape)[:] = cut
-        codes, firsts, places = np.unique(_codes(padded), return_index=True, return_inverse=True)
-        indices, new = _numbered(codes, self._patches)
+        codes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
+        indices, new = _assign_indices(codes, self._patches)
         self._pixels.extend(patches[firsts[new]])
-        return indices[places].reshape(-1, PATCHES**2)
+        return indices[inverse].reshape(-1, PATCHES**2)
 
     def states(
         self, statements: tuple[str, ...], statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
     ) -> States:
-        """`statement_of` (N,) are places in `statements`, of which any number may not be used."""
+        """`statement_of` (N,) indexes `statements`, some of which may be unused."""
         statements_used, statement_of = distinct(statement_of, len(statements))
         boxes_used, boxes_of = distinct(boxes_of, len(self))
         patches_used, patches_of = distinct(self._patches_of.rows[boxes_used], len(self._patches))
         return States(
-            tuple(statements[place] for place in statements_used.tolist()),
+            tuple(statements[index] for index in statements_used.tolist()),
             self._pixels.rows[patches_used],
             patches_of,
             self._box_codes.rows[boxes_used],
@@ -105,35 +105,35 @@ class BoxImageTable:
 
 
 def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
-    """Those of `count` indices that occur, in order, and the places of `indices` (any shape) among them."""
+    """The sorted indices below `count` that occur, and `indices` (any shape) renumbered to refer to them."""
     occurs = np.zeros(count, np.bool_)
     occurs[indices] = True
     return np.flatnonzero(occurs), (occurs.cumsum() - 1)[indices]
 
 
 class _GrowingArray:
-    """Rows of one type and width, to which more are added."""
+    """Rows of one type and width in a buffer that grows by doubling."""
 
     def __init__(self, dtype: Any, *width: int) -> None:
-        self._room = np.empty((64, *width), dtype)
+        self._buffer = np.empty((64, *width), dtype)
         self._count = 0
 
     @property
     def rows(self) -> Any:
-        return self._room[: self._count]
+        return self._buffer[: self._count]
 
     def extend(self, rows: Any) -> None:
         last = self._count + len(rows)
-        if last > len(self._room):
-            larger = np.empty((max(last, 2 * len(self._room)), *rows.shape[1:]), rows.dtype)
+        if last > len(self._buffer):
+            larger = np.empty((max(last, 2 * len(self._buffer)), *rows.shape[1:]), rows.dtype)
             larger[: self._count] = self.rows
-            self._room = larger
-        self._room[self._count : last] = rows
+            self._buffer = larger
+        self._buffer[self._count : last] = rows
         self._count = last
 
 
 def _padded(count: int, size: int) -> UInt8Array:
-    """(count, W) zeros: rows of `size` bytes and as many more as make whole words of 8 bytes."""
+    """(count, W) zeros: rows of `size` bytes, padded to whole 8-byte words."""
     return np.zeros((count, -(-size // 8) * 8), np.uint8)
 
 
@@ -141,20 +141,20 @@ _MULTIPLIERS = np.random.default_rng(0).integers(0, 2**63, -(-_BOX_BYTES // 8), 
 _MULTIPLIERS += np.uint64(1)
 
 
-def _codes(padded: UInt8Array) -> UInt64Array:
-    """A code of each row: a sum of products modulo 2^64, equal for two different rows once in 2^63 or less."""
+def _hashes(padded: UInt8Array) -> UInt64Array:
+    """A 64-bit multilinear hash of each row; two different rows collide with probability at most 2^-63."""
     words = padded.view(np.uint64)
     return words @ _MULTIPLIERS[: words.shape[1]]
 
 
-def _numbered(codes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
-    """The indices of the codes, entered in `known` where they are new; and the places where new ones first occur."""
+def _assign_indices(codes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
+    """The index of each hash, added to `known` if new, and the positions where new ones first occur."""
     listed = codes.tolist()
     indices = list(map(known.get, listed))
     new: list[int] = []
-    for place in [place for place, index in enumerate(indices) if index is None]:
-        if listed[place] not in known:
-            known[listed[place]] = len(known)
-            new.append(place)
-        indices[place] = known[listed[place]]
+    for position in [position for position, index in enumerate(indices) if index is None]:
+        if listed[position] not in known:
+            known[listed[position]] = len(known)
+            new.append(position)
+        indices[position] = known[listed[position]]
     return np.array(indices, np.int64), np.array(new, np.int64)

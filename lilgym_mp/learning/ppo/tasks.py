@@ -1,4 +1,4 @@
-"""The tasks that a run plays: of train, but for the statements held out, and more made of them as the recipe says."""
+"""Training tasks: the train split without held-out statements, plus augmented tasks."""
 
 from __future__ import annotations
 
@@ -20,47 +20,47 @@ from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.task import Task
 
 TRAINING_SPLIT = "train"
-MOST_VALIDATED = 300  # tasks; of more, every so many are played
-_HELD_OUT_SEED = 0  # the same statements for every run, so that runs can be compared
+MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced
+_HELD_OUT_SEED = 0  # the same for every run, so that runs are comparable
 
 
 @dataclass(frozen=True)
 class TrainingTasks:
-    """What a run plays and what it is validated on."""
+    """Tasks for training and validation."""
 
-    tasks: TaskSet  # all that episodes may be of
-    from_empty: BoolArray  # (tasks,) Scratch tasks of a FlipIt run
-    validation: tuple[str, ...]  # ids in the corpus's own train split
-    sha256: str  # of the file that they come from
+    tasks: TaskSet  # for training
+    from_empty: BoolArray  # (tasks,) Scratch tasks in a FlipIt run
+    validation: tuple[str, ...]  # held-out task ids of the corpus's train split
+    sha256: str  # of the corpus file
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """Every statement, once."""
+        """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
 
 def training_tasks(settings: Settings, recipe: PPORecipe) -> TrainingTasks:
-    """Raises CorpusError for unusable data, ValueError where nothing is left to learn from."""
+    """Raises CorpusError for unusable data, ValueError when no training task is left."""
     main = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
     held_out = _held_out(main, recipe.held_out)
     validation = [task.id for task in main if task.statement in held_out]
     base = solvable_matching_corpus(main) if recipe.nlvr_reward else main
-    played = _without(base, held_out)
+    training = _without(base, held_out)
     empty: TaskSet | None = None
     if settings.start == FLIPIT and recipe.empty_starts:
         with suppress(NoTasksError):
             empty = _without(load_tasks(settings.corpus, settings.appearance, SCRATCH, TRAINING_SPLIT), held_out)
     if recipe.permute_boxes:
-        played = with_permuted_boxes(played)
-    tasks = list(_named(played, "", settings.appearance, recipe))
+        training = with_permuted_boxes(training)
+    tasks = list(_augmented(training, "", settings.appearance, recipe))
     if empty is not None:
-        tasks += _named(empty, "empty:", settings.appearance, recipe)
-    # Exchanging colours makes statements that are held out of others.
+        tasks += _augmented(empty, "empty:", settings.appearance, recipe)
+    # Recoloured training statements may equal held-out ones.
     tasks = [task for task in tasks if task.statement not in held_out]
     if not tasks:
-        raise ValueError(f"{main.provenance}: no task is left to learn from; lower held-out")
+        raise ValueError(f"{main.provenance}: no training task is left; lower held-out")
     from_empty = np.array([task.id.startswith("empty:") for task in tasks])
-    step = max(1, len(validation) // MOST_VALIDATED)
+    step = max(1, len(validation) // MAX_VALIDATION_TASKS)
     return TrainingTasks(TaskSet(tasks, main.provenance), from_empty, tuple(validation[::step]), main.provenance.sha256)
 
 
@@ -68,36 +68,36 @@ def plays_empty_starts(tasks: TrainingTasks) -> bool:
     return bool(tasks.from_empty.any())
 
 
-def _held_out(tasks: TaskSet, share: float) -> set[str]:
+def _held_out(tasks: TaskSet, fraction: float) -> set[str]:
     statements = sorted({task.statement for task in tasks})
     order = np.random.default_rng(_HELD_OUT_SEED).permutation(len(statements))
-    return {statements[index] for index in order[: round(share * len(statements))]}
+    return {statements[index] for index in order[: round(fraction * len(statements))]}
 
 
 def _without(tasks: TaskSet, held_out: set[str]) -> TaskSet:
     return TaskSet((task for task in tasks if task.statement not in held_out), tasks.provenance)
 
 
-def _named(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) -> Iterator[Task]:
-    """The tasks with `prefix` before their ids, and what the recipe's exchanges make of each."""
+def _augmented(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) -> Iterator[Task]:
+    """The tasks and their augmentations, with `prefix` before and a suffix after each id."""
     for suffix, exchange_for in _exchanges(recipe):
-        met: set[tuple[object, ...]] = set()
+        seen: set[tuple[object, ...]] = set()
         for task in tasks:
             new = exchange_for(task.statement).task(task, appearance) if suffix else task
             if new is None or (suffix and (new.statement, new.start) == (task.statement, task.start)):
                 continue
-            if (key := (new.statement, new.target, new.start)) in met and suffix:
+            if (key := (new.statement, new.target, new.start)) in seen and suffix:
                 continue
-            met.add(key)
+            seen.add(key)
             yield replace(new, id=f"{prefix}{task.id}{suffix}")
 
 
 def _exchanges(recipe: PPORecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
-    """What is exchanged for a statement, the same for all of its tasks, with an ending of their ids."""
-    for number, colours in enumerate(COLOUR_PERMUTATIONS if recipe.recolour else COLOUR_PERMUTATIONS[:1]):
-        yield (f"#{number}" if number else ""), lambda _, colours=colours: colours
+    """Id suffixes and augmentations; the same augmentation for all tasks of a statement."""
+    for index, colours in enumerate(COLOUR_PERMUTATIONS if recipe.recolour else COLOUR_PERMUTATIONS[:1]):
+        yield (f"#{index}" if index else ""), lambda _, colours=colours: colours
         if recipe.exchange_shapes:
-            yield f"#{number}s", lambda statement, colours=colours: _with_shapes(colours, statement)
+            yield f"#{index}s", lambda statement, colours=colours: _with_shapes(colours, statement)
 
 
 def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
@@ -108,43 +108,46 @@ def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
 
 
 class TaskSampler:
-    """Draws tasks: environments in groups, each of one statement at a time."""
+    """Samples tasks; environments are grouped, and each group plays one statement at a time."""
 
     def __init__(self, tasks: TrainingTasks, recipe: PPORecipe) -> None:
-        self._empty_share = recipe.empty_starts
+        self._empty_fraction = recipe.empty_starts
         self._group = recipe.same_statement
-        numbers: dict[str, int] = {}
+        indices: dict[str, int] = {}
         self.statement_of: Int64Array = np.array(
-            [numbers.setdefault(task.statement, len(numbers)) for task in tasks.tasks], np.int64
+            [indices.setdefault(task.statement, len(indices)) for task in tasks.tasks], np.int64
         )
-        self.statements = tuple(numbers)
-        self._mains = _by_statement(self.statement_of, ~tasks.from_empty, len(numbers))
-        self._empties = _by_statement(self.statement_of, tasks.from_empty, len(numbers))
-        sizes = np.array([len(found) for found in self._mains], np.float64)
-        if not sizes.any():
-            sizes += 1
-        self._shares = (sizes / sizes.sum()).cumsum()
-        self.current = np.full(recipe.envs // self._group, -1, np.int64)  # (groups,) statement that each plays
+        self.statements = tuple(indices)
+        self._main = _by_statement(self.statement_of, ~tasks.from_empty, len(indices))
+        self._empty = _by_statement(self.statement_of, tasks.from_empty, len(indices))
+        counts = np.array([len(task_indices) for task_indices in self._main], np.float64)
+        if not counts.any():
+            counts += 1
+        self._cumulative = (counts / counts.sum()).cumsum()  # of statements, by their number of tasks
+        self.current = np.full(recipe.envs // self._group, -1, np.int64)  # (groups,) statement index
 
     def resample_statements(self, rng: np.random.Generator) -> None:
-        """Gives every group another statement, for the episodes that begin henceforth."""
-        found = np.searchsorted(self._shares, rng.random(len(self.current)), side="right")
-        self.current = np.minimum(found, len(self.statements) - 1)
+        """Samples a statement for every group; it applies to episodes started from now on."""
+        self.current = self._sample_statements(len(self.current), rng)
 
-    def draw(self, env_ids: Int64Array, rng: np.random.Generator) -> list[int]:
-        """The next task's number for each of some environments."""
-        if self._group == 1:  # each episode has a statement of its own
-            found = np.searchsorted(self._shares, rng.random(len(env_ids)), side="right")
-            self.current[env_ids] = np.minimum(found, len(self.statements) - 1)
-        drawn: list[int] = []
+    def _sample_statements(self, count: int, rng: np.random.Generator) -> Int64Array:
+        indices = np.searchsorted(self._cumulative, rng.random(count), side="right")
+        return np.minimum(indices, len(self.statements) - 1)
+
+    def sample(self, env_ids: Int64Array, rng: np.random.Generator) -> list[int]:
+        """The index of the next task for each of the environments."""
+        if self._group == 1:  # a new statement for each episode
+            self.current[env_ids] = self._sample_statements(len(env_ids), rng)
+        sampled: list[int] = []
         for statement in self.current[env_ids // self._group].tolist():
-            mains, empties = self._mains[statement], self._empties[statement]
-            chosen = empties if len(empties) and (not len(mains) or rng.random() < self._empty_share) else mains
-            drawn.append(int(chosen[rng.integers(len(chosen))]))
-        return drawn
+            main, empty = self._main[statement], self._empty[statement]
+            chosen = empty if len(empty) and (not len(main) or rng.random() < self._empty_fraction) else main
+            sampled.append(int(chosen[rng.integers(len(chosen))]))
+        return sampled
 
 
-def _by_statement(statement_of: Int64Array, wanted: BoolArray, count: int) -> list[Int64Array]:
-    tasks = np.flatnonzero(wanted)
+def _by_statement(statement_of: Int64Array, mask: BoolArray, count: int) -> list[Int64Array]:
+    """The indices of the tasks in the mask, by statement."""
+    tasks = np.flatnonzero(mask)
     order = tasks[np.argsort(statement_of[tasks], kind="stable")]
     return np.split(order, np.searchsorted(statement_of[order], np.arange(1, count)))

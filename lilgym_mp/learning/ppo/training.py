@@ -1,4 +1,4 @@
-"""A run of PPO: play, learn, and now and then save, validate and evaluate. `train_ppo` is read from top to bottom."""
+"""PPO training: rollouts, updates, checkpoints, validation and evaluation. Start reading at `train_ppo`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import Int64Array
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings, evaluate
@@ -46,27 +46,27 @@ VALIDATIONS_FILE = "validations.jsonl"
 
 
 class Progress(NamedTuple):
-    """What happened in a rollout and in learning from it."""
+    """A line of progress.jsonl: statistics of one rollout and its updates."""
 
-    steps: int  # of the whole run
-    episodes: int  # of the whole run
-    seconds: float  # of training, of the whole run
-    cpu_seconds: float  # of this process, of the whole run, evaluations included
+    steps: int  # so far, like the next three
+    episodes: int
+    seconds: float  # of training
+    cpu_seconds: float  # of this process, evaluations included
     steps_per_second: float
-    accuracy: float | None  # of the episodes that ended, those ended by stop forcing included; None if there were none
+    accuracy: float | None  # of the episodes that ended, by stop forcing too; None without any
     mean_reward: float | None
     mean_length: float | None
-    outcomes: dict[str, float]  # shares of those episodes
-    forced: float  # share of the states in which STOP was forced
+    outcomes: dict[str, float]  # fractions of those episodes
+    forced: float  # fraction of states with a forced STOP
     policy_loss: float
     value_loss: float
     entropy: float
-    clipped: float  # share of the probability ratios outside of the clip
+    clipped: float  # fraction of probability ratios outside the clip range
 
 
 @dataclass
-class _Standing:
-    """Where a run is: what a checkpoint holds beside networks, optimiser, episodes and random numbers."""
+class _TrainingState:
+    """The counters in a checkpoint; field names are part of its format."""
 
     steps: int = 0
     updates: int = 0  # of the optimiser
@@ -76,7 +76,7 @@ class _Standing:
     validated_at: int = 0
     best: float | None = None  # validation accuracy
     best_steps: int = 0
-    without_better: int = 0  # validations since
+    without_better: int = 0  # validations since the best one
 
 
 def train_ppo(
@@ -95,26 +95,26 @@ def train_ppo(
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_begin: Callable[[Run], object] = lambda run: None,
 ) -> PPOAgent:
-    """Trains for `steps` actions in all, rounded up to whole rollouts; writes the agent into `out` and gives it.
+    """Trains for `steps` environment steps in total, rounded up to whole rollouts; saves and returns the agent.
 
-    `out`: an empty or new directory, or with `resume` that of the run to go on with, which must have the settings,
-    recipe and weights given. With `evaluate_every` dev is played at the beginning, after so many steps again and
-    again, and at the end (`DevEvaluation`); what is learnt stays the same. Ctrl-C and SIGTERM end it saved, after the
-    rollout under way; a second one at once. A run with the same seed and threads that was interrupted and resumed
-    learns the same as one that was not. Raises ValueError for what cannot be, TrainingRunError for an `out` that
-    cannot serve, TrainingError when the loss is no number, CorpusError for unusable data.
+    `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
+    recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, every so
+    many steps, and at the end, without affecting training. Ctrl-C and SIGTERM save and stop after the current rollout,
+    a second one immediately. With equal seed and threads an interrupted and resumed run gives the same agent as an
+    uninterrupted one. Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`, TrainingError
+    when the loss is not finite, CorpusError for unusable data.
     """
     with _threads(threads), stop_on_signals() as stop:
         run = Run(settings, recipe, out, recipe_name, weights, device, resume=resume)
         if run.steps >= steps:
-            raise TrainingRunError(f"the run in {out} has {run.steps:,} steps already; ask for more with --steps")
+            raise TrainingRunError(f"the run in {out} already has {run.steps:,} steps; request more with --steps")
         evaluator = DevEvaluator(settings, recipe.seed) if evaluate_every else None
         on_begin(run)
         saved = run.steps
-        while run.steps < steps and not stop.requested and not run.has_lost_patience:
+        while run.steps < steps and not stop.requested and not run.is_out_of_patience:
             if evaluator is not None and run.is_evaluation_due(evaluate_every or 0):
                 run.evaluate_on_dev(evaluator)
-            on_progress(run.learn(share_done=run.steps / steps))
+            on_progress(run.update(done=run.steps / steps))
             if run.is_validation_due:
                 run.validate()
             if run.steps - saved >= save_every:
@@ -129,7 +129,7 @@ def train_ppo(
 
 
 class Run:
-    """The parts of a run, and what is done with them."""
+    """A run in memory."""
 
     def __init__(
         self,
@@ -153,55 +153,55 @@ class Run:
         _to(self.model, self._device)
         self._optimiser = _optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
-        self._standing = _Standing()
-        self._player = RolloutCollector(settings, recipe, self.tasks)
-        self._best: dict[str, Tensor] | None = None
+        self._state = _TrainingState()
+        self._collector = RolloutCollector(settings, recipe, self.tasks)
+        self._best_weights: dict[str, Tensor] | None = None
         if resume and self.files.has_checkpoint:
             self._load()
         else:
-            self._player.begin(self._rng)
-        self._clock = TrainingClock(self._standing.seconds)
-        self._cpu_before = self._standing.cpu_seconds - _cpu_seconds()
+            self._collector.reset(self._rng)
+        self._clock = TrainingClock(self._state.seconds)
+        self._cpu_before = self._state.cpu_seconds - _cpu_seconds()
 
     @property
     def steps(self) -> int:
-        return self._standing.steps
+        return self._state.steps
 
     @property
     def configurations(self) -> tuple[str, ...]:
-        """What the agent plays: with episodes from the empty scene, its appearance's Scratch too."""
+        """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         own = self._settings.configuration
         if not plays_empty_starts(self.tasks):
             return (own,)
         return own, f"{self._settings.appearance.capitalize()}{START_TITLES[SCRATCH]}"
 
     def reported_parameters(self) -> str:
-        """The paper's count of parameters beside this model's, where there is one."""
+        """The parameter count reported for this model by the paper or release, in parentheses; empty without one."""
         count = REPORTED_PARAMETERS.get(self.recipe.model)
         return "" if count is None else f" ({count})"
 
-    # Learning
+    # Optimisation
 
-    def learn(self, share_done: float) -> Progress:
-        """Plays a rollout and learns from it."""
-        recipe, began = self.recipe, self._clock.seconds
-        self._set_learning_rate(share_done)
-        entropy = recipe.entropy + (recipe.final_entropy - recipe.entropy) * min(1.0, share_done)
+    def update(self, done: float) -> Progress:
+        """Collects a rollout and optimises on it. `done`: training progress, 0 to 1."""
+        recipe, start_seconds = self.recipe, self._clock.seconds
+        self._set_learning_rate(done)
+        entropy = recipe.entropy + (recipe.final_entropy - recipe.entropy) * min(1.0, done)
         self.model.eval()
         with self._precision():
-            rollout = self._player.play(self.model, self._rng)
-        learning = _RolloutTensors.of(rollout, recipe, self._device)
+            rollout = self._collector.collect(self.model, self._rng)
+        tensors = _RolloutTensors.of(rollout, recipe, self._device)
         self.model.train()
         self.model.clear_cache()
-        found: list[Losses] = []
+        step_losses: list[Losses] = []
         for _ in range(recipe.epochs):
-            for rows in learning.batches(recipe, self._rng):
-                found.append(self._step(learning, rows, entropy))
-        self._standing.steps += recipe.rollout
-        return self._report(found, began)
+            for rows in tensors.mini_batches(recipe, self._rng):
+                step_losses.append(self._step(tensors, rows, entropy))
+        self._state.steps += recipe.rollout
+        return self._report(step_losses, start_seconds)
 
-    def _step(self, learning: _RolloutTensors, rows: Int64Array, entropy: float) -> Losses:
-        """One step of the optimiser, its gradient summed over parts that fit into memory."""
+    def _step(self, tensors: _RolloutTensors, rows: Int64Array, entropy: float) -> Losses:
+        """One optimiser step, accumulating the gradient over micro-batches."""
         recipe = self.recipe
         self._optimiser.zero_grad()
         size = recipe.microbatch or len(rows)
@@ -209,10 +209,9 @@ class Run:
         for first in range(0, len(rows), size):
             some = rows[first : first + size]
             with self._precision():
-                policy, values = policy_and_values(self.model, learning.rollout.states(some), learning.legal(some))
-            actions = learning.actions[some]
-            learnt = ActionEvaluation(*policy.evaluate_actions(actions), values)
-            loss = losses(recipe, learnt, learning.experience(some), entropy)
+                policy, values = policy_and_values(self.model, tensors.rollout.states(some), tensors.legal(some))
+            current = ActionEvaluation(*policy.evaluate_actions(tensors.actions[some]), values)
+            loss = losses(recipe, current, tensors.batch(some), entropy)
             if not torch.isfinite(loss.total):
                 raise TrainingError(
                     f"the loss is not finite after {self.steps:,} steps (policy {loss.policy.item():g}, value"
@@ -223,37 +222,37 @@ class Run:
             parts.append(loss._replace(total=loss.total.detach()))
         nn.utils.clip_grad_norm_(self.model.parameters(), recipe.gradient_norm)
         self._optimiser.step()
-        self._standing.updates += 1
+        self._state.updates += 1
         return Losses(*(torch.stack(values).mean() for values in zip(*parts, strict=True)))
 
-    def _set_learning_rate(self, share_done: float) -> None:
+    def _set_learning_rate(self, done: float) -> None:
         recipe = self.recipe
-        left = 1 - min(1.0, share_done)
-        falling = {"constant": 1.0, "linear": left, "cosine": 0.5 * (1 - math.cos(math.pi * left))}[recipe.schedule]
-        rising = 1.0
-        if recipe.warmup:  # the first rollout learns too
-            rising = min(1.0, (share_done or recipe.warmup / 10) / recipe.warmup)
+        left = 1 - min(1.0, done)
+        decay = {"constant": 1.0, "linear": left, "cosine": 0.5 * (1 - math.cos(math.pi * left))}[recipe.schedule]
+        warm_up = 1.0
+        if recipe.warmup:  # above 0 in the first rollout
+            warm_up = min(1.0, (done or recipe.warmup / 10) / recipe.warmup)
         for group in self._optimiser.param_groups:
-            group["lr"] = recipe.learning_rate * falling * rising
+            group["lr"] = recipe.learning_rate * decay * warm_up
 
     def _precision(self) -> Any:
         if self.recipe.reduced_precision and self._device.type == "cuda":
             return torch.autocast("cuda", torch.bfloat16)
         return nullcontext()
 
-    def _report(self, found: list[Losses], began: float) -> Progress:
-        statistics, self._player.statistics = self._player.statistics, EpisodeStatistics()
-        count, standing = statistics.ends.total(), self._standing
-        standing.episodes += count
-        standing.seconds = self._clock.seconds
-        standing.cpu_seconds = self._cpu_before + _cpu_seconds()
-        mean = Losses(*(torch.stack(values).mean() for values in zip(*found, strict=True)))
+    def _report(self, step_losses: list[Losses], start_seconds: float) -> Progress:
+        statistics, self._collector.statistics = self._collector.statistics, EpisodeStatistics()
+        count, state = statistics.ends.total(), self._state
+        state.episodes += count
+        state.seconds = self._clock.seconds
+        state.cpu_seconds = self._cpu_before + _cpu_seconds()
+        mean = Losses(*(torch.stack(values).mean() for values in zip(*step_losses, strict=True)))
         progress = Progress(
-            steps=standing.steps,
-            episodes=standing.episodes,
-            seconds=round(standing.seconds, 3),
-            cpu_seconds=round(standing.cpu_seconds, 3),
-            steps_per_second=round(self.recipe.rollout / max(1e-9, standing.seconds - began), 1),
+            steps=state.steps,
+            episodes=state.episodes,
+            seconds=round(state.seconds, 3),
+            cpu_seconds=round(state.cpu_seconds, 3),
+            steps_per_second=round(self.recipe.rollout / max(1e-9, state.seconds - start_seconds), 1),
             accuracy=statistics.ends["success"] / count if count else None,
             mean_reward=statistics.reward / count if count else None,
             mean_length=statistics.steps / count if count else None,
@@ -271,16 +270,16 @@ class Run:
 
     @property
     def is_validation_due(self) -> bool:
-        return bool(self.tasks.validation) and self.steps - self._standing.validated_at >= self.recipe.validate_every
+        return bool(self.tasks.validation) and self.steps - self._state.validated_at >= self.recipe.validate_every
 
     @property
-    def has_lost_patience(self) -> bool:
-        return 0 < self.recipe.patience <= self._standing.without_better
+    def is_out_of_patience(self) -> bool:
+        return 0 < self.recipe.patience <= self._state.without_better
 
     def validate(self) -> None:
-        """Plays the tasks held out, unless that was done at this step; the best weights so far are kept."""
-        standing = self._standing
-        if not self.tasks.validation or (standing.best is not None and standing.validated_at == standing.steps):
+        """Plays the held-out tasks, unless done at this step already, and keeps the best weights."""
+        state = self._state
+        if not self.tasks.validation or (state.best is not None and state.validated_at == state.steps):
             return
         with self._clock.paused():
             episodes = evaluate(
@@ -292,35 +291,35 @@ class Run:
             )
         self.model.clear_cache()
         accuracy = sum(episode.is_success for episode in episodes) / len(episodes)
-        standing.validated_at = standing.steps
-        standing.without_better += 1
-        if standing.best is None or accuracy > standing.best:
-            standing.best, standing.best_steps, standing.without_better = accuracy, standing.steps, 0
-            self._best = _copied(self.model)
-        told = {
-            "steps": standing.steps,
+        state.validated_at = state.steps
+        state.without_better += 1
+        if state.best is None or accuracy > state.best:
+            state.best, state.best_steps, state.without_better = accuracy, state.steps, 0
+            self._best_weights = _copy_weights(self.model)
+        line = {
+            "steps": state.steps,
             "tasks": len(episodes),
             "accuracy": accuracy,
-            "best_steps": standing.best_steps,
+            "best_steps": state.best_steps,
         }
         with (self.files.path / VALIDATIONS_FILE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(told) + "\n")
+            file.write(json.dumps(line) + "\n")
 
     def is_evaluation_due(self, every: int) -> bool:
         last = last_steps(self.files.path / EVALUATIONS_FILE)
         return last is None or self.steps - last >= every
 
     def evaluate_on_dev(self, evaluator: DevEvaluator) -> None:
-        """Adds a point to the learning curve, unless it has one of this number of steps."""
+        """Appends a point to the learning curve, unless it has one at this step already."""
         file = self.files.path / EVALUATIONS_FILE
         last = last_steps(file)
         if last is not None and self.steps <= last:
             return
         with self._clock.paused():
-            found = evaluator(self._policy(sampled=True), self.steps, self._clock.seconds)
-        self.model.clear_cache()  # so that what is learnt does not depend on what was evaluated, rounding included
+            point = evaluator(self._policy(sampled=True), self.steps, self._clock.seconds)
+        self.model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
         with file.open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(found._asdict()) + "\n")
+            lines.write(json.dumps(point._asdict()) + "\n")
 
     def _policy(self, *, sampled: bool) -> ModelPolicy:
         self.model.eval()
@@ -329,16 +328,16 @@ class Run:
     # Files
 
     def save(self) -> None:
-        """Writes the checkpoint of this moment."""
-        self._standing.seconds = self._clock.seconds
-        self._standing.cpu_seconds = self._cpu_before + _cpu_seconds()
+        """Saves a checkpoint."""
+        self._state.seconds = self._clock.seconds
+        self._state.cpu_seconds = self._cpu_before + _cpu_seconds()
         self.files.save_checkpoint(
             {
                 "network": self.model.state_dict(),
-                "best": self._best,
+                "best": self._best_weights,
                 "optimiser": self._optimiser.state_dict(),
-                "standing": asdict(self._standing),
-                "episodes": self._player.to_json(),
+                "standing": asdict(self._state),
+                "episodes": self._collector.to_json(),
                 "random": json.dumps(self._rng.bit_generator.state),
             }
         )
@@ -346,49 +345,51 @@ class Run:
     def _load(self) -> None:
         state = self.files.load_checkpoint(self._device)
         try:
-            broken = [name for name, tensor in state["network"].items() if not torch.isfinite(tensor).all()]
-            if broken:
-                raise ValueError(f"{broken[0]} holds values that are not finite")
+            non_finite = [name for name, tensor in state["network"].items() if not torch.isfinite(tensor).all()]
+            if non_finite:
+                raise ValueError(f"{non_finite[0]} holds non-finite values")
             self.model.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
-            self._standing = _Standing(**state["standing"])
-            self._best = state["best"]
+            self._state = _TrainingState(**state["standing"])
+            self._best_weights = state["best"]
             self._rng.bit_generator.state = json.loads(state["random"])
-            self._player.restore_episodes(state["episodes"])
+            self._collector.restore_episodes(state["episodes"])
         except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
 
     def finish(self, stop: StopRequest) -> PPOAgent:
-        """Writes the agent: the best of the validations, or as it is where there were none."""
-        standing = self._standing
-        if self._best is not None:
-            self.model.load_state_dict(self._best)
-        found = {
-            "steps": standing.steps,
-            "episodes": standing.episodes,
-            "seconds": round(standing.seconds, 1),
-            "cpu_minutes": round(standing.cpu_seconds / 60, 2),
+        """Saves the agent: with the best validated weights, or the current ones without validation."""
+        state = self._state
+        if self._best_weights is not None:
+            self.model.load_state_dict(self._best_weights)
+        statistics = {
+            "steps": state.steps,
+            "episodes": state.episodes,
+            "seconds": round(state.seconds, 1),
+            "cpu_minutes": round(state.cpu_seconds / 60, 2),
             "seed": self.recipe.seed,
             "trained_parameters": self.model.trained_parameters,
             "frozen_parameters": self.model.frozen_parameters,
-            "validation_accuracy": standing.best,
-            "validation_steps": standing.best_steps if self._best is not None else None,
+            "validation_accuracy": state.best,
+            "validation_steps": state.best_steps if self._best_weights is not None else None,
             "interrupted": stop.requested,
         }
-        description = describe(self._settings, self.recipe, self._recipe_name, self.configurations, self.model, found)
+        description = describe(
+            self._settings, self.recipe, self._recipe_name, self.configurations, self.model, statistics
+        )
         self.files.save_agent(description, self.model.state_dict())
-        self._player.close()
+        self._collector.close()
         return PPOAgent(description, self._settings, self.model.eval(), self.recipe.mask)
 
 
 @dataclass(frozen=True)
 class _RolloutTensors:
-    """A rollout as tensors, row by row."""
+    """A rollout as flat tensors with advantages and returns."""
 
     rollout: Rollout
-    actions: Tensor  # (rows,)
-    parts: tuple[Tensor, ...]  # the fields of `RolloutBatch`
+    actions: Tensor  # (T * N,)
+    columns: RolloutBatch  # of all T * N transitions
     device: torch.device = field(repr=False)
 
     @classmethod
@@ -406,25 +407,26 @@ class _RolloutTensors:
             returns,
             rollout.forced,
         )
-        parts = tuple(torch.from_numpy(np.ascontiguousarray(array).reshape(-1)).to(device) for array in arrays)
-        return cls(rollout, torch.from_numpy(rollout.actions.reshape(-1)).to(device), parts, device)
+        columns = (torch.from_numpy(np.ascontiguousarray(array).reshape(-1)).to(device) for array in arrays)
+        actions = torch.from_numpy(rollout.actions.reshape(-1)).to(device)
+        return cls(rollout, actions, RolloutBatch(*columns), device)
 
-    def experience(self, rows: Int64Array) -> RolloutBatch:
+    def batch(self, rows: Int64Array) -> RolloutBatch:
         chosen = torch.from_numpy(rows).to(self.device)
-        return RolloutBatch(*(part[chosen] for part in self.parts))
+        return RolloutBatch(*(column[chosen] for column in self.columns))
 
-    def legal(self, rows: Int64Array) -> Any:
+    def legal(self, rows: Int64Array) -> BoolArray | None:
         legal = self.rollout.legal
         return None if legal is None else legal.reshape(-1, legal.shape[-1])[rows]
 
-    def batches(self, recipe: PPORecipe, rng: np.random.Generator) -> Iterator[Int64Array]:
-        """All rows in mini-batches: of few statements each where environments share theirs, else at random."""
+    def mini_batches(self, recipe: PPORecipe, rng: np.random.Generator) -> Iterator[Int64Array]:
+        """All rows in shuffled mini-batches; with grouped environments each has few distinct statements, for speed."""
         count = len(self.actions)
         order = rng.permutation(count)
         if recipe.same_statement > 1:
             statements = self.rollout.statement_of.reshape(-1)
-            places = rng.permutation(int(statements.max()) + 1)
-            order = order[np.argsort(places[statements[order]], kind="stable")]
+            ranks = rng.permutation(int(statements.max()) + 1)
+            order = order[np.argsort(ranks[statements[order]], kind="stable")]
         starts = list(range(0, count, recipe.batch_size))
         for start in rng.permutation(len(starts)).tolist() if recipe.same_statement > 1 else range(len(starts)):
             yield order[starts[start] : starts[start] + recipe.batch_size]
@@ -444,12 +446,12 @@ def _identity(
     }
 
 
-def saved_arguments(out: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, recipe, its name and the weights of the run in a directory, as `train_ppo` takes them.
+def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings, recipe, recipe name and weights of the run in a directory, as arguments of `train_ppo`.
 
-    `asked`: what the run must have, as its identity has it. Raises TrainingRunError naming both values otherwise.
+    `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
     """
-    run: TrainingRun = begin_run(out, asked, resume=True)
+    run: TrainingRun = begin_run(out, required, resume=True)
     identity = run.identity
     try:
         if identity["learner"] != KIND:
@@ -466,7 +468,7 @@ def saved_arguments(out: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _optimiser(model: Model, recipe: PPORecipe) -> torch.optim.Optimizer:
-    trained = [weight for weight in model.parameters() if weight.requires_grad]
+    trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
     betas = (0.9, recipe.beta2)
     if recipe.optimiser == "adamw":
         return torch.optim.AdamW(trained, recipe.learning_rate, betas, recipe.epsilon, recipe.weight_decay, fused=True)
@@ -474,7 +476,7 @@ def _optimiser(model: Model, recipe: PPORecipe) -> torch.optim.Optimizer:
 
 
 def _to(model: Model, device: torch.device) -> None:
-    """Moves the model. Raises DeviceError saying how much it needs where it does not fit."""
+    """Moves the model. Raises DeviceError with the memory needed if it does not fit."""
     if device.type == "cuda":
         weight, moments = 4, 8  # bytes of a parameter and its gradient, and of Adam's two moments
         needed = model.trained_parameters * (2 * weight + moments) + model.frozen_parameters * weight
@@ -487,7 +489,7 @@ def _to(model: Model, device: torch.device) -> None:
     model.to(device)
 
 
-def _copied(model: Model) -> dict[str, Tensor]:
+def _copy_weights(model: Model) -> dict[str, Tensor]:
     return {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
 
 

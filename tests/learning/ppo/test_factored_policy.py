@@ -91,7 +91,7 @@ def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(ap
     assert every.shape == (STATES, {"tower": 13, "scatter": 2661}[appearance.name])
     torch.testing.assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
     policy = FactoredPolicy(factorisation, types, heads)
-    torch.testing.assert_close(policy.joint().exp(), every)
+    torch.testing.assert_close(policy.joint_log_probs().exp(), every)
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
     actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
@@ -151,7 +151,7 @@ def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appear
     torch.testing.assert_close(policy.stop_probability(), wanted[:, 0])
     torch.testing.assert_close(policy.entropy(), -(wanted * wanted.clamp(min=1e-300).log()).sum(1))
     assert legal[torch.arange(STATES), torch.from_numpy(policy.sample(np.random.default_rng(3)))].all()
-    assert (torch.from_numpy(policy.likeliest()) == wanted.argmax(1)).all()
+    assert (torch.from_numpy(policy.greedy()) == wanted.argmax(1)).all()
 
 
 @EACH
@@ -175,7 +175,7 @@ def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appeara
 def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
-    chosen = FactoredPolicy(factorisation, types, heads).likeliest()
+    chosen = FactoredPolicy(factorisation, types, heads).greedy()
     every = ENUMERATED[make](appearance, types, heads).detach().numpy()
     kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(every.shape[1])])
     for state in range(STATES):

@@ -258,13 +258,13 @@ def test_vilt__sees_the_target_and_trains_the_embedding_of_its_token(tiny: dict[
 @pytest.mark.parametrize(
     ("damage", "fault"),
     [
-        ("none", "needs pretrained weights: name their directory with --weights, of the architecture bert"),
-        ("nowhere", "no directory of weights: there is no such place"),
-        ("other", r"config\.json: of the architecture 'vilt'; the model 'c3-bert' needs bert"),
+        ("none", "needs pretrained weights: name a directory with --weights, of the architecture bert"),
+        ("nowhere", "not a directory of weights: it does not exist"),
+        ("other", r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert"),
         ("no config", r"incomplete: it has no config\.json"),
         ("no object", r"config\.json: must be a JSON object"),
         ("bad config", r"config\.json: cannot be read"),
-        ("pickle", r"incomplete: it has no model\.safetensors; pytorch_model\.bin may hold pickled objects"),
+        ("pickle", r"incomplete: it has no model\.safetensors; pytorch_model\.bin may contain pickled objects"),
         ("no tokenizer", "incomplete: it has no tokenizer"),
         ("cut", "cannot be loaded|is damaged"),
         ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
@@ -307,7 +307,7 @@ def test_weights__of_an_agent_that_changed_since_are_refused(tmp_path: Path, own
     with pytest.raises(WeightsError, match=r"cannot be loaded|is damaged|not the weights that the agent"):
         open_agent(tmp_path / "run", "cpu")
     shutil.rmtree(place)
-    with pytest.raises(WeightsError, match="there is no such place"):
+    with pytest.raises(WeightsError, match="it does not exist"):
         open_agent(tmp_path / "run", "cpu")
 
 

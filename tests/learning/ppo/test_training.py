@@ -105,14 +105,14 @@ def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
         return sum(episode.is_success for episode in episodes) / len(episodes)
 
     assert accuracy("learnt") > 0.85
-    play: Callable[..., Rollout] = RolloutCollector.play
+    play: Callable[..., Rollout] = RolloutCollector.collect
 
     def shuffled(self: RolloutCollector, *args: Any) -> Rollout:
         found = play(self, *args)
         mixed = np.random.default_rng(0).permutation(found.rewards.reshape(-1)).reshape(found.rewards.shape)
         return found._replace(rewards=mixed)
 
-    monkeypatch.setattr(RolloutCollector, "play", shuffled)
+    monkeypatch.setattr(RolloutCollector, "collect", shuffled)
     assert accuracy("shuffled") < 0.6
 
 
@@ -132,7 +132,7 @@ def test_train__counts_saves_and_tells_of_each_rollout(tmp_path: Path):
     details = agent.description.details
     assert (details["steps"], details["episodes"], details["mask"]) == (96, heard[-1].episodes, False)
     assert agent.description.supervision == "rewards alone (corpus builtin); no mask of legal actions"
-    with pytest.raises(TrainingRunError, match="has 96 steps already; ask for more"):
+    with pytest.raises(TrainingRunError, match="already has 96 steps; request more"):
         trained(tmp_path / "run", 96, resume=True)
 
 
@@ -293,12 +293,12 @@ def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     tasks = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
     rng = np.random.default_rng(0)
-    draw = TaskSampler(tasks, replace(SMALL, envs=4))
-    counts = np.bincount([task for _ in range(2_000) for task in draw.draw(np.arange(4), rng)])
+    sampler = TaskSampler(tasks, replace(SMALL, envs=4))
+    counts = np.bincount([task for _ in range(2_000) for task in sampler.sample(np.arange(4), rng)])
     assert counts.min() > 0.85 * counts.mean()
-    draw = TaskSampler(tasks, replace(SMALL, envs=8, same_statement=4))
-    draw.resample_statements(rng)
-    statements = draw.statement_of[draw.draw(np.arange(8), rng)]
+    sampler = TaskSampler(tasks, replace(SMALL, envs=8, same_statement=4))
+    sampler.resample_statements(rng)
+    statements = sampler.statement_of[sampler.sample(np.arange(8), rng)]
     assert len(set(statements[:4].tolist())) == len(set(statements[4:].tolist())) == 1
 
 
@@ -331,9 +331,9 @@ def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_
     torch.manual_seed(0)
     model = make_model(recipe, Tower(), statements=tasks.statements)
     rng = np.random.default_rng(0)
-    player = RolloutCollector(settings, recipe, tasks)
-    player.begin(rng)
-    rollout = player.play(model, rng)
+    collector = RolloutCollector(settings, recipe, tasks)
+    collector.reset(rng)
+    rollout = collector.collect(model, rng)
     assert 0 < rollout.forced.sum() < rollout.forced.size
     assert (rollout.actions[rollout.forced] == 0).all()
     assert (rollout.rewards[rollout.forced] == 1).all()
@@ -342,10 +342,16 @@ def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_
     rows = np.arange(rollout.actions.size)
     with torch.no_grad():
         found = model(rollout.states(rows))
-    free = FactoredPolicy(model.factorisation, found.types, found.heads).types[:, 0].reshape(rollout.actions.shape)
+    unforced = (
+        FactoredPolicy(model.factorisation, found.types, found.heads)
+        .type_log_probs[:, 0]
+        .reshape(rollout.actions.shape)
+    )
     forced = torch.from_numpy(rollout.forced)
-    torch.testing.assert_close(torch.from_numpy(rollout.log_probabilities)[forced], free[forced], atol=1e-5, rtol=1e-4)
-    player.close()
+    torch.testing.assert_close(
+        torch.from_numpy(rollout.log_probabilities)[forced], unforced[forced], atol=1e-5, rtol=1e-4
+    )
+    collector.close()
 
 
 @pytest.mark.parametrize("mask", [False, True])

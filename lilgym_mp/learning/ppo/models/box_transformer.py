@@ -1,7 +1,9 @@
-"""Our network: boxes read from pixels, understood in the light of the statement, and put together to a scene.
+"""The model `ours`: boxes encoded from pixels, conditioned on the statement by attention, and summed to a scene.
 
-Whatever depends on a box alone is calculated once for each distinct box, whatever depends on a statement and a box
-once for each such pair, however many states of a batch share them; a state then costs little. Nothing is pretrained.
+Box encodings are computed once per distinct box, conditioned encodings once per distinct statement-box pair, however
+many states of a batch share them. Nothing is pretrained.
+
+Module attributes are the keys of saved parameters, so renaming one breaks model files.
 """
 
 from __future__ import annotations
@@ -35,22 +37,22 @@ from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.scene import BOX_COUNT, Colour
 
-CHANNELS = 32  # features of a patch
+CHANNELS = 32  # of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
-CHUNK = 256  # states whose cells are calculated at once, so that they stay in the processor's cache
-SMALL_GAIN = 0.01  # of the last layers, so that learning starts from a nearly uniform policy
-MOST_REMEMBERED = 20_000  # statements; and boxes, of which 8,192 take 30 MB
+CHUNK = 256  # states per pass through the cell head, to stay in the CPU cache
+SMALL_GAIN = 0.01  # of the last layers, so that training starts from a nearly uniform policy
+MAX_CACHED = 20_000  # statements, and boxes; 8,192 boxes take 30 MB
 
 
-class Boxes(NamedTuple):
-    """U distinct boxes, without any statement."""
+class EncodedBoxes(NamedTuple):
+    """U distinct boxes, independent of statements."""
 
     vectors: Tensor  # (U, d)
     patches: Tensor  # (U, 5, 5, C)
 
 
 class BoxTransformer(Model):
-    """Images and words in, nothing pretrained: about 0.85 million parameters."""
+    """Trained from scratch on images and words; about 0.85 million parameters."""
 
     def __init__(
         self,
@@ -89,116 +91,119 @@ class BoxTransformer(Model):
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
-        self._remembered: dict[str, list[Tensor]] = {}
-        self._box_rows: dict[int, int] = {}  # of the boxes remembered, by code
-        self._box_bank: Boxes | None = None  # their rows, and room for more
+        self._cached_statements: dict[str, list[Tensor]] = {}
+        self._box_rows: dict[int, int] = {}  # box code -> row in the cache
+        self._cached_boxes: EncodedBoxes | None = None  # with spare capacity
 
     def details(self) -> Mapping[str, Any]:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def clear_cache(self) -> None:
-        self._remembered.clear()
+        self._cached_statements.clear()
         self._box_rows.clear()
-        self._box_bank = None
+        self._cached_boxes = None
 
     def forward(self, states: States) -> Prediction:
         device = self.value.weight.device
-        read = self._read(states.statements)
-        boxes = self._encoded(states)
+        statements = self._encode_statements(states.statements)
+        boxes = self._encode_boxes(states)
         groups = group_by_statement(states)
-        of_pairs, pairs_of = (torch.from_numpy(array).to(device) for array in (groups.boxes, groups.pairs_of))
+        box_of_pair, pairs_of = (torch.from_numpy(array).to(device) for array in (groups.boxes, groups.pairs_of))
         packing = _packing(groups.pairs, device)
         targets = torch.from_numpy(states.targets).to(device)
-        pairs = boxes.vectors.index_select(0, of_pairs)  # (R, d)
-        for key_value, reading, feedforward in zip(read.key_values, self.readings, self.feedforwards, strict=False):
-            pairs = feedforward(reading(pairs, key_value, read.mask, packing))
-        scene = self._scenes(pairs, pairs_of, read, _packing(groups.states, device))  # (N, d)
-        judged = self.judge(scene + self.target(targets))
-        acting = _chosen(self.act_box(pairs), pairs_of) + self.act_scene(judged)[:, None]
-        acting = self.act_feedforward(acting)  # (N, 3, d)
-        types = self.types(judged)
-        reached = self.truth(scene).squeeze(1) * (2 * targets - 1)
+        pairs = boxes.vectors.index_select(0, box_of_pair)  # (R, d)
+        layers = zip(statements.key_values, self.readings, self.feedforwards, strict=False)
+        for key_value, attention, feedforward in layers:
+            pairs = feedforward(attention(pairs, key_value, statements.mask, packing))
+        scene = self._encode_scenes(pairs, pairs_of, statements, _packing(groups.states, device))  # (N, d)
+        conditioned = self.judge(scene + self.target(targets))
+        features = _gather(self.act_box(pairs), pairs_of) + self.act_scene(conditioned)[:, None]
+        features = self.act_feedforward(features)  # (N, 3, d)
+        types = self.types(conditioned)
+        reached = self.truth(scene).squeeze(1) * (2 * targets - 1)  # logit of the target being reached, added to STOP's
         types = torch.cat([types[:, :1] + reached[:, None], types[:, 1:]], 1)
-        adds, removes = self.arguments(acting, boxes.patches, torch.from_numpy(states.boxes_of).to(device))
+        adds, removes = self.arguments(features, boxes.patches, torch.from_numpy(states.boxes_of).to(device))
         return Prediction(
-            types.float(), (adds.float(), removes.float()), torch.tanh(self.value(judged).float()).squeeze(1)
+            types.float(), (adds.float(), removes.float()), torch.tanh(self.value(conditioned).float()).squeeze(1)
         )
 
-    def _scenes(self, pairs: Tensor, pairs_of: Tensor, read: StatementEncodings, packing: Packing) -> Tensor:
-        """(N, d) of N scenes, each of three of the pairs (R, d)."""
-        parts = _chosen(self.part(pairs), pairs_of)
+    def _encode_scenes(
+        self, pairs: Tensor, pairs_of: Tensor, statements: StatementEncodings, packing: Packing
+    ) -> Tensor:
+        """(N, d) scene vectors from statement-box pairs (R, d) and each scene's three pairs (N, 3)."""
+        parts = _gather(self.part(pairs), pairs_of)
         whole = self.scene_in(F.relu(parts + self.part_place).sum(1))
-        return self.scene_feedforward(self.scene_reading(whole, read.key_values[-1], read.mask, packing))
+        return self.scene_feedforward(self.scene_reading(whole, statements.key_values[-1], statements.mask, packing))
 
-    def _encoded(self, states: States) -> Boxes:
-        """The boxes encoded; without gradients each is encoded once and remembered until `clear_cache`."""
+    def _encode_boxes(self, states: States) -> EncodedBoxes:
+        """The boxes encoded; without gradients, encodings are cached until `clear_cache`."""
         device = self.value.weight.device
         if torch.is_grad_enabled():
             return self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches, states.patches_of)))
-        if len(self._box_rows) > MOST_REMEMBERED:
+        if len(self._box_rows) > MAX_CACHED:
             self.clear_cache()
         codes = states.box_codes.tolist()
-        new = [place for place, code in enumerate(codes) if code not in self._box_rows]
+        new = [position for position, code in enumerate(codes) if code not in self._box_rows]
         if new:
             used, patches_of = distinct(states.patches_of[new], len(states.patches))
             encoded = self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches[used], patches_of)))
             first, last = len(self._box_rows), len(self._box_rows) + len(new)
-            self._box_bank = bank = _roomy(self._box_bank, last, encoded)
-            for part, found in zip(bank, encoded, strict=True):
-                part[first:last] = found
-            self._box_rows.update(zip([codes[place] for place in new], range(first, last), strict=True))
-        assert self._box_bank is not None
+            self._cached_boxes = cache = _with_capacity(self._cached_boxes, last, encoded)
+            for cached, part in zip(cache, encoded, strict=True):
+                cached[first:last] = part
+            self._box_rows.update(zip([codes[position] for position in new], range(first, last), strict=True))
+        assert self._cached_boxes is not None
         rows = torch.tensor([self._box_rows[code] for code in codes], device=device)
-        return Boxes(*(part.index_select(0, rows) for part in self._box_bank))
+        return EncodedBoxes(*(part.index_select(0, rows) for part in self._cached_boxes))
 
-    def _read(self, statements: tuple[str, ...]) -> StatementEncodings:
-        """The statements read; without gradients each is read once and remembered until `clear_cache`."""
+    def _encode_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
+        """The statements encoded; without gradients, encodings are cached until `clear_cache`."""
         if torch.is_grad_enabled():
-            return self._read_anew(statements)
-        if len(self._remembered) > MOST_REMEMBERED:
+            return self._compute_statements(statements)
+        if len(self._cached_statements) > MAX_CACHED:
             self.clear_cache()
-        new = tuple(one for one in statements if one not in self._remembered)
+        new = tuple(one for one in statements if one not in self._cached_statements)
         if new:
-            read = self._read_anew(new)
+            encodings = self._compute_statements(new)
             for row, statement in enumerate(new):
-                count = int((read.mask[row, 0, 0] == 0).sum())
-                self._remembered[statement] = [key_value[row, :count] for key_value in read.key_values]
-        return StatementEncodings.from_cache([self._remembered[one] for one in statements])
+                count = int((encodings.mask[row, 0, 0] == 0).sum())
+                self._cached_statements[statement] = [key_value[row, :count] for key_value in encodings.key_values]
+        return StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
 
-    def _read_anew(self, statements: tuple[str, ...]) -> StatementEncodings:
+    def _compute_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
         rows = [self.vocabulary.encode(one, MAX_WORDS) for one in statements]
         words = np.stack(rows)
         words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
-        words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # a statement without words is an unknown one
-        numbers = torch.from_numpy(words).to(self.value.weight.device)
-        mask = attention_mask(numbers)
-        x = self.text(numbers)
-        readers = (*self.readings, self.scene_reading)
-        return StatementEncodings(tuple(reader.key_value(x) for reader in readers), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+        words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # an empty statement becomes one unknown word
+        indices = torch.from_numpy(words).to(self.value.weight.device)
+        mask = attention_mask(indices)
+        x = self.text(indices)
+        attentions = (*self.readings, self.scene_reading)
+        return StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
 def _packing(rows: GroupedRows, device: torch.device) -> Packing:
     return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.positions).to(device))
 
 
-def _chosen(rows: Tensor, places: Tensor) -> Tensor:
-    """(N, 3, d) from (R, d) rows and (N, 3) places."""
-    return rows.index_select(0, places.flatten()).unflatten(0, places.shape)
+def _gather(rows: Tensor, indices: Tensor) -> Tensor:
+    """(N, 3, d) from (R, d) rows and (N, 3) indices."""
+    return rows.index_select(0, indices.flatten()).unflatten(0, indices.shape)
 
 
-def _roomy(bank: Boxes | None, count: int, like: Boxes) -> Boxes:
-    """The bank itself where it has room for `count` boxes, else a copy with twice that room."""
-    if bank is not None and len(bank.vectors) >= count:
-        return bank
-    made = Boxes(*(part.new_empty(2 * count, *part.shape[1:]) for part in like))
-    if bank is not None:
-        for new, old in zip(made, bank, strict=True):
+def _with_capacity(cache: EncodedBoxes | None, count: int, like: EncodedBoxes) -> EncodedBoxes:
+    """The cache if it has capacity for `count` boxes, else a copy with twice that capacity."""
+    if cache is not None and len(cache.vectors) >= count:
+        return cache
+    grown = EncodedBoxes(*(part.new_empty(2 * count, *part.shape[1:]) for part in like))
+    if cache is not None:
+        for new, old in zip(grown, cache, strict=True):
             new[: len(old)] = old
-    return made
+    return grown
 
 
 class BoxEncoder(nn.Module):
-    """A box's pixels to a vector, and to one for each of its 5 x 5 patches, distinct ones read once."""
+    """Encodes each distinct patch, then each box as a vector and 5 x 5 patch features."""
 
     def __init__(self, width: int, channels: int) -> None:
         super().__init__()
@@ -207,30 +212,30 @@ class BoxEncoder(nn.Module):
         self.whole = nn.Linear(PATCHES**2 * channels, width)
         self.feedforward = Feedforward(width)
 
-    def forward(self, patches: Tensor, patches_of: Tensor) -> Boxes:
-        """From Q patches (Q, 300) uint8, and which of these U boxes have (U, 25)."""
+    def forward(self, patches: Tensor, patches_of: Tensor) -> EncodedBoxes:
+        """From distinct patches (Q, 300) uint8, and the patch indices of U boxes (U, 25)."""
         pixels = patches.float().sub_(MIDDLE_GREY).div_(HALF_RANGE)
-        read = F.embedding(patches_of.unflatten(1, (PATCHES, PATCHES)), F.relu(self.patch(pixels)))  # (U, 5, 5, C)
-        read = read + F.relu(self.around(read.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
-        return Boxes(self.feedforward(self.whole(read.flatten(1))), read)
+        encoded = F.embedding(patches_of.unflatten(1, (PATCHES, PATCHES)), F.relu(self.patch(pixels)))  # (U, 5, 5, C)
+        encoded = encoded + F.relu(self.around(encoded.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))
+        return EncodedBoxes(self.feedforward(self.whole(encoded.flatten(1))), encoded)
 
 
 class TowerArguments(nn.Module):
-    """A colour to add to each box, or the top block to remove."""
+    """Argument head for Tower: ADD of each colour, and REMOVE, for each box."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.out = nn.Linear(width, len(Colour) + 1)
         nn.init.orthogonal_(self.out.weight, SMALL_GAIN)
 
-    def forward(self, acting: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 * 3) of ADD and (N, 3) of REMOVE from (N, 3, d)."""
-        found = self.out(acting)
-        return found[..., :-1].flatten(1), found[..., -1]
+    def forward(self, features: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3 * 3) ADD and (N, 3) REMOVE logits from `features` (N, 3, d)."""
+        logits = self.out(features)
+        return logits[..., :-1].flatten(1), logits[..., -1]
 
 
 class ScatterArguments(nn.Module):
-    """A cell and a look to add there, or a cell to remove from."""
+    """Argument head for Scatter: ADD of each item type, and REMOVE, for each cell."""
 
     CELL = 32
 
@@ -248,25 +253,26 @@ class ScatterArguments(nn.Module):
         for layer in (self.add, self.wanted, self.remove):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
 
-    def forward(self, acting: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 * cells * 27) of ADD and (N, 3 * cells) of REMOVE.
+    def forward(self, features: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3 * cells * 27) ADD and (N, 3 * cells) REMOVE logits.
 
-        From the states' boxes in the light of statement and target (N, 3, d), the patches of U distinct boxes
-        (U, 5, 5, C), and which of these the states have (N, 3).
+        From each state's box features given statement and target (N, 3, d), patch features of U distinct boxes
+        (U, 5, 5, C), and the box indices of the states (N, 3).
         """
-        seen = self.seen(patches)
+        local = self.seen(patches)
         if (self.rows, self.columns) != (PATCHES, PATCHES):
-            seen = F.interpolate(seen.permute(0, 3, 1, 2), size=(self.rows, self.columns), mode="nearest")
-            seen = seen.permute(0, 2, 3, 1)
-        seen = seen.flatten(1, 2) + self.place
-        parts = [self._of_states(seen, *part) for part in zip(acting.split(CHUNK), boxes_of.split(CHUNK), strict=True)]
+            local = F.interpolate(local.permute(0, 3, 1, 2), size=(self.rows, self.columns), mode="nearest")
+            local = local.permute(0, 2, 3, 1)
+        local = local.flatten(1, 2) + self.place
+        chunks = zip(features.split(CHUNK), boxes_of.split(CHUNK), strict=True)
+        parts = [self._chunk_logits(local, *chunk) for chunk in chunks]
         adds, removes = zip(*parts, strict=True)
         return torch.cat(adds), torch.cat(removes)
 
-    def _of_states(self, seen: Tensor, acting: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
-        """ADD and REMOVE of some states; `seen` (U, cells, 32)."""
-        of_boxes = seen.index_select(0, boxes_of.flatten()).unflatten(0, boxes_of.shape)
-        hidden = F.relu(of_boxes + self.box(acting)[:, :, None])
-        hidden = F.relu(self.cell(hidden)) * self.cell_of_box(acting)[:, :, None]  # (N, 3, cells, 32)
-        adds = self.add(hidden) + self.wanted(acting)[:, :, None]
+    def _chunk_logits(self, local: Tensor, features: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
+        """The logits of some states; `local` (U, cells, 32)."""
+        cells = local.index_select(0, boxes_of.flatten()).unflatten(0, boxes_of.shape)
+        hidden = F.relu(cells + self.box(features)[:, :, None])
+        hidden = F.relu(self.cell(hidden)) * self.cell_of_box(features)[:, :, None]  # (N, 3, cells, 32)
+        adds = self.add(hidden) + self.wanted(features)[:, :, None]
         return adds.flatten(1), self.remove(hidden).flatten(1)

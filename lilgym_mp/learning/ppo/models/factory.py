@@ -1,4 +1,4 @@
-"""A model by its name."""
+"""Models by name."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.learning.ppo.factored_policy import MOST_ACTIONS
+from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import IMITATION, TRANSFORMERS, PPORecipe
 
-Make = Callable[[bool, bool], Model]  # of whether it has_actor and whether it has_critic
+Make = Callable[[bool, bool], Model]  # of has_actor and has_critic
 
 
 def make_model(
@@ -25,36 +25,35 @@ def make_model(
     weights: Path | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> Model:
-    """A new model whose words are those of `statements`, or with `details` the one that a model file describes.
+    """A new model with the vocabulary of `statements`, or with `details` the one described by a model file.
 
-    Raises WeightsError for a directory of weights that does not serve, ValueError for an appearance with too many
-    actions.
+    Raises WeightsError for an unusable directory of weights, ValueError for an appearance with too many actions.
     """
-    if appearance.action_count > MOST_ACTIONS:
+    if appearance.action_count > MAX_ACTIONS:
         raise ValueError(
-            f"{appearance.action_count:,} actions are too many for a policy that lists them, at most {MOST_ACTIONS:,};"
+            f"{appearance.action_count:,} actions are too many for a flat policy, which takes at most {MAX_ACTIONS:,};"
             " choose a coarser grid"
         )
     if recipe.model in TRANSFORMERS:
         make = _pretrained(recipe, appearance, weights, details)
     elif recipe.model == IMITATION:
-        make = _imitated(appearance, weights, details)
+        make = _from_imitation(appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
-        make = _ours(appearance, statements, details)
+        make = _box_transformer(appearance, statements, details)
     if recipe.critic == "separate":
         return SeparateCritic(make(True, False), make(False, True))
     return make(True, True)
 
 
-def _ours(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
+def _box_transformer(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
     return lambda has_actor, has_critic: BoxTransformer(appearance, words, **sizes)
 
 
-def _imitated(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:
+def _from_imitation(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:
     from lilgym_mp.learning.ppo.models import from_imitation
 
     if details is not None:
@@ -67,4 +66,4 @@ def _pretrained(
 ) -> Make:
     from lilgym_mp.learning.ppo.models import pretrained  # needs transformers
 
-    return pretrained.maker(recipe.model, appearance, weights, details)
+    return pretrained.model_maker(recipe.model, appearance, weights, details)

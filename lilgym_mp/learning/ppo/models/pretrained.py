@@ -1,7 +1,7 @@
-"""The paper's models: C3+BERT, C10+BERT, ViLT and FLAVA, with weights from a local directory through `transformers`.
+"""The paper's models: C3+BERT, C10+BERT, ViLT and FLAVA, with pretrained weights loaded by `transformers`.
 
-Sources: Wu et al. 2023, section 6 and appendix C; what it leaves open follows the authors' released baselines, and
-what those leave open is ours: C10's layers, FLAVA's image size, the heads on ViLT's and FLAVA's pooled vector.
+Sources: Wu et al. 2023, section 6 and appendix C; where the paper is silent, the authors' released baselines. Ours,
+because neither specifies them: C10's layers, FLAVA's image size, the heads on ViLT's and FLAVA's pooled vector.
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ from lilgym_mp.learning.ppo.models.weights import WeightsError, check_weights, w
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
 
 ARCHITECTURES = {"c3-bert": ("bert",), "c10-bert": ("bert",), "vilt": ("vilt",), "flava": ("flava",)}
-BRIGHTEST = 255.0
-LONGEST = 64  # word pieces of a statement
-JOINED, TARGET = 512, 32  # widths of C3 and C10
-VILT_PATCHES = 5, 19  # as the action grid
+MAX_INTENSITY = 255.0
+MAX_TOKENS = 64  # word pieces of a statement
+JOINED, TARGET = 512, 32  # widths in C3 and C10
+VILT_PATCHES = 5, 19  # like the action grid
 FLAVA_MEAN, FLAVA_DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 TARGET_TOKEN = "<TARGET>"
 
 
-def maker(
+def model_maker(
     model: str, appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None
 ) -> Callable[[bool, bool], Model]:
-    """What makes the model, of whether it has_actor and whether it has_critic; `details` are those of a model file.
+    """A constructor of the model, called with has_actor and has_critic; `details`: of a model file.
 
     Raises WeightsError.
     """
-    place = Path(details["weights"]) if details is not None else weights
-    config = check_weights(place, model, ARCHITECTURES[model])
-    assert place is not None
+    path = Path(details["weights"]) if details is not None else weights
+    config = check_weights(path, model, ARCHITECTURES[model])
+    assert path is not None
     _check_library(model)
     if model in ("vilt", "flava"):
         transformer = _Vilt if model == "vilt" else _Flava
-        fresh = details is not None  # the model file has the tensors
+        from_config = details is not None  # its tensors come from the model file
         return lambda has_actor, has_critic: JointModel(
-            transformer(place, config, fresh=fresh), appearance, has_actor, has_critic
+            transformer(path, config, from_config=from_config), appearance, has_actor, has_critic
         )
-    encoder = FrozenBert(place)
+    encoder = FrozenBert(path)
     if details is not None and details["weights_sha256"] != encoder.digest:
-        raise WeightsError(f"{place}: not the weights that the agent was trained with: their SHA-256 differs")
+        raise WeightsError(f"{path}: not the weights that the agent was trained with: their SHA-256 differs")
     layers = C3 if model == "c3-bert" else C10
     return lambda has_actor, has_critic: ConvolutionsAndBert(encoder, layers, appearance, has_actor, has_critic)
 
@@ -65,7 +65,7 @@ def _check_library(model: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No progress bar and no notes of the library on tensors that are not used: what lacks is an error here."""
+    """Silences progress bars and warnings about unused tensors; missing tensors raise an error here."""
     from transformers.utils import logging  # pyright: ignore[reportMissingImports]
 
     verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
@@ -79,76 +79,76 @@ def _quiet() -> Iterator[None]:
             logging.enable_progress_bar()
 
 
-def _pretrained(load: Any, place: Path, **options: Any) -> Any:
-    """The pretrained network. Raises WeightsError where the directory does not have all of it."""
-    found_only = {"local_files_only": True, "use_safetensors": True, "output_loading_info": True}
+def _pretrained(load: Any, path: Path, **options: Any) -> Any:
+    """The pretrained network. Raises WeightsError when the directory lacks a part of it."""
+    safe_options = {"local_files_only": True, "use_safetensors": True, "output_loading_info": True}
     try:
         with _quiet():
-            network, found = load(place, **found_only, **options)
+            network, loading_info = load(path, **safe_options, **options)
     except (OSError, ValueError, RuntimeError, KeyError) as error:
-        raise WeightsError(f"{place}: cannot be loaded: {str(error).strip().splitlines()[0]}") from None
-    except Exception as error:  # safetensors has an exception of its own, which is no OSError
+        raise WeightsError(f"{path}: cannot be loaded: {str(error).strip().splitlines()[0]}") from None
+    except Exception as error:  # safetensors has its own exception, not a subclass of OSError
         if type(error).__name__ != "SafetensorError":
             raise
-        raise WeightsError(f"{place}: its safetensors file is damaged: {error}") from None
-    lacking = sorted(found["missing_keys"]) + sorted(map(str, found["mismatched_keys"]))
-    if lacking:
-        raise WeightsError(f"{place}: incomplete: {len(lacking)} tensors are missing, such as {lacking[0]}")
+        raise WeightsError(f"{path}: its safetensors file is damaged: {error}") from None
+    missing = sorted(loading_info["missing_keys"]) + sorted(map(str, loading_info["mismatched_keys"]))
+    if missing:
+        raise WeightsError(f"{path}: incomplete: {len(missing)} tensors are missing, such as {missing[0]}")
     return network
 
 
-def _tokenizer(place: Path) -> Any:
+def _tokenizer(path: Path) -> Any:
     from transformers import AutoTokenizer  # pyright: ignore[reportMissingImports]
 
     try:
-        return AutoTokenizer.from_pretrained(place, local_files_only=True)
-    except Exception as error:  # the library raises whatever its parsers raise
-        raise WeightsError(f"{place}: its tokenizer cannot be loaded: {error}") from None
+        return AutoTokenizer.from_pretrained(path, local_files_only=True)
+    except Exception as error:  # its parsers raise anything
+        raise WeightsError(f"{path}: its tokenizer cannot be loaded: {error}") from None
 
 
 # C3+BERT and C10+BERT
 
 
 class FrozenBert:
-    """A BERT that is never trained: the mean of its layers' hidden states over a statement's word pieces.
+    """A frozen BERT: the mean of all layers' hidden states over a statement's word pieces, cached by statement.
 
-    The vectors are calculated once for each statement. It is no module, so that its weights are in no model file.
+    Not an nn.Module, so that its weights are not saved in model files.
     """
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, path: Path) -> None:
         from transformers import BertModel  # pyright: ignore[reportMissingImports]
 
-        self.place, self.digest = place, weights_digest(place)
-        self._tokenizer = _tokenizer(place)
-        self._network = _pretrained(BertModel.from_pretrained, place, add_pooling_layer=False).eval()
+        self.path, self.digest = path, weights_digest(path)
+        self._tokenizer = _tokenizer(path)
+        self._network = _pretrained(BertModel.from_pretrained, path, add_pooling_layer=False).eval()
         self.width = int(self._network.config.hidden_size)
-        self.parameter_count = sum(weight.numel() for weight in self._network.parameters())
-        self._known: dict[str, Tensor] = {}
+        self.parameter_count = sum(parameter.numel() for parameter in self._network.parameters())
+        self._cache: dict[str, Tensor] = {}
 
     def vectors(self, statements: Sequence[str], device: torch.device) -> Tensor:
         """(S, width)."""
-        new = [statement for statement in statements if statement not in self._known]
-        for first in range(0, len(new), LONGEST):
-            some = new[first : first + LONGEST]
-            self._known.update(zip(some, self._read(some, device), strict=True))
-        return torch.stack([self._known[statement] for statement in statements]).to(device)
+        new = [statement for statement in statements if statement not in self._cache]
+        for first in range(0, len(new), MAX_TOKENS):
+            some = new[first : first + MAX_TOKENS]
+            self._cache.update(zip(some, self._encode(some, device), strict=True))
+        return torch.stack([self._cache[statement] for statement in statements]).to(device)
 
     @torch.no_grad()
-    def _read(self, statements: list[str], device: torch.device) -> Tensor:
+    def _encode(self, statements: list[str], device: torch.device) -> Tensor:
         self._network.to(device)
-        found = self._tokenizer(
+        tokens = self._tokenizer(
             statements,
             padding=True,
             truncation=True,
-            max_length=LONGEST,
+            max_length=MAX_TOKENS,
             return_special_tokens_mask=True,
             return_tensors="pt",
         ).to(device)
         layers = self._network(
-            input_ids=found["input_ids"], attention_mask=found["attention_mask"], output_hidden_states=True
+            input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"], output_hidden_states=True
         ).hidden_states
         mean = torch.stack(layers).float().mean(0)  # (S, T, width)
-        words = (found["attention_mask"] * (1 - found["special_tokens_mask"]))[..., None]
+        words = (tokens["attention_mask"] * (1 - tokens["special_tokens_mask"]))[..., None]
         return (mean * words).sum(1) / words.sum(1).clamp(min=1)
 
 
@@ -166,7 +166,7 @@ def C3() -> nn.Sequential:  # noqa: N802
 
 
 def C10() -> nn.Sequential:  # noqa: N802
-    """Ten convolutions, of a design of our own: the paper says no more than their number."""
+    """Ten convolutions of our own design; the paper specifies only their number."""
     layers: list[nn.Module] = []
     before = 3
     for channels, stride in (
@@ -187,9 +187,9 @@ def C10() -> nn.Sequential:  # noqa: N802
 
 
 class ConvolutionsAndBert(Model):
-    """Image, statement and target, each a vector, joined for a network of the policy and one of the value.
+    """Image, statement and target vectors, concatenated as input of an actor and a critic.
 
-    Where it both has_actor and has_critic these share the convolutions and the target's embedding, as in the release.
+    With both, actor and critic share the convolutions and the target embedding, as in the release.
     """
 
     pretraining = "pretrained weights"
@@ -213,7 +213,7 @@ class ConvolutionsAndBert(Model):
 
     def forward(self, states: States) -> Prediction:
         device = self.target.weight.device
-        images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / BRIGHTEST
+        images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
         statements = self._encoder.vectors(states.statements, device)
         parts = (
             self.image(self.convolutions(images)),
@@ -221,11 +221,13 @@ class ConvolutionsAndBert(Model):
             self.target(torch.from_numpy(states.targets).to(device)),
         )
         joined = torch.cat(parts, 1)
-        acting = None if self.actor is None else self.actor(joined)
-        return _prediction(self.heads, acting, None if self.critic is None else self.critic(joined), len(images))
+        actor_features = None if self.actor is None else self.actor(joined)
+        return _prediction(
+            self.heads, actor_features, None if self.critic is None else self.critic(joined), len(images)
+        )
 
     def details(self) -> Mapping[str, Any]:
-        return {"weights": str(self._encoder.place), "weights_sha256": self._encoder.digest}
+        return {"weights": str(self._encoder.path), "weights_sha256": self._encoder.digest}
 
     @property
     def frozen_parameters(self) -> int:
@@ -237,7 +239,7 @@ def _two_layers(inputs: int) -> nn.Sequential:
 
 
 class _Heads(nn.Module):
-    """The type, and each argument, all from one vector."""
+    """Linear heads for the type and each argument."""
 
     def __init__(self, width: int, heads: Sequence[Any]) -> None:
         super().__init__()
@@ -248,10 +250,12 @@ class _Heads(nn.Module):
         return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
 
 
-def _prediction(heads: _Heads | None, acting: Tensor | None, judging: Tensor | None, count: int) -> Prediction:
-    """Empty logits of a model that does not act, values of 0 of one that does not judge."""
-    types, arguments = (torch.zeros(count, 0), ()) if heads is None or acting is None else heads(acting)
-    values = types.new_zeros(count) if judging is None else torch.tanh(judging.float().squeeze(1))
+def _prediction(
+    heads: _Heads | None, actor_features: Tensor | None, critic_features: Tensor | None, count: int
+) -> Prediction:
+    """Without an actor the logits are empty; without a critic the values are 0."""
+    types, arguments = (torch.zeros(count, 0), ()) if heads is None or actor_features is None else heads(actor_features)
+    values = types.new_zeros(count) if critic_features is None else torch.tanh(critic_features.float().squeeze(1))
     return Prediction(types, arguments, values)
 
 
@@ -259,25 +263,25 @@ def _prediction(heads: _Heads | None, acting: Tensor | None, judging: Tensor | N
 
 
 class _Transformer(nn.Module):
-    """A pretrained network that reads image and words together."""
+    """A pretrained vision-language transformer."""
 
-    def __init__(self, place: Path, network: Any) -> None:
+    def __init__(self, path: Path, network: Any) -> None:
         super().__init__()
-        self.place = place
-        self.tokenizer = _tokenizer(place)
+        self.path = path
+        self.tokenizer = _tokenizer(path)
         self.tokenizer.add_special_tokens({"additional_special_tokens": [TARGET_TOKEN]})
         self.network = network
 
     def words(self, states: States, device: torch.device) -> dict[str, Tensor]:
-        """The statement, then the token of the target, then True or False: what the release shows ViLT."""
+        """The statement, the target token, then True or False: ViLT's input in the release."""
         texts = [
             f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"
             for statement, target in zip(states.statement_of.tolist(), states.targets.tolist(), strict=True)
         ]
-        found = self.tokenizer(texts, padding=True, truncation=True, max_length=self.longest(), return_tensors="pt")
-        return {name: found[name].to(device) for name in ("input_ids", "attention_mask")}
+        tokens = self.tokenizer(texts, padding=True, truncation=True, max_length=self.max_tokens(), return_tensors="pt")
+        return {name: tokens[name].to(device) for name in ("input_ids", "attention_mask")}
 
-    def longest(self) -> int:
+    def max_tokens(self) -> int:
         raise NotImplementedError
 
     def width(self) -> int:
@@ -285,70 +289,70 @@ class _Transformer(nn.Module):
 
 
 class _Vilt(_Transformer):
-    """The image is enlarged to 5 x 19 patches, as the action grid has cells."""
+    """The image is upscaled to 5 x 19 patches, one per cell of the action grid."""
 
-    def __init__(self, place: Path, config: Mapping[str, Any], *, fresh: bool) -> None:
+    def __init__(self, path: Path, config: Mapping[str, Any], *, from_config: bool) -> None:
         from transformers import ViltConfig, ViltModel  # pyright: ignore[reportMissingImports]
 
-        if fresh:
+        if from_config:
             network: Any = ViltModel(ViltConfig(**config))
         else:
-            network = _pretrained(ViltModel.from_pretrained, place)
-        super().__init__(place, network)
-        _make_room(network, len(self.tokenizer))
+            network = _pretrained(ViltModel.from_pretrained, path)
+        super().__init__(path, network)
+        _resize_embeddings(network, len(self.tokenizer))
 
-    def longest(self) -> int:
+    def max_tokens(self) -> int:
         return int(self.network.config.max_position_embeddings)
 
     def forward(self, states: States) -> Tensor:
         device = self.network.pooler.dense.weight.device
         patch = self.network.config.patch_size
         size = VILT_PATCHES[0] * patch, VILT_PATCHES[1] * patch
-        pixels = _enlarged(states, size, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), device)
+        pixels = _resized(states, size, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), device)
         return self.network(pixel_values=pixels, **self.words(states, device)).pooler_output
 
 
 class _Flava(_Transformer):
-    """The image is enlarged to the square that FLAVA knows; the multimodal encoder's first vector counts."""
+    """The image is resized to FLAVA's square; the output is the multimodal encoder's first vector."""
 
-    def __init__(self, place: Path, config: Mapping[str, Any], *, fresh: bool) -> None:
+    def __init__(self, path: Path, config: Mapping[str, Any], *, from_config: bool) -> None:
         from transformers import FlavaConfig, FlavaModel  # pyright: ignore[reportMissingImports]
 
-        if fresh:
+        if from_config:
             network: Any = FlavaModel(FlavaConfig(**config))
         else:
-            network = _pretrained(FlavaModel.from_pretrained, place)
-        super().__init__(place, network)
-        _make_room(network.text_model, len(self.tokenizer))
+            network = _pretrained(FlavaModel.from_pretrained, path)
+        super().__init__(path, network)
+        _resize_embeddings(network.text_model, len(self.tokenizer))
 
-    def longest(self) -> int:
+    def max_tokens(self) -> int:
         return int(self.network.config.text_config.max_position_embeddings)
 
     def forward(self, states: States) -> Tensor:
         device = self.network.logit_scale.device
         side = self.network.config.image_config.image_size
-        pixels = _enlarged(states, (side, side), FLAVA_MEAN, FLAVA_DEVIATION, device)
+        pixels = _resized(states, (side, side), FLAVA_MEAN, FLAVA_DEVIATION, device)
         return self.network(pixel_values=pixels, **self.words(states, device)).multimodal_embeddings[:, 0]
 
 
-def _make_room(network: Any, words: int) -> None:
-    """Word embeddings for the target's token, which the pretrained ones lack."""
+def _resize_embeddings(network: Any, words: int) -> None:
+    """Adds word embeddings for the target token."""
     if network.get_input_embeddings().num_embeddings < words:
         network.resize_token_embeddings(words, mean_resizing=False)
 
 
-def _enlarged(
+def _resized(
     states: States, size: tuple[int, int], mean: Sequence[float], deviation: Sequence[float], device: torch.device
 ) -> Tensor:
     """(N, 3, *size)."""
-    images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / BRIGHTEST
+    images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
     images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)
     shape = (1, 3, 1, 1)
     return (images - torch.tensor(mean, device=device).view(shape)) / torch.tensor(deviation, device=device).view(shape)
 
 
 class JointModel(Model):
-    """ViLT or FLAVA, trained throughout, with heads for the policy or the value, or both."""
+    """ViLT or FLAVA, fine-tuned, with policy heads, a value head, or both."""
 
     pretraining = "pretrained weights"
 
@@ -369,4 +373,4 @@ class JointModel(Model):
         return _prediction(self.heads, pooled, None if self.critic is None else self.critic(pooled), len(pooled))
 
     def details(self) -> Mapping[str, Any]:
-        return {"weights": str(self.transformer.place)}
+        return {"weights": str(self.transformer.path)}

@@ -1,4 +1,4 @@
-"""What PPO asks of a network."""
+"""The interface between PPO and its networks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.learning.ppo.states import States
 
 
 class Prediction(NamedTuple):
-    """Logits of a `FactoredPolicy`, and values, of N states."""
+    """Logits of a `FactoredPolicy` and values, for N states."""
 
     types: Tensor  # (N, 3)
     heads: tuple[Tensor, ...]  # (N, size) of each head of the factorisation
@@ -20,33 +20,33 @@ class Prediction(NamedTuple):
 
 
 class Model(nn.Module):
-    """A policy with a critic. Statements come as texts: how they are read is the model's own."""
+    """An actor-critic network; it tokenises statements itself."""
 
     factorisation: Factorisation
-    pretraining: str = ""  # what it learnt from before its training with PPO; empty for nothing
+    pretraining: str = ""  # what it was trained on before PPO; empty for nothing
 
     def forward(self, states: States) -> Prediction:
         raise NotImplementedError
 
     def clear_cache(self) -> None:
-        """To be called when the weights have changed, where the model remembers what it read."""
+        """Call it when the weights have changed."""
 
     def details(self) -> Mapping[str, Any]:
-        """What a model file must hold, beside tensors, to build it again, as JSON."""
+        """JSON details from which a model file's network is rebuilt."""
         return {}
 
     @property
     def trained_parameters(self) -> int:
-        return sum(weight.numel() for weight in self.parameters() if weight.requires_grad)
+        return sum(parameter.numel() for parameter in self.parameters() if parameter.requires_grad)
 
     @property
     def frozen_parameters(self) -> int:
-        """Of networks that stay as they are, which the model file leaves out."""
+        """Parameters of frozen networks, which the model file does not include."""
         return 0
 
 
 class SeparateCritic(Model):
-    """Two networks of one kind: one has_actor, the other has_critic."""
+    """Two networks of the same kind, an actor and a critic."""
 
     def __init__(self, actor: Model, critic: Model) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""Directories of pretrained weights, as `transformers` writes them: config.json, model.safetensors, a tokenizer.
+"""Directories of pretrained weights as saved by `transformers`: config.json, model.safetensors, a tokenizer.
 
-Only safetensors files are read, and no code that a directory may hold is run.
+Only safetensors files are read; code in the directory is never executed.
 """
 
 from __future__ import annotations
@@ -13,35 +13,35 @@ from typing import Any
 
 CONFIG, TENSORS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
 PICKLES = ("*.bin", "*.pt", "*.pth", "*.ckpt", "*.h5", "*.msgpack")
-TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is there
+TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is required
 LARGEST_CONFIG = 1 << 22  # bytes
 
 
 class WeightsError(ValueError):
-    """A directory of weights that cannot serve."""
+    """An unusable directory of weights."""
 
 
-def check_weights(place: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:
-    """The directory's config.json, once it can serve `model`. Raises WeightsError naming the place and the error."""
-    if place is None:
+def check_weights(path: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:
+    """The directory's config.json, checked for `model`. Raises WeightsError naming the path and what is wrong."""
+    if path is None:
         raise WeightsError(
-            f"the model {model!r} needs pretrained weights: name their directory with --weights, of the architecture"
+            f"the model {model!r} needs pretrained weights: name a directory with --weights, of the architecture"
             f" {' or '.join(architectures)}, with {CONFIG}, {TENSORS} and a tokenizer"
         )
-    if not place.is_dir():
-        raise WeightsError(f"{place}: no directory of weights" + (": there is no such place" * (not place.exists())))
-    config = _config(place / CONFIG)
+    if not path.is_dir():
+        raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
+    config = _config(path / CONFIG)
     found = config.get("model_type")
     if found not in architectures:
         raise WeightsError(
-            f"{place / CONFIG}: of the architecture {found!r}; the model {model!r} needs {' or '.join(architectures)}"
+            f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {' or '.join(architectures)}"
         )
-    if not any((place / name).is_file() for name in (TENSORS, INDEX)):
-        pickles = sorted(path.name for pattern in PICKLES for path in place.glob(pattern))
-        held = f"; {', '.join(pickles)} may hold pickled objects and is not read" if pickles else ""
-        raise WeightsError(f"{place}: incomplete: it has no {TENSORS}{held}")
-    if not any((place / name).is_file() for name in TOKENIZERS):
-        raise WeightsError(f"{place}: incomplete: it has no tokenizer ({' or '.join(TOKENIZERS)})")
+    if not any((path / name).is_file() for name in (TENSORS, INDEX)):
+        pickles = sorted(file.name for pattern in PICKLES for file in path.glob(pattern))
+        held = f"; {', '.join(pickles)} may contain pickled objects and is not read" if pickles else ""
+        raise WeightsError(f"{path}: incomplete: it has no {TENSORS}{held}")
+    if not any((path / name).is_file() for name in TOKENIZERS):
+        raise WeightsError(f"{path}: incomplete: it has no tokenizer ({' or '.join(TOKENIZERS)})")
     return config
 
 
@@ -59,10 +59,10 @@ def _config(file: Path) -> dict[str, Any]:
     return config
 
 
-def weights_digest(place: Path) -> str:
-    """SHA-256 over the tensors' files of a directory, or of one file."""
+def weights_digest(path: Path) -> str:
+    """SHA-256 over a directory's safetensors files, or of one file."""
     digest = hashlib.sha256()
-    for file in sorted(place.glob("*.safetensors")) if place.is_dir() else [place]:
+    for file in sorted(path.glob("*.safetensors")) if path.is_dir() else [path]:
         with file.open("rb") as content:
             while block := content.read(1 << 20):
                 digest.update(block)
