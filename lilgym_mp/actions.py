@@ -1,4 +1,4 @@
-"""What an agent can do, as plain named tuples. What each does to a scene is told by `appearances`.
+"""Actions as named tuples. Their effects on scenes are defined by `appearances`.
 
 Source: SPEC section 3 (Wu et al. 2023, section 4).
 """
@@ -22,7 +22,7 @@ class ActionType(IntEnum):
 
 
 class ActionError(ValueError):
-    """An action that does not exist: the caller's mistake, unlike an invalid action of the MDP."""
+    """An action that does not exist: an error of the caller, unlike an invalid action of the MDP."""
 
 
 class Stop(NamedTuple):
@@ -37,7 +37,7 @@ class AddBlock(NamedTuple):
 
 
 class RemoveBlock(NamedTuple):
-    """Tower: take the top block of a box's tower."""
+    """Tower: remove the top block of a box's tower."""
 
     box: int
 
@@ -53,7 +53,7 @@ class AddItem(NamedTuple):
 
 
 class RemoveItem(NamedTuple):
-    """Scatter: take away the item that fills the cell (column, row) most."""
+    """Scatter: remove the item that covers most of the cell (column, row)."""
 
     column: int
     row: int

@@ -1,4 +1,4 @@
-"""Names for the types of arrays that the package passes around."""
+"""Type aliases of arrays."""
 
 from __future__ import annotations
 
@@ -14,4 +14,4 @@ UInt64Array = NDArray[np.uint64]
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-BOOLEANS = (bool, np.bool_)  # no whole numbers, though both (the latter before NumPy 2.3) pass for one as an index
+BOOLEANS = (bool, np.bool_)  # rejected as integers, although both (np.bool_ before NumPy 2.3) can be used as an index

@@ -1,4 +1,4 @@
-"""What an agent sees: the image, the statement and the target. Source: SPEC sections 1 and 2."""
+"""Observations: the image, the statement and the target. Source: SPEC sections 1 and 2."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from lilgym_mp.task import Task
 
 MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
 TEXT, ARRAYS = "text", "arrays"
-FORMS = {form: form for form in (TEXT, ARRAYS)}  # of observations: with the statement as text, or only arrays
-EMPTY = -1  # in every field of an item array's slot without an item
+FORMS = {form: form for form in (TEXT, ARRAYS)}  # of observations: the statement as text, or everything as arrays
+EMPTY = -1  # every field of an empty slot of an item array
 PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
 
 
@@ -36,7 +36,7 @@ def image_space(image_size: str) -> spaces.Box:
 
 
 def statement_space(tasks: Iterable[Task]) -> spaces.Text:
-    """Holds every statement of `tasks`; the same for all corpora of ordinary English."""
+    """A space of every statement of `tasks`; the same for all corpora of plain English."""
     statements = {task.statement for task in tasks}
     characters = PLAIN_CHARACTERS.union(*statements)
     longest = max(map(len, statements), default=0)
@@ -44,7 +44,7 @@ def statement_space(tasks: Iterable[Task]) -> spaces.Text:
 
 
 def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementArrays | None = None) -> spaces.Dict:
-    """Of observations in the form "text"; given `arrays`, of those in the form "arrays"."""
+    """The space of observations in the form "text", or "arrays" if `arrays` is given."""
     if arrays is None:
         statement, target = statement_space(tasks), spaces.Discrete(2)
     else:
@@ -54,19 +54,19 @@ def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementA
 
 
 def statement_arrays(observation: str, tasks: TaskSet) -> StatementArrays | None:
-    """What the observation form called `observation` shows statements by; None for texts. Raises ValueError."""
+    """The encoder of statements for the form "arrays"; None for "text". Raises ValueError for other forms."""
     return StatementArrays(tasks) if choose("observation", observation, FORMS) == ARRAYS else None
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:
-    """How many items a box can come to have: those it starts with and one for each action, if it holds so many."""
+    """The most items that a box can reach: those at the start and one per action, limited by the appearance."""
     reachable = max(len(box.items) for task in tasks for box in task.start.boxes) + dynamics.horizon
     capacity = dynamics.appearance.box_capacity
     return reachable if capacity is None else min(reachable, capacity)
 
 
 def item_array(scene: Scene, capacity: int) -> Int16Array:
-    """(3, capacity, 5): x, y, shape, colour and size of each box's items in their order, EMPTY after the last."""
+    """(3, capacity, 5): x, y, shape, colour and size of each box's items in order, then EMPTY."""
     array = np.full((BOX_COUNT, capacity, len(Item._fields)), EMPTY, np.int16)
     for index, box in enumerate(scene.boxes):
         if box.items:

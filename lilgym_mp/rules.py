@@ -1,4 +1,4 @@
-"""What one action does to a state, its reward, and when an episode ends: the only home of these rules.
+"""The MDP: transitions, rewards and ends of episodes. No other module defines these rules.
 
 Source: SPEC sections 4, 5 and 7 (Wu et al. 2023, section 4, and release 0.0.1).
 """
@@ -23,7 +23,7 @@ STEP_COST = 0.1
 
 
 class Outcome(StrEnum):
-    """What came of an action. All but CONTINUES end the episode."""
+    """The outcome of an action. All but CONTINUES end the episode."""
 
     CONTINUES = "continues"
     SUCCESS = "success"
@@ -33,7 +33,7 @@ class Outcome(StrEnum):
 
 
 class OutcomeSignal(NamedTuple):
-    """The reward and the flags that an outcome gives."""
+    """The reward and flags of an outcome."""
 
     reward: float
     terminated: bool
@@ -42,14 +42,14 @@ class OutcomeSignal(NamedTuple):
 
 @dataclass(frozen=True)
 class RuleSet:
-    """Everything in which one reading of the MDP differs from another."""
+    """Everything in which the paper's MDP and the release's differ."""
 
     name: str
     horizon: int
     placement: PlacementRules
     signals: Mapping[Outcome, OutcomeSignal]
     applies_edit_at_horizon: bool
-    truncates_last_stop: bool  # a STOP that is the last action allowed is flagged truncated as well
+    truncates_last_stop: bool  # a STOP at the horizon is also flagged truncated
 
 
 _PAPER = RuleSet(
@@ -86,7 +86,7 @@ RULE_SETS: Mapping[str, RuleSet] = {rules.name: rules for rules in (_PAPER, _REL
 
 
 class ActionStatus(IntEnum):
-    """What an action turned out to be in its state, before the rule set rewards it."""
+    """Classification of an action in its state, from which the rule set determines the result."""
 
     CORRECT_STOP = 0
     WRONG_STOP = 1
@@ -95,14 +95,14 @@ class ActionStatus(IntEnum):
 
 
 class StepResult(NamedTuple):
-    """What a rule set gives for an action of some status, taken last or not."""
+    """The result of an action by its status and whether it was the last one allowed."""
 
     code: int  # index in `Dynamics.step_results`
     outcome: Outcome
     reward: float
     terminated: bool
     truncated: bool
-    applies: bool  # whether the edit's scene becomes the new one
+    applies: bool  # whether the edit changes the scene
 
     @property
     def ends(self) -> bool:
@@ -119,7 +119,7 @@ _OUTCOMES = {
 
 
 def result_index(status: Any, *, last: Any) -> Any:
-    """Index in `Dynamics.step_results`, for numbers or arrays; `last`: whether the action is the last one allowed."""
+    """Index in `Dynamics.step_results`, for ints or arrays; `last`: whether the action is the last one allowed."""
     return 2 * status + last
 
 
@@ -143,11 +143,11 @@ class State(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """The state after an action, and what the action gave."""
+    """The next state and the result of an action."""
 
     state: State
     result: StepResult
-    invalid: InvalidReason | None  # why, when the outcome is INVALID_ACTION
+    invalid: InvalidReason | None  # the reason if the outcome is INVALID_ACTION
 
     @property
     def outcome(self) -> Outcome:
@@ -183,7 +183,7 @@ class Dynamics:
             for status in ActionStatus
         }
         object.__setattr__(self, "step_results", tuple(chain.from_iterable(by_status.values())))
-        # What `step` indexes by bools; computing `result_index` of an enum's member takes three times as long.
+        # Indexed by bools in `step`, which is three times as fast as computing `result_index` of an enum member.
         stops = by_status[ActionStatus.WRONG_STOP], by_status[ActionStatus.CORRECT_STOP]
         edits = by_status[ActionStatus.INVALID_EDIT], by_status[ActionStatus.VALID_EDIT]
         object.__setattr__(self, "_of_stop", stops)
@@ -207,7 +207,7 @@ class Dynamics:
         return new_tuple(Transition, (moved, result, invalid))
 
     def wait(self, state: State) -> Transition:
-        """A step without an edit: rewarded and counted as a valid edit is, so that the horizon may end the episode."""
+        """A step without an edit: rewarded and counted like a valid edit, so the horizon can end the episode."""
         steps = state.steps + 1
         result = self._of_edit[True][steps >= self.horizon]
         return Transition(State(state.task, state.scene, steps), result, None)
@@ -222,7 +222,7 @@ class Dynamics:
 
 
 def make_dynamics(appearance: Appearance, rules: str = "paper", horizon: int | None = None) -> Dynamics:
-    """The MDP under the rule set called `rules`; `horizon` actions an episode (None: the rule set's).
+    """The MDP under the rule set called `rules`; `horizon`: actions per episode (None: the rule set's).
 
     Raises ValueError for an unknown rule set or a horizon that is not a positive whole number.
     """

@@ -1,4 +1,4 @@
-"""The picture's content: three boxes of coloured items, immutable, with the released JSON form.
+"""Scenes: three boxes of coloured items, immutable, with the released JSON format.
 
 Source: SPEC section 1 (NLVR's `structured_rep`); colours and sizes as in Wu et al. 2023, section 3.
 """
@@ -21,7 +21,7 @@ IMAGE_HEIGHT = BOX_SIDE
 
 
 class SceneError(ValueError):
-    """A scene that is not one: wrong JSON form, an item outside its box, items that overlap."""
+    """An invalid scene: wrong JSON, an item outside its box, overlapping items."""
 
 
 class Shape(IntEnum):
@@ -107,8 +107,8 @@ class Item(NamedTuple):
 
 
 class _Frozen:
-    """Two slots that are set once. Written out because play makes two of these a step: a frozen dataclass is
-    three times slower to make."""
+    """Base class of immutable classes with slots. A frozen dataclass takes three times as long to construct, and each
+    step constructs two."""
 
     __slots__ = ()
 
@@ -120,10 +120,10 @@ class _Frozen:
 
 
 class Box(_Frozen):
-    """The items of one box in the order they came.
+    """The items of one box in the order they were added.
 
-    `memo` keeps what others derive from the items (masks, geometry); a box never changes, so neither does
-    what is in there. It takes no part in comparison and is not pickled.
+    `memo` caches values derived from the items (masks, geometry), which stay valid because a box never changes. It is
+    not compared or pickled.
     """
 
     __slots__ = ("items", "memo")

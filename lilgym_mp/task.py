@@ -1,4 +1,4 @@
-"""One MDP with one start: a statement, its program, the target value and the start scene.
+"""A task: a statement, its program, the target truth value and the start scene.
 
 Source: SPEC section 2 (Wu et al. 2023, section 4: a context is a statement and a target).
 """
@@ -22,7 +22,7 @@ class Task:
     start: Scene
 
     def truth(self, scene: Scene) -> bool:
-        """The statement's truth value in `scene`; false where the program raises (it counts that)."""
+        """The statement's truth value in `scene`; false if the program raises, which it counts."""
         return compile_program(self.program)(scene)
 
     def solved_by(self, scene: Scene) -> bool:

@@ -169,7 +169,7 @@ def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearan
 
 @pytest.mark.parametrize("appearance", [TOWER, SCATTER], ids=str)
 def test_to_array__a_value_that_is_not_an_action_is_refused(appearance: Appearance):
-    with pytest.raises(ActionError, match=rf"'STOP' is no action of {appearance.name}"):
+    with pytest.raises(ActionError, match=rf"'STOP' is not an action of {appearance.name}"):
         appearance.to_array("STOP")  # type: ignore[arg-type]
 
 

@@ -121,7 +121,7 @@ class BaseEnvState:
 
     @property
     def task_indices(self) -> Int64Array:
-        return np.array([self._description.tasks.number(state.task.id) for state in self.states()], np.int64)
+        return np.array([self._description.tasks.index_of(state.task.id) for state in self.states()], np.int64)
 
     @property
     def steps(self) -> Int64Array:

@@ -1,4 +1,4 @@
-"""Tower and Scatter: which scenes there are, which actions, and what an action makes of a scene."""
+"""Tower and Scatter: their scenes, their actions, and the effect of an action on a scene."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ APPEARANCES: Mapping[str, Appearance] = {name: build(RELEASED_GRID) for name, bu
 
 
 def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
-    """The appearance called `name`; `grid`, (columns, rows) or "native", matters to scatter only.
+    """The appearance called `name`; `grid`, (columns, rows) or "native", applies to scatter only.
 
     Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
     """

@@ -1,4 +1,4 @@
-"""What an appearance must offer: the seam between the rules and what Tower and Scatter are."""
+"""The protocol of an appearance, through which the rules use Tower and Scatter."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class InvalidReason(StrEnum):
 
 
 class Edit(NamedTuple):
-    """What an action makes of a scene: the scene after it (the same when invalid), and why it is invalid."""
+    """The result of an edit: the scene after it (unchanged if invalid), and why it is invalid."""
 
     scene: Scene
     invalid: InvalidReason | None = None
 
 
 class Appearance(Protocol):
-    """A family of scenes with its actions. Actions are numbered 0 .. action_count - 1; 0 is STOP."""
+    """A family of scenes with its actions. Actions have indices 0 .. action_count - 1; 0 is STOP."""
 
     @property
     def name(self) -> str: ...
@@ -43,15 +43,15 @@ class Appearance(Protocol):
 
     @property
     def box_capacity(self) -> int | None:
-        """The most items that a box can hold; None where only geometry limits it."""
+        """The most items that a box can hold; None if only geometry limits it."""
         ...
 
     def decode(self, index: int) -> Action:
-        """The action numbered `index`, which must be in range."""
+        """The action with this index, which must be in range."""
         ...
 
     def encode(self, action: Action) -> int:
-        """The number of `action`. Raises ActionError when it is not one of this appearance."""
+        """The index of `action`. Raises ActionError if it is not an action of this appearance."""
         ...
 
     def from_array(self, values: Sequence[int]) -> Action:
@@ -63,7 +63,7 @@ class Appearance(Protocol):
         ...
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
-        """What `action`, not STOP, makes of `scene`."""
+        """Applies `action`, which must not be STOP, to `scene`."""
         ...
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:

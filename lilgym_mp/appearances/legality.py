@@ -1,7 +1,7 @@
-"""Where in a box an item can be added and removed, cell by cell, for every footprint at once.
+"""Legal ADDs and REMOVEs of a box, by cell, for all footprints at once.
 
-A word of bits holds some pixels of a column, so that one operation on a small array of words tells where an item
-leaves room for others. Source: SPEC section 4.
+Flags of pixels are packed into words along the columns, so that a few operations on small arrays find the positions
+that items leave free. Source: SPEC section 4.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Item
 
 WORD_BITS = (8, 16, 32, 64)
-REMEMBERED = 20_000  # footprints and places of items whose surroundings are kept
+CACHED_ITEMS = 20_000  # (footprint, x, y) whose masks are cached
 
 Words = NDArray[Any]  # unsigned integers
 Place = tuple[slice, ...]
 
 
 class _Span(NamedTuple):
-    """Some of an array's axis over which something is laid that may stick out on both sides."""
+    """The overlap of an axis of an array with a shorter one laid over it that may extend beyond both ends."""
 
-    there: slice  # of the axis
-    own: slice  # of what is laid over it
+    there: slice  # in the axis
+    own: slice  # in the axis laid over it
 
     @classmethod
     def of(cls, start: int, length: int, size: int) -> _Span:
-        """Over an axis of `size`, from `start`, which may be negative."""
+        """For an axis of `size` and one of `length` laid over it from `start`, which may be negative."""
         first = max(0, start)
         stop = max(first, min(size, start + length))
         return cls(slice(first, stop), slice(first - start, stop - start))
@@ -40,23 +40,23 @@ class _Span(NamedTuple):
 
 @cache
 def box_legality(cell_width: int, cell_height: int, *, searches: bool) -> BoxLegality:
-    """The legality of cells of that size in pixels; `searches`: whether an item may go elsewhere in its cell."""
+    """Legality for a cell size in pixels; `searches`: whether an ADD may place the item elsewhere in its cell."""
     return BoxLegality(cell_width, cell_height, searches=searches)
 
 
 class BoxLegality:
-    """Arrays over the cells of one box, by column and row."""
+    """Computes which edits are legal in each cell of a box."""
 
     def __init__(self, cell_width: int, cell_height: int, *, searches: bool) -> None:
         self._cell = cell_width, cell_height
         self._grid = BOX_SIDE // cell_width, BOX_SIDE // cell_height
-        self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # of a column, in a word
-        # (footprints, words, 100) bits by column: where a corner may be in an empty box.
+        self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # of a column, per word
+        # (footprints, words, 100) bitmasks by column: where a corner can be in an empty box.
         self._allowed = self._packed(allowed_corners(cell_width, cell_height, searches=searches))
         self._clear = [self._clear_words(footprint) for footprint in range(FOOTPRINT_COUNT)]
         self._covers = np.array(cell_areas(cell_width, cell_height)) > 0
-        self._left_clear = lru_cache(REMEMBERED)(self._new_clear)
-        self._covered = lru_cache(REMEMBERED)(self._new_covered)
+        self._left_clear = lru_cache(CACHED_ITEMS)(self._new_clear)
+        self._covered = lru_cache(CACHED_ITEMS)(self._new_covered)
 
     def addable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows, footprints): whether an ADD to the cell is valid in a box with `items`."""
@@ -70,7 +70,7 @@ class BoxLegality:
         width, height = self._cell
         room = self._room(items).transpose(3, 1, 0, 4, 2).reshape(columns * rows, FOOTPRINT_COUNT, -1)
         some = room != 0
-        first = some.argmax(axis=2)  # columns from left to right, and the words of a column from the top
+        first = some.argmax(axis=2)  # by column from the left, then by word from the top
         word = np.take_along_axis(room, first[:, :, None], axis=2)[:, :, 0].astype(np.uint64)
         lowest = np.frexp((word & (~word + np.uint64(1))).astype(np.float64))[1] - 1
         pixel_column, part = np.divmod(first, height // self._pixels)
@@ -78,7 +78,7 @@ class BoxLegality:
         return column * width + pixel_column, row * height + part * self._pixels + lowest, some.any(axis=2)
 
     def _room(self, items: Iterable[Item]) -> Words:
-        """(footprints, rows, words of a cell's column, columns, cell width) bits: free corners beside `items`."""
+        """(footprints, rows, words of a cell's column, columns, cell width) bitmasks: free corners."""
         room = self._allowed.copy()
         for item in items:
             place, clear = self._left_clear(item.footprint, item.x, item.y)
@@ -88,7 +88,7 @@ class BoxLegality:
         return room.reshape(FOOTPRINT_COUNT, rows, -1, columns, self._cell[0])
 
     def removable(self, items: Iterable[Item]) -> BoolArray:
-        """(columns, rows) whether one of `items` covers part of each cell."""
+        """(columns, rows): whether one of `items` covers part of the cell."""
         found = np.zeros(self._grid, np.bool_)
         for item in items:
             place, covers = self._covered(item.footprint, item.x, item.y)
@@ -97,7 +97,7 @@ class BoxLegality:
         return found
 
     def _new_clear(self, footprint: int, x: int, y: int) -> tuple[Place, Words]:
-        """The words around an item of `footprint` at (x, y), and their bits that it leaves clear."""
+        """The slice of words around an item of `footprint` at (x, y), and masks of the bits that it leaves free."""
         columns = _Span.of(x - LARGEST_SIDE, 2 * LARGEST_SIDE + 1, BOX_SIDE)
         first, phase = divmod(y - LARGEST_SIDE, self._pixels)
         words = self._clear[footprint][phase]
@@ -105,7 +105,7 @@ class BoxLegality:
         return (slice(None), rows.there, columns.there), words[:, rows.own, columns.own]
 
     def _new_covered(self, footprint: int, x: int, y: int) -> tuple[Place, BoolArray]:
-        """The cells that an item of `footprint` at (x, y) may reach, and which of them it covers in part."""
+        """The slice of cells around an item of `footprint` at (x, y), and which of them it covers in part."""
         (column, left), (row, top) = divmod(x, self._cell[0]), divmod(y, self._cell[1])
         width, height = self._cell
         covers = self._covers[footprint, width - 1 - left :: width, height - 1 - top :: height]
@@ -114,9 +114,9 @@ class BoxLegality:
         return (columns.there, rows.there), covers[columns.own, rows.own]
 
     def _clear_words(self, footprint: int) -> Sequence[Words]:
-        """(footprints, words, 61): how far below a word's first pixel the window around an item of `footprint` starts.
+        """(footprints, words, 61) bitmasks of the corners that do not overlap an item of `footprint`.
 
-        The window reaches LARGEST_SIDE from the item's corner; its bits are where items stay clear.
+        Corners up to LARGEST_SIDE from the item's, indexed by the position of the first one within its word.
         """
         clear = clear_templates()[footprint]
         window = clear.shape[-1]
@@ -129,7 +129,7 @@ class BoxLegality:
         return phases
 
     def _packed(self, pixels: BoolArray) -> Words:
-        """(footprints, x, y) flags as (footprints, words, x) words."""
+        """Packs (footprints, x, y) flags into (footprints, words, x) words."""
         by_word = pixels.reshape(*pixels.shape[:2], -1, self._pixels).transpose(0, 2, 1, 3)
         bits = next(bits for bits in WORD_BITS if bits >= self._pixels)
         values = np.left_shift(np.uint64(1), np.arange(self._pixels, dtype=np.uint64))
@@ -137,7 +137,7 @@ class BoxLegality:
 
 
 def allowed_corners(cell_width: int, cell_height: int, *, searches: bool) -> BoolArray:
-    """(footprints, 100, 100) by footprint, x, y: whether an ADD to that pixel's cell may put the corner there."""
+    """(footprints, 100, 100) by footprint, x, y: whether an ADD to that pixel's cell can put the corner there."""
     columns, rows = BOX_SIDE // cell_width, BOX_SIDE // cell_height
     in_cell = np.zeros((FOOTPRINT_COUNT, cell_width, cell_height), np.bool_)
     if searches:

@@ -1,8 +1,8 @@
 """The nearest points of two outlines, to the last bit as GEOS (shapely's engine) computes them.
 
 Snapping truncates the nearest points to integers, and where two outlines have several equally near pairs of
-points (parallel sides, symmetric circles) the pair that is taken hangs on how distances round where the
-items lie. So ties are settled as GEOS's brute-force facet distance does: segment by segment in ring order,
+points (parallel sides, symmetric circles) the pair chosen depends on how distances round at the items'
+positions. So ties are resolved as in GEOS's brute-force facet distance does: segment by segment in ring order,
 in IEEE doubles, a later pair winning only when it is strictly nearer.
 """
 
@@ -20,8 +20,8 @@ def nearest_points(
 ) -> tuple[Point, Point]:
     """The nearest points on two rings that do not intersect, the first ring's first.
 
-    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order; the rings are given by the
-    segments' ends, segment i going from point i to point i + 1.
+    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order; rings are given by the
+    segments' end points: segment i goes from point i to point i + 1.
     """
     nearest = inf
     found = first[pairs[0][0]], second[pairs[0][1]]

@@ -1,8 +1,8 @@
-"""Where an item may lie beside others: overlap, distance, snapping and cell coverage, as lookup tables.
+"""Overlap, distance, snapping and cell coverage of items, as lookup tables.
 
-What two items are to each other depends on their footprints (shape and size) and integer offset, so exact geometry
-is done once, by `scripts/build_placement_tables.py` with shapely, and shipped as
-`lilgym_mp.data/placement.npz`. Only a tie between several pairs of nearest points is settled in place, by
+The relation of two items depends only on their footprints (shape and size) and integer offset. So the exact geometry
+is computed once, by `scripts/build_placement_tables.py` with shapely, and shipped as
+`lilgym_mp.data/placement.npz`. Only ties between several pairs of nearest points are resolved at run time, by
 `nearest`. Source: SPEC section 4; the circle is shapely's 64-sided polygon.
 """
 
@@ -27,9 +27,9 @@ SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item s
 LARGEST_SIDE = max(FOOTPRINT_SIDES)
 OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this, in x or y, affect each other
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
-NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # where a pair's table tells of equal top-left corners
+NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # index of equal top-left corners in a pair's table
 LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
-KEPT_MOVES = 16_384  # of those that are settled in place: play on a grid soon meets the same ones again
+CACHED_MOVES = 16_384  # of those resolved at run time; on a grid they recur
 AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
 
 OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
@@ -37,10 +37,10 @@ FIRST_TOO_FAR = SNAP_REACH + 2  # clearance code of everything beyond the snappi
 
 
 class PlacementRules(NamedTuple):
-    """The choices in which rule sets differ when an item is placed."""
+    """How a rule set places items."""
 
-    searches_cell: bool  # an overlap at the cell's corner is tried elsewhere in the cell
-    keeps_unfit_snaps: bool  # a snap is made even when it leaves the box or makes items overlap
+    searches_cell: bool  # if the item overlaps others at the cell's corner, other positions in the cell are tried
+    keeps_unfit_snaps: bool  # a snap applies even if the item then leaves the box or overlaps others
     rounds_in_image: bool  # nearest points are rounded in full-image, not box-local, coordinates
 
 
@@ -50,7 +50,9 @@ class PlacementTables:
 
     clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new footprint, other footprint, offset: clearance code
     moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
-    ties: Mapping[int, Sequence[tuple[int, int]]]  # by index in all of clearance: nearest segments, where they matter
+    ties: Mapping[
+        int, Sequence[tuple[int, int]]
+    ]  # by flat index in `clearance`: the nearest segments, where they matter
     outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
     pixel_areas: NDArray[np.int64]  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
 
@@ -73,20 +75,20 @@ class PlacementTables:
         return smallest, closest
 
     def move(self, footprint: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
-        """By how much a new item moves when it snaps to `other`, which must be near enough.
+        """The snap move of a new item towards `other`, which must be within SNAP_REACH.
 
-        `frame_x` is where the box's left border lies in the coordinates that are rounded.
+        `frame_x`: x of the box's left border in the coordinates that are rounded.
         """
         other_footprint = other.footprint
         offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
         index = (footprint * FOOTPRINT_COUNT + other_footprint) * OFFSET_COUNT**2 + offset
         if index in self.ties or other[0] + frame_x < 0 or other[1] < 0:
-            return _settled(index, footprint, x + frame_x, y, other_footprint, other[0] + frame_x, other[1])
+            return _resolved_move(index, footprint, x + frame_x, y, other_footprint, other[0] + frame_x, other[1])
         code = self.moves[footprint][other_footprint][offset]
         return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
 
     def points(self, footprint: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
-        """The ends of some segments of the outline of an item of `footprint` at (x, y), by number."""
+        """End points of outline segments of an item of `footprint` at (x, y), by index."""
         centre_x, centre_y = x + FOOTPRINT_SIDES[footprint] / 2, y + FOOTPRINT_SIDES[footprint] / 2
         outline = self.outlines[footprint]
         return {
@@ -96,13 +98,13 @@ class PlacementTables:
         }
 
 
-@lru_cache(maxsize=KEPT_MOVES)
-def _settled(
+@lru_cache(maxsize=CACHED_MOVES)
+def _resolved_move(
     index: int, footprint: int, x: int, y: int, other_footprint: int, other_x: int, other_y: int
 ) -> tuple[int, int]:
-    """`PlacementTables.move` from the nearest points of the two outlines, in the coordinates that are rounded.
+    """`PlacementTables.move`, computed from the nearest points of the two outlines.
 
-    `index`: where `PlacementTables.ties` may tell of the two.
+    `index`: the key of the pair in `PlacementTables.ties`.
     """
     tables = placement_tables()
     pairs = tables.ties.get(index) or all_pairs(tables.outlines[footprint], tables.outlines[other_footprint])
@@ -127,7 +129,7 @@ def placement_tables() -> PlacementTables:
 
 
 def _by_footprints(codes: NDArray[np.integer]) -> list[list[bytes]]:
-    """(9, 9, ...) codes below 256 as one bytes object for each pair of footprints."""
+    """(9, 9, ...) codes below 256 as a bytes object for each pair of footprints."""
     return [[pair.astype(np.uint8).tobytes() for pair in row] for row in codes]
 
 
@@ -152,7 +154,7 @@ def is_free(footprint: int, x: int, y: int, items: Iterable[Item]) -> bool:
 def snapped(
     footprint: int, x: int, y: int, closest: Item, items: Sequence[Item], box_index: int, rules: PlacementRules
 ) -> tuple[int, int]:
-    """Where a new item that found its place at (x, y), clear of `items`, comes to rest.
+    """Position of a new item after snapping, from its free position (x, y) among `items`.
 
     `closest` is the first of `items` with the smallest truncated distance, within SNAP_REACH.
     """
@@ -217,7 +219,7 @@ def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...]
 def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
     """(9, cell width, cell height) by footprint and offset in the cell: whether the search may place an item there.
 
-    It may where half of the item lies in the cell or the item covers half of the cell.
+    It may if half of the item lies in the cell or the item covers half of the cell.
     """
     areas = np.array(cell_areas(cell_width, cell_height))[:, :cell_width, :cell_height]
     inside = areas[:, ::-1, ::-1]
@@ -227,22 +229,22 @@ def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
 
 
 def _as_bits(flags: BoolArray, pitch: int) -> int:
-    """Flags (columns, rows) as one number, whose bit column * pitch + row tells of each."""
+    """Flags (columns, rows) as a bitmask, with bit column * pitch + row."""
     padded = np.zeros((len(flags), pitch), np.bool_)
     padded[:, : flags.shape[1]] = flags
     return int.from_bytes(np.packbits(padded, bitorder="little").tobytes(), "little")
 
 
 def _search_pitch(cell_height: int) -> int:
-    """Bits for a column, so many that what is shifted out of a column's cell never reaches into the next one's."""
+    """Bits per column: enough that shifted masks never spill into the next column's cell."""
     return cell_height + 2 * LARGEST_SIDE
 
 
 @cache
 def _search_bits(footprint: int, fitting: tuple[int, int], cell: tuple[int, int]) -> int:
-    """Where in a cell the search may place an item when nothing else is there.
+    """Bitmask of the positions in a cell that the search may choose in an empty box.
 
-    `fitting`: how many columns and rows of the cell are such that the item stays in the box.
+    `fitting`: number of columns and rows of the cell at which the item stays in the box.
     """
     places = search_offsets(*cell)[footprint].copy()
     places[max(0, fitting[0]) :] = False
@@ -252,7 +254,7 @@ def _search_bits(footprint: int, fitting: tuple[int, int], cell: tuple[int, int]
 
 @cache
 def _overlap_bits(cell_height: int) -> Sequence[Sequence[int]]:
-    """(9, 9) by other footprint and new footprint: at which offsets from -30 the two overlap, in x and y."""
+    """(9, 9) by other footprint and new footprint: bitmask of the offsets from -30 that overlap."""
     pitch = _search_pitch(cell_height)
     return [[_as_bits(~clear, pitch) for clear in by_new] for by_new in clear_templates()]
 
@@ -260,9 +262,9 @@ def _overlap_bits(cell_height: int) -> Sequence[Sequence[int]]:
 def searched(
     footprint: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
 ) -> tuple[int, int] | None:
-    """The first free place in the cell whose top-left pixel is (cell_x, cell_y), or None.
+    """The first free position in the cell whose top-left pixel is (cell_x, cell_y), or None.
 
-    Columns from left to right, and rows from top to bottom within a column.
+    The search goes by column from the left, and from top to bottom within a column.
     """
     width, height = cell
     pitch = _search_pitch(height)

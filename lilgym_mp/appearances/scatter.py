@@ -56,13 +56,13 @@ from lilgym_mp.tuples import new_tuple
 NATIVE = "native"
 RELEASED_GRID = (19, 5)
 NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
-WIDEST_CELL = 20  # the largest cell width of which both a box and a separator are multiples
-LARGEST_TABLE = 20_000  # actions that are kept decoded; finer grids decode each anew
+WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
+MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 Grid = tuple[int, int]
 
-_ITEM_TYPE_INDICES = {item_type: number for number, item_type in enumerate(ITEM_TYPES)}
+_ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
 _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
 
@@ -75,14 +75,14 @@ def _is_pair(grid: object) -> bool:
 
 
 def _positive(count: object) -> int:
-    """`count` when it is a positive whole number, else 0."""
+    """`count` if it is a positive integer, else 0."""
     if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
         return 0
     return max(0, operator.index(count))
 
 
 def checked_grid(grid: object) -> Grid:
-    """(columns, rows) from such a pair or "native". Raises GridError naming the choices."""
+    """(columns, rows) from a pair or "native". Raises GridError naming the choices."""
     if grid == NATIVE:
         return NATIVE_GRID
     sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
@@ -121,7 +121,7 @@ def _actions(grid: Grid) -> tuple[Action, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """1 + 28 actions a cell: STOP, ADD(x, y, shape, colour, size) in that order, REMOVE(x, y)."""
+    """1 + 28 actions per cell: STOP, ADD(x, y, shape, colour, size), REMOVE(x, y), in this order."""
 
     grid: Grid = RELEASED_GRID
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
@@ -129,7 +129,9 @@ class Scatter:
     cell_count: int = field(init=False, repr=False)  # of the grid, separators included
     box_cells: tuple[range, ...] = field(init=False, repr=False, compare=False)  # cells of each box
     is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
-    _table: Sequence[Action] = field(init=False, repr=False, compare=False)  # by number, where there are not too many
+    _table: Sequence[Action] = field(
+        init=False, repr=False, compare=False
+    )  # by index, if there are at most MAX_DECODED
 
     def __post_init__(self) -> None:
         columns, rows = checked_grid(self.grid)
@@ -143,7 +145,7 @@ class Scatter:
         object.__setattr__(self, "cell_count", columns * rows)
         firsts = (box * BOX_PITCH // width * rows for box in range(BOX_COUNT))
         object.__setattr__(self, "box_cells", tuple(range(f, f + BOX_SIDE // width * rows) for f in firsts))
-        object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= LARGEST_TABLE else ())
+        object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= MAX_DECODED else ())
 
     @property
     def name(self) -> str:
@@ -165,18 +167,18 @@ class Scatter:
             case Stop():
                 return 0
             case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _ITEM_TYPE_INDICES:
-                return add_index(self._cell_number(column, row), _ITEM_TYPE_INDICES[shape, colour, size])
+                return add_index(self._cell_index(column, row), _ITEM_TYPE_INDICES[shape, colour, size])
             case RemoveItem(column, row):
-                return remove_index(self._cell_number(column, row), self.cell_count)
+                return remove_index(self._cell_index(column, row), self.cell_count)
             case _:
-                raise ActionError(f"{action!r} is no action of scatter")
+                raise ActionError(f"{action!r} is not an action of scatter")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        footprint, column, row, shape, colour, size = slots(values, SLOT_NAMES)
-        action_type = ActionType(slot_value("type", footprint, len(ActionType)))
+        type_number, column, row, shape, colour, size = slots(values, SLOT_NAMES)
+        action_type = ActionType(slot_value("type", type_number, len(ActionType)))
         if action_type is ActionType.STOP:
             return STOP
-        self._cell_number(column, row)
+        self._cell_index(column, row)
         if action_type is ActionType.REMOVE:
             return RemoveItem(column, row)
         return AddItem(
@@ -196,14 +198,14 @@ class Scatter:
             case Stop():
                 return [int(ActionType.STOP), -1, -1, -1, -1, -1]
             case _:
-                raise ActionError(f"{action!r} is no action of scatter")
+                raise ActionError(f"{action!r} is not an action of scatter")
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddItem):
             return self._add(scene, action, rules)
         if isinstance(action, RemoveItem):
             return self._remove(scene, action)
-        raise ActionError(f"{action!r} is no edit of scatter")
+        raise ActionError(f"{action!r} is not an edit of scatter")
 
     def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
         column, row, shape, colour, size = action
@@ -248,7 +250,7 @@ class Scatter:
         return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
 
     def searches(self, rules: PlacementRules) -> bool:
-        """Whether an item that overlaps others at its cell's corner may go elsewhere in the cell."""
+        """Whether an item that would overlap others at its cell's corner may be placed elsewhere in the cell."""
         return rules.searches_cell and not self.is_native
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
@@ -261,7 +263,7 @@ class Scatter:
         return mask
 
     def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
-        """Whether each ADD and each REMOVE in the box's cells is valid, in the order of their numbers."""
+        """Whether each ADD and each REMOVE in the box's cells is valid, in order of their indices."""
         searches = self.searches(rules)
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
@@ -279,6 +281,6 @@ class Scatter:
                 raise SceneError(f"box {index}: {fault}") from None
         return scene
 
-    def _cell_number(self, column: int, row: int) -> int:
+    def _cell_index(self, column: int, row: int) -> int:
         columns, rows = self.grid
         return slot_value("x", column, columns) * rows + slot_value("y", row, rows)

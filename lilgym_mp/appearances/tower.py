@@ -1,6 +1,6 @@
 """Tower: medium squares stacked in the middle of each box, added and removed at the top.
 
-A box is one of 121 stacks, so each exists once, with its four successors beside it.
+There are only 121 possible stacks, so each box exists once, with its four successors.
 Source: SPEC sections 1, 3 and 4.
 """
 
@@ -31,11 +31,11 @@ ACTIONS: tuple[TowerAction, ...] = (
     *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
     *(RemoveBlock(box) for box in range(BOX_COUNT)),
 )
-_NUMBERS: dict[Action, int] = {action: number for number, action in enumerate(ACTIONS)}
+_INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
 
 
 class _Stack(NamedTuple):
-    """A box and what each action on it leads to; None where the action is invalid."""
+    """A box and its successors; None if the edit is invalid."""
 
     box: Box
     with_block: tuple[Box | None, ...]  # by Colour
@@ -51,7 +51,7 @@ def _block(level: int, colour: Colour) -> Item:
 
 @cache
 def _boxes() -> dict[tuple[Item, ...], Box]:
-    """All 121 boxes by their items, each with its stack in its memo."""
+    """All 121 boxes by items, each with its `_Stack` in its memo."""
     boxes: dict[tuple[Item, ...], Box] = {(): Box()}
     layer: list[tuple[Item, ...]] = [()]
     for level in range(CAPACITY):
@@ -95,32 +95,32 @@ def _fault(box: Box) -> str:
 
 @cache
 def _legal_by_heights() -> BoolArray:
-    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers; not to be written."""
+    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
     heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
     legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
-    for number, action in enumerate(ACTIONS):
+    for index, action in enumerate(ACTIONS):
         if isinstance(action, AddBlock):
-            legal[..., number] = heights[action.box] < CAPACITY
+            legal[..., index] = heights[action.box] < CAPACITY
         elif isinstance(action, RemoveBlock):
-            legal[..., number] = heights[action.box] > 0
+            legal[..., index] = heights[action.box] > 0
     return legal
 
 
 @cache
 def _legal_rows() -> list[list[list[BoolArray]]]:
-    """The rows of `_legal_by_heights`, looked up in half the time; not to be written."""
+    """The rows of `_legal_by_heights` in nested lists, which are indexed in half the time. Read-only."""
     heights = range(CAPACITY + 1)
     return [[[_legal_by_heights()[left, middle, right] for right in heights] for middle in heights] for left in heights]
 
 
 class TowerTables(NamedTuple):
-    """The 121 boxes by number, the empty one first, as arrays to index by many boxes at once."""
+    """The 121 boxes by index, the empty one first, as arrays for vectorised lookup."""
 
     boxes: Sequence[Box]  # (121,)
-    numbers: Mapping[tuple[Item, ...], int]  # by items
-    after: NDArray[np.int64]  # (121, 4) number of the box after adding each colour, removing; -1 where invalid
+    indices: Mapping[tuple[Item, ...], int]  # by items
+    after: NDArray[np.int64]  # (121, 4) index of the box after adding each colour and after removing; -1 if invalid
     colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
-    action_box: NDArray[np.int64]  # (13,) box that an action is about; 0 for STOP
+    action_box: NDArray[np.int64]  # (13,) box of an action; 0 for STOP
     action_edit: NDArray[np.int64]  # (13,) column of `after`; 0 for STOP
     heights: NDArray[np.int64]  # (121,)
     legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
@@ -132,25 +132,25 @@ EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY
 @cache
 def tower_tables() -> TowerTables:
     boxes = tuple(_boxes().values())
-    numbers = {box.items: number for number, box in enumerate(boxes)}
+    indices = {box.items: index for index, box in enumerate(boxes)}
     stacks = [_stack(box) for box in boxes]
     edits = [(*stack.with_block, stack.without_top) for stack in stacks]
     colours = np.full((len(boxes), CAPACITY), -1, np.int8)
-    for number, box in enumerate(boxes):
-        colours[number, : len(box.items)] = [item.colour for item in box.items]
+    for index, box in enumerate(boxes):
+        colours[index, : len(box.items)] = [item.colour for item in box.items]
     return TowerTables(
         boxes,
-        numbers,
-        after=np.array([[-1 if box is None else numbers[box.items] for box in row] for row in edits]),
+        indices,
+        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in edits]),
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
-        action_edit=np.array([_edit_number(action) for action in ACTIONS]),
+        action_edit=np.array([_edit_column(action) for action in ACTIONS]),
         heights=np.array([len(box.items) for box in boxes]),
         legal=_legal_by_heights(),
     )
 
 
-def _edit_number(action: TowerAction) -> int:
+def _edit_column(action: TowerAction) -> int:
     match action:
         case AddBlock():
             return action.colour
@@ -180,13 +180,13 @@ class Tower:
         return ACTIONS[index]
 
     def encode(self, action: Action) -> int:
-        if isinstance(action, TowerAction) and action in _NUMBERS:
-            return _NUMBERS[action]
-        raise ActionError(f"{action!r} is no action of tower")
+        if isinstance(action, TowerAction) and action in _INDICES:
+            return _INDICES[action]
+        raise ActionError(f"{action!r} is not an action of tower")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        kind, box, colour = slots(values, SLOT_NAMES)
-        action_type = ActionType(slot_value("type", kind, len(ActionType)))
+        type_number, box, colour = slots(values, SLOT_NAMES)
+        action_type = ActionType(slot_value("type", type_number, len(ActionType)))
         if action_type is ActionType.STOP:
             return STOP
         box = slot_value("box", box, BOX_COUNT)
@@ -203,7 +203,7 @@ class Tower:
             case Stop():
                 return [int(ActionType.STOP), -1, -1]
             case _:
-                raise ActionError(f"{action!r} is no action of tower")
+                raise ActionError(f"{action!r} is not an action of tower")
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddBlock):
@@ -211,9 +211,9 @@ class Tower:
         elif isinstance(action, RemoveBlock):
             box = _stack(scene.boxes[action.box]).without_top
         else:
-            raise ActionError(f"{action!r} is no edit of tower")
+            raise ActionError(f"{action!r} is not an edit of tower")
         if box is None:
-            return Edit(scene, EDIT_REASONS[_edit_number(action)])
+            return Edit(scene, EDIT_REASONS[_edit_column(action)])
         return new_tuple(Edit, (scene.with_box(action.box, box), None))
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:

@@ -56,7 +56,7 @@ class Provenance:
 class TaskSet(Sequence[Task]):
     """The tasks of one configuration and split, in file order; immutable and shared."""
 
-    __slots__ = ("_numbers", "_tags", "_tasks", "provenance")
+    __slots__ = ("_indices", "_tags", "_tasks", "provenance")
 
     def __init__(
         self, tasks: Iterable[Task], provenance: Provenance, tags: Mapping[str, tuple[str, ...]] | None = None
@@ -64,28 +64,28 @@ class TaskSet(Sequence[Task]):
         """`tags`: what the corpus tells of tasks, by id."""
         self._tasks = tuple(tasks)
         self._tags = dict(tags or {})
-        self._numbers = {task.id: number for number, task in enumerate(self._tasks)}
+        self._indices = {task.id: index for index, task in enumerate(self._tasks)}
         self.provenance = provenance
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Every task's id, in file order."""
-        return tuple(self._numbers)
+        return tuple(self._indices)
 
     def by_id(self, task_id: str | SupportsIndex) -> Task:
         """The task called `task_id`, "1757" or 1757. Raises ValueError naming it, the set, and ids much like it."""
-        return self._tasks[self.number(task_id)]
+        return self._tasks[self.index_of(task_id)]
 
-    def number(self, task_id: str | SupportsIndex) -> int:
-        """The place of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
+    def index_of(self, task_id: str | SupportsIndex) -> int:
+        """The index of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
         called = cast("object", task_id)
         if not isinstance(called, (str, *BOOLEANS)) and isinstance(called, SupportsIndex):
             called = str(operator.index(called))
-        number = self._numbers.get(called) if isinstance(called, str) else None
-        if number is None:
+        index = self._indices.get(called) if isinstance(called, str) else None
+        if index is None:
             close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")
-        return number
+        return index
 
     def tags(self, task_id: str | SupportsIndex) -> tuple[str, ...]:
         """What the corpus tells of the task's statement, such as "unseen form"; empty where it tells nothing."""

@@ -178,7 +178,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         if not is_list(task) or len(task) != self.num_envs:
             given = len(task) if is_list(task) else repr(task)
             raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {given}")
-        return [None if name is None else self.tasks.number(name) for name in task]
+        return [None if name is None else self.tasks.index_of(name) for name in task]
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a new generator, or None to keep the old one."""

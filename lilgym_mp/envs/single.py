@@ -1,4 +1,4 @@
-"""One environment: `rules.Dynamics` behind Gymnasium's interface. It knows no rule of its own."""
+"""The single environment: Gymnasium's interface to `rules.Dynamics`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lilgym_mp.task import Task
 
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 RESET_OPTIONS = ("task",)
-UNCHANGED_REWARD = "unshaped_reward"  # the key in infos for a reward that a wrapper changed
+UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
 
 
 class LilGymEnv(gym.Env[Observation, int]):
@@ -39,10 +39,10 @@ class LilGymEnv(gym.Env[Observation, int]):
     Observation space: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
     Action space: Discrete(13) for Tower, Discrete(2661) for Scatter on the released grid; `encode_action` and
     `decode_action` translate the released array form.
-    Reward: -0.1 for a valid edit; +1 for a STOP that finds the statement as the target says, -1 for any other STOP; -1
-    for an invalid edit, and for an edit that uses up the horizon (12 actions; the rule set "release" has 11, and -0.1).
-    Episode end: STOP, an invalid edit, or the horizon, all of them terminated; "release" flags the last two truncated.
-    Info, after reset: "task", the task's id. At the end of an episode: "outcome" (success, wrong_stop,
+    Reward: -0.1 for a valid edit; +1 for a STOP when the statement's truth value equals the target, -1 for any other
+    STOP; -1 for an invalid edit and for an edit at the horizon (12 actions; with rules="release" 11, and -0.1).
+    Episode end: STOP, an invalid edit or the horizon, all terminated; rules="release" flags the last two truncated.
+    Info after reset: "task", the task's id. Info at the end of an episode: "outcome" (success, wrong_stop,
     invalid_action, horizon), "is_success", and "invalid_reason" with invalid_action.
     Source: Wu et al. 2023, section 4.
     """
@@ -64,9 +64,9 @@ class LilGymEnv(gym.Env[Observation, int]):
         render_cells: bool = False,
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
-        "native". `horizon`: actions an episode, None for the rule set's. `observation`: "text", or "arrays" for
-        learners that take no texts: "statement" as token ids, int64 (L,), and "target" as int64 (1,).
-        `render_cells`: pictures for people show the grid's cells with column and row numbers (Tower: names of boxes).
+        "native". `horizon`: actions per episode, None for the rule set's. `observation`: "text", or "arrays" for
+        learners without text support: "statement" as token ids, int64 (L,), and "target" as int64 (1,).
+        `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
@@ -85,16 +85,16 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._ended = False
         self._closed = False
         self._decode = self.dynamics.appearance.decode
-        self._draws: list[int] = []  # numbers of the tasks to come, the next one last
-        self._draws_by: np.random.Generator | None = None  # whose draws they are
+        self._draws: list[int] = []  # indices of the next tasks, in reverse
+        self._draws_by: np.random.Generator | None = None  # the generator that drew them
         self._window: Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts a task drawn uniformly, or `options={"task": id}`.
+        """Starts an episode of a uniformly drawn task, or of `options={"task": id}`.
 
-        Raises ValueError for an unknown id or option and for what is no seed, ClosedEnvironmentError after `close`.
+        Raises ValueError for an unknown id or option or an invalid seed, ClosedEnvironmentError after `close`.
         """
         check_open(closed=self._closed)
         chosen = None
@@ -117,14 +117,14 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for a number out of range, ResetNeeded before reset and after the end, and
+        """Raises ActionError for an action out of range, ResetNeeded before reset and after the end of an episode, and
         ClosedEnvironmentError after `close`."""
         state = self._state
         if state is None or self._ended:
             check_open(closed=self._closed)
             when = "before the first reset" if state is None else "after the end of the episode"
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
-        if type(action) is not int or not 0 <= action < self._action_count:  # else there is nothing to check
+        if type(action) is not int or not 0 <= action < self._action_count:
             action = self._checked(action)
         transition = self.dynamics.step(state, self._decode(action))
         self._state, (_, _, reward, terminated, truncated, _), _ = transition
@@ -159,14 +159,14 @@ class LilGymEnv(gym.Env[Observation, int]):
         task = state.task
         return {
             "image": self._canvas.show(state.scene).copy(),
-            "statement": arrays.rows[self.tasks.number(task.id)].copy(),
+            "statement": arrays.rows[self.tasks.index_of(task.id)].copy(),
             "target": np.array([task.target], np.int64),
         }
 
     @property
     def horizon(self) -> int:
-        """Actions an episode may have. `spec.max_episode_steps` stays None: the environment itself ends the episode,
-        and `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
+        """Actions per episode. `spec.max_episode_steps` is None because the environment itself ends the episode;
+        `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
         return self.dynamics.horizon
 
     @property
@@ -193,7 +193,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.dynamics.goal_reached(self.state)
 
     def encode_action(self, action: Sequence[int]) -> int:
-        """The number of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
+        """The index of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
         colour, size] for scatter; unused slots are ignored. Raises ActionError."""
         return self.dynamics.appearance.encode(self.dynamics.appearance.from_array(action))
 
@@ -202,9 +202,9 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.dynamics.appearance.to_array(self.dynamics.appearance.decode(self._checked(index)))
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
-        """Plays `change(tasks)`, made of the present tasks, from the next reset on.
+        """Replaces the tasks by `change(tasks)` from the next reset on.
 
-        Statements and numbers of items must be such as there were, since the spaces stay.
+        The observation space does not change, so that statements and numbers of items must fit it.
         """
         self.tasks = change(self.tasks)
         self._draws = []
@@ -216,7 +216,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         return self.tasks.ids
 
     def render(self) -> UInt8Array | str | None:
-        """By render mode: an (304, 784, 3) picture with a caption, a text, or None after showing a window."""
+        """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
         if self.render_mode == "ansi":
             return text(self.scene, self._lines())
         if self.render_mode == "rgb_array":
@@ -230,8 +230,8 @@ class LilGymEnv(gym.Env[Observation, int]):
     def _lines(self) -> list[str]:
         if self._last is None:
             return caption(self.state, self.dynamics, None)
-        number, (_, verdict, invalid) = self._last
-        return caption(self.state, self.dynamics, LastAction(number, verdict, invalid))
+        action, (_, result, invalid) = self._last
+        return caption(self.state, self.dynamics, LastAction(action, result, invalid))
 
     def close(self) -> None:
         self._closed = self._ended = True
@@ -241,7 +241,7 @@ class LilGymEnv(gym.Env[Observation, int]):
 
 
 def end_info(transition: Transition) -> dict[str, Any]:
-    """What info says of the action that ended an episode."""
+    """Infos of the action that ended an episode."""
     info: dict[str, Any] = {
         "outcome": str(transition.outcome),
         "is_success": transition.outcome is Outcome.SUCCESS,

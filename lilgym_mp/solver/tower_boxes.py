@@ -14,7 +14,7 @@ from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Box, Scene, SceneError
 
 def tower_box_index(box: Box) -> int:
     """The box's index in `tower_box_images` and `tower_tables().boxes`. Raises SceneError if it is not a Tower box."""
-    index = tower_tables().numbers.get(box.items)
+    index = tower_tables().indices.get(box.items)
     if index is None:
         raise SceneError(f"{box!r} is not a Tower box")
     return index

@@ -368,5 +368,5 @@ def test_check_scene__items_outside_or_overlapping_are_refused_by_box_and_item(i
 
 @pytest.mark.parametrize("action", [STOP, AddBlock(0, B)])
 def test_apply__what_is_no_edit_of_scatter_is_the_callers_mistake(action: Action):
-    with pytest.raises(ActionError, match=r"is no edit of scatter"):
+    with pytest.raises(ActionError, match=r"is not an edit of scatter"):
         SCATTER.apply(scene(), action, PAPER)

@@ -78,7 +78,7 @@ def test_legal_mask__full_box_takes_no_block_and_empty_box_gives_none():
 
 def test_apply__what_is_no_edit_of_tower_is_the_callers_mistake():
     for action in (STOP, AddItem(0, 0, Shape.SQUARE, B, Size.MEDIUM)):
-        with pytest.raises(ActionError, match=r"is no edit of tower"):
+        with pytest.raises(ActionError, match=r"is not an edit of tower"):
             TOWER.apply(scene(), action, PLACEMENT)
 
 

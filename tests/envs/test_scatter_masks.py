@@ -89,8 +89,8 @@ def test_cell_places__has_a_bit_for_each_place_that_stays_free_and_each_part_unc
         column, row = divmod(index, BOX_SIDE // cell[1])
         dx = column * width - there.x + places.offset[0]
         dy = row * cell[1] + part * height - there.y + places.offset[1]
-        near = 0 <= dx < places.lines.shape[1] and 0 <= dy < places.lines.shape[2]
-        left[part, index] = places.left[places.lines[there.footprint, dx, dy] if near else 0]
+        near = 0 <= dx < places.left_index.shape[1] and 0 <= dy < places.left_index.shape[2]
+        left[part, index] = places.left[places.left_index[there.footprint, dx, dy] if near else 0]
     free = sum(
         is_free(footprint, x, y, [there])
         for footprint, x, y in np.argwhere(allowed_corners(*cell, searches=True)).tolist()

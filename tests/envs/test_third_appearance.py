@@ -43,7 +43,7 @@ class Lamps:
 
     def encode(self, action: Action) -> int:
         if action not in ACTIONS:
-            raise ActionError(f"{action} is no action of lamps")
+            raise ActionError(f"{action} is not an action of lamps")
         return ACTIONS.index(action)
 
     def from_array(self, values: Sequence[int]) -> Action:

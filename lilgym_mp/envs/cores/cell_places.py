@@ -30,28 +30,30 @@ Words = NDArray[np.uint64]
 
 
 class CellPlaces(NamedTuple):
-    """The tables for one size of cells. A part is some rows of a cell, mostly all."""
+    """Lookup tables for one cell size. A part is a range of rows of a cell, usually all of them."""
 
     part_height: int  # rows
-    empty: Words  # (parts, cells of a box, words) the parts' words in an empty box
-    left: Words  # (lines, words) what an item leaves; all in line 0
-    lines: NDArray[np.unsignedinteger]  # (9, columns, rows) by an item's footprint and `offset`: the line of `left`
-    offset: tuple[int, int]  # index of equal top-left corners in `lines`; grows with a part's offset from the item
-    edits: Int64Array  # (words,) the word's footprint as a bit, set if it is not 0; last: REMOVABLE, set if it is 0
-    adds: BoolArray  # (2 * REMOVABLE, 27) by a cell's legal edits: whether the ADD of each look is one
+    empty: Words  # (parts, cells of a box, words) words in an empty box
+    left: Words  # (distinct masks, words) the bits that an item leaves set; mask 0 leaves all
+    left_index: NDArray[np.unsignedinteger]  # (9, columns, rows) by footprint and `offset`: index in `left`
+    offset: tuple[
+        int, int
+    ]  # index in `left_index` of equal top-left corners; increases with the offset of a part from the item
+    edits: Int64Array  # (words,) bit of the footprint, legal if the word is not 0; last: REMOVABLE, legal if 0
+    adds: BoolArray  # (2 * REMOVABLE, 27) by bitmask of legal edits: whether each item type can be added
 
 
 class _Word(NamedTuple):
-    """A word of every cell, whose bits belong to one footprint, or to REMOVE."""
+    """One word of every cell; its bits belong to one footprint, or to REMOVE."""
 
     edit: int  # a bit
-    left: Words  # (9, x, y) by footprint of an item and offset of a part from it
+    left: Words  # (9, x, y) by footprint of an item and offset of a part from it: bits left set
     empty: Words  # (parts, cells)
 
 
 @cache
 def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPlaces:
-    """The tables for cells of that size in pixels; `searches`: whether an item may go elsewhere in its cell."""
+    """The tables for a cell size in pixels; `searches`: whether an ADD may place the item elsewhere in its cell."""
     height = cell_height if cell_height <= HIGHEST_PART else LOW_PART
     allowed = _allowed_places(cell_width, cell_height, height, searches=searches)
     words = [*_adding(allowed), _removing(cell_width, height, allowed.shape[3:])]
@@ -62,13 +64,13 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
     for index, word in enumerate(words):
         empty[..., index], left[..., index] = word.empty, word.left
     everything = np.bitwise_or.reduce(empty.reshape(-1, width))
-    distinct, numbers = _distinct(np.concatenate([everything[None], left.reshape(-1, width)]))
+    distinct, indices = _distinct(np.concatenate([everything[None], left.reshape(-1, width)]))
     columns, rows = window[1:]
     return CellPlaces(
         part_height=height,
         empty=empty,
         left=distinct,
-        lines=numbers[1:].reshape(window).astype(np.min_scalar_type(numbers.max())),
+        left_index=indices[1:].reshape(window).astype(np.min_scalar_type(indices.max())),
         offset=(columns - LARGEST_SIDE - 1, rows - LARGEST_SIDE - 1),
         edits=np.array([word.edit for word in words]),
         adds=(np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(np.bool_),
@@ -76,7 +78,7 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
 
 
 def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool) -> BoolArray:
-    """(9, width, height, parts, cells) whether an item of a footprint may go to that pixel of a part."""
+    """(9, width, height, parts, cells) whether an item can be placed at the pixel of a part."""
     allowed = allowed_corners(width, cell_height, searches=searches)
     shape = FOOTPRINT_COUNT, BOX_SIDE // width, width, BOX_SIDE // cell_height, cell_height // height, height
     by_pixel = allowed.reshape(shape).transpose(0, 2, 5, 4, 1, 3)
@@ -86,7 +88,7 @@ def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool
 def _adding(allowed: BoolArray) -> Iterator[_Word]:
     """The words of all footprints, from `_allowed_places`.
 
-    A part's offset from an item goes, in x and y, from -LARGEST_SIDE less the part's last pixel to LARGEST_SIDE.
+    Offsets of a part from an item range from -LARGEST_SIDE minus the part's last pixel to LARGEST_SIDE, in x and y.
     """
     _, width, height, *_ = allowed.shape
     margins = [(0, 0), (0, 0), (width - 1, width - 1), (height - 1, height - 1)]
@@ -101,15 +103,15 @@ def _adding(allowed: BoolArray) -> Iterator[_Word]:
 
 
 def _removing(width: int, height: int, cells: tuple[int, ...]) -> _Word:
-    """The word of REMOVABLE, of (parts, cells) `cells`, over the same window as those of `_adding`."""
+    """The word for REMOVE, for (parts, cells) `cells`, over the same offsets as those of `_adding`."""
     uncovered = np.array(cell_areas(width, height)) == 0
-    beyond = LARGEST_SIDE, 1  # offsets that `cell_areas` leaves out on either side, where nothing is covered
+    beyond = LARGEST_SIDE, 1  # offsets beyond those of `cell_areas`, where nothing is covered
     left = np.pad(uncovered, [(0, 0), beyond, beyond], constant_values=True)
     return _Word(REMOVABLE, _packed([left]), np.ones(cells, np.uint64))
 
 
 def _packed(flags: Sequence[BoolArray]) -> Words:
-    """Words whose bits are the flags, the first the lowest."""
+    """Packs flags into words, the first flag being the lowest bit."""
     words = np.zeros(flags[0].shape, np.uint64)
     for bit, flag in enumerate(flags):
         words |= flag.astype(np.uint64) << np.uint64(bit)
@@ -117,7 +119,7 @@ def _packed(flags: Sequence[BoolArray]) -> Words:
 
 
 def _distinct(lines: Words) -> tuple[Words, Int64Array]:
-    """Each different line once, in the order in which they are met first, and the index of each of `lines`."""
+    """The distinct lines in order of first occurrence, and the index of each of `lines` among them."""
     numbers: dict[bytes, int] = {}
     found = np.array([numbers.setdefault(line.tobytes(), len(numbers)) for line in lines])
     return np.frombuffer(b"".join(numbers), lines.dtype).reshape(-1, lines.shape[1]), found

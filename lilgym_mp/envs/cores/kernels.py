@@ -469,13 +469,13 @@ def write_masks(
 
 
 @_inlined
-def _row_of_left(tables: GridTables, places: CellPlaces, item: int, cell: int, part: int) -> int:
-    """The row of `CellPlaces.left` for an item and a part of a cell of its box; 0 if they are apart."""
+def _left_index(tables: GridTables, places: CellPlaces, item: int, cell: int, part: int) -> int:
+    """Index in `CellPlaces.left` for an item and a part of a cell of its box; 0 if they are apart."""
     x, y, item_type = decode_item(item)
     dx = tables.xs[cell] - x + places.offset[0]
     dy = tables.ys[cell] + part * places.part_height - y + places.offset[1]
-    if 0 <= dx < places.lines.shape[1] and 0 <= dy < places.lines.shape[2]:
-        return int(places.lines[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
+    if 0 <= dx < places.left_index.shape[1] and 0 <= dy < places.left_index.shape[2]:
+        return int(places.left_index[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
     return 0
 
 
@@ -484,7 +484,7 @@ def _reaches(tables: GridTables, places: CellPlaces, item: int, cell: int) -> bo
     """Whether an item can affect the legal edits of a cell."""
     reaches = False
     for part in range(places.empty.shape[0]):
-        reaches |= _row_of_left(tables, places, item, cell, part) != 0
+        reaches |= _left_index(tables, places, item, cell, part) != 0
     return reaches
 
 
@@ -497,7 +497,7 @@ def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: in
         for word in range(width):
             words[word] = places.empty[part, cell, word]
         for slot in range(scenes.counts[row]):
-            line = _row_of_left(tables, places, scenes.items[row, slot], cell, part)
+            line = _left_index(tables, places, scenes.items[row, slot], cell, part)
             if line != 0:
                 for word in range(width):
                     words[word] &= places.left[line, word]

@@ -31,7 +31,7 @@ class TowerCore(CompiledCore):
             reasons=np.array([REASON_INDICES[reason] for reason in EDIT_REASONS]),
         )
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
-        self._start_stacks = np.array([[tables.numbers[box.items] for box in task.start.boxes] for task in tasks])
+        self._start_stacks = np.array([[tables.indices[box.items] for box in task.start.boxes] for task in tasks])
         with compiling(kernels.edit_tower_scenes):
             self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
 

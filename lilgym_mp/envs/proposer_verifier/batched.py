@@ -88,7 +88,7 @@ class BatchedGames:
     def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
         """Starts games (k,); each draws its task, then its intent, from its own generator."""
         setup = self._setup
-        task = setup.tasks.number(options["task"]) if "task" in options else None
+        task = setup.tasks.index_of(options["task"]) if "task" in options else None
         intent = intent_option(options)
         if intent is None:
             intent = setup.fixed_intent

@@ -254,7 +254,7 @@ def test_tasks__of_ours_are_recoloured_and_begin_empty_too(own: str):
     assert empty
     assert all(task.target and not any(task.start.items()) for task in empty)
     for task in tasks.tasks:
-        assert tasks.from_empty[tasks.tasks.number(task.id)] or not task.solved_by(task.start)
+        assert tasks.from_empty[tasks.tasks.index_of(task.id)] or not task.solved_by(task.start)
 
 
 def test_tasks__the_paper_has_those_of_the_corpus_alone_and_boxes_may_be_permuted(own: str):
