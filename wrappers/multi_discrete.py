@@ -90,7 +90,7 @@ class ArrayDecoding(Transformation):
 def _action_blocks(appearance: Appearance) -> list[_ActionBlock]:
     """By ActionType."""
     unused = [0] * (len(appearance.to_array(STOP)) - 1)
-    firsts = [appearance.encode(appearance.from_array([int(kind), *unused])) for kind in ActionType]
+    firsts = [appearance.encode(appearance.from_array([int(action_type), *unused])) for action_type in ActionType]
     ends = [*firsts[1:], appearance.action_count]
     lasts = [np.array(appearance.to_array(appearance.decode(end - 1))) for end in ends]
     return [_ActionBlock(last, first) for last, first in zip(lasts, firsts, strict=True)]

@@ -33,7 +33,7 @@ PARTS, MASK = "observation", "action_mask"  # keys of an agent's observation
 
 AgentObservation = Mapping[str, Any]
 Info = dict[str, Any]
-TransformationT = Callable[..., Transformation]
+MakeTransformation = Callable[..., Transformation]  # called with an EnvDescription and the settings
 
 
 def is_game(env: object) -> bool:
@@ -41,7 +41,7 @@ def is_game(env: object) -> bool:
     return isinstance(env, AECEnv | ParallelEnv) and isinstance(env.unwrapped, BaseGameEnv)
 
 
-def wrap_game(env: Any, name: str, transformation_class: TransformationT, settings: Mapping[str, Any]) -> Any:
+def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]) -> Any:
     """Wraps the game `env` in the wrapper called `name`."""
     adapters = {agent: TransformedAgent(env, agent, name, transformation_class, settings) for agent in AGENTS}
     transformation = adapters[AGENTS[Role.PROPOSER]].transformation
@@ -84,7 +84,7 @@ class TransformedAgent:
     """The effect on one agent. Actions and masks change only for the proposer, in its turn."""
 
     def __init__(
-        self, env: Any, agent: str, name: str, transformation_class: TransformationT, settings: Mapping[str, Any]
+        self, env: Any, agent: str, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]
     ) -> None:
         """Raises WrongEnvironment for array observations and for transformations that use MDP actions."""
         base: BaseGameEnv = env.unwrapped
@@ -135,7 +135,7 @@ class TransformedAgent:
         game = self._engine.game
         choice, message = divmod(int(action), game.message_sizes[self._role] + 1)
         choices, entries = self.transformation.actions(np.array([choice]), self._state(None))
-        if int(choices[0]) not in game.choices[self._role]:  # STOP, if only the verifier may stop
+        if int(choices[0]) not in game.choices[self._role]:  # a forced STOP, but only the verifier may stop
             return action
         self._entries = {name: to_python(value[0]) for name, value in entries.items()}
         return game.encode_action(self._role, int(choices[0]), message)

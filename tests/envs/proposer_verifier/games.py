@@ -41,12 +41,12 @@ def game(**settings: Any) -> Game:
     return setup(**settings).game
 
 
-def played(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:
+def final_step(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:
     """The last step of a game with these actions; pairs in the simultaneous protocol."""
-    return plays(game, *actions, intent=intent)[-1]
+    return all_steps(game, *actions, intent=intent)[-1]
 
 
-def plays(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[GameStep]:
+def all_steps(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[GameStep]:
     """All steps of a game with these actions."""
     state: GameState = game.start(SOME_BLUE, intent)
     steps: list[GameStep] = []

@@ -96,10 +96,10 @@ def test_supersuit__wraps_the_game(name: str, form: Callable[..., Any]):
     if name == "black_death" and form is env:
         pytest.skip("SuperSuit's black_death is for the form in which both act")
     wrapped = SUPERSUIT[name](supersuit, form(observations="image" if name == "color_reduction" else "vector"))
-    (_played_together if form is parallel_env else _played_in_turns)(wrapped)
+    (_play_parallel if form is parallel_env else _play_aec)(wrapped)
 
 
-def _played_together(game: Any) -> None:
+def _play_parallel(game: Any) -> None:
     observations, _ = game.reset(seed=0)
     for _ in range(5):
         if not game.agents:
@@ -109,7 +109,7 @@ def _played_together(game: Any) -> None:
         observations, *_ = game.step({agent: 3 if agent == AGENTS[0] else 1 for agent in game.agents})
 
 
-def _played_in_turns(game: Any) -> None:
+def _play_aec(game: Any) -> None:
     game.reset(seed=0)
     for agent in game.agent_iter(6):
         observation, _, terminated, truncated, _ = game.last()

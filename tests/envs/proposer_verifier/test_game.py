@@ -25,9 +25,9 @@ from tests.envs.proposer_verifier.games import (
     STOPS,
     VERIFIER_STOPS,
     WAIT,
+    all_steps,
+    final_step,
     game,
-    played,
-    plays,
 )
 
 
@@ -40,61 +40,61 @@ def items(step: Any) -> int:
 
 
 def test_veto__a_proposal_has_no_effect_until_answered():
-    step = played(game(), ADD_BLUE)
+    step = final_step(game(), ADD_BLUE)
     assert step.transition is None
     assert step.rewards == (0.0, 0.0)
     assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (VERIFIER_MOVES, ADD_BLUE, 0)
 
 
 def test_veto__an_accepted_edit_is_a_step_of_the_mdp():
-    step = played(game(), ADD_BLUE, ACCEPT)
+    step = final_step(game(), ADD_BLUE, ACCEPT)
     assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 1)
     assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (PROPOSER_MOVES, None, 1)
 
 
 def test_veto__a_rejection_keeps_the_scene_and_uses_up_a_step():
-    step = played(game(), ADD_BLUE, REJECT)
+    step = final_step(game(), ADD_BLUE, REJECT)
     assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
     assert step.state.mdp.steps == 1
 
 
 def test_veto__an_accepted_stop_ends_the_episode_as_the_mdp_does():
-    right = played(game(), ADD_BLUE, ACCEPT, STOPS, ACCEPT)
-    wrong = played(game(), ADD_BLACK, ACCEPT, STOPS, ACCEPT)
+    right = final_step(game(), ADD_BLUE, ACCEPT, STOPS, ACCEPT)
+    wrong = final_step(game(), ADD_BLACK, ACCEPT, STOPS, ACCEPT)
     assert (outcome(right), right.rewards, right.terminated) == (Outcome.SUCCESS, (1.0, 1.0), True)
     assert (outcome(wrong), wrong.rewards, wrong.terminated) == (Outcome.WRONG_STOP, (-1.0, -1.0), True)
     assert right.state.movers == NOBODY_MOVES
 
 
 def test_veto__a_rejected_stop_does_not_end_the_episode():
-    step = played(game(), STOPS, REJECT)
+    step = final_step(game(), STOPS, REJECT)
     assert (outcome(step), step.terminated, step.state.movers) == (Outcome.CONTINUES, False, PROPOSER_MOVES)
 
 
 def test_veto__an_accepted_invalid_action_ends_the_episode_a_rejected_one_does_not():
-    assert outcome(played(game(), REMOVE_FROM_EMPTY, ACCEPT)) is Outcome.INVALID_ACTION
-    assert outcome(played(game(), REMOVE_FROM_EMPTY, REJECT)) is Outcome.CONTINUES
+    assert outcome(final_step(game(), REMOVE_FROM_EMPTY, ACCEPT)) is Outcome.INVALID_ACTION
+    assert outcome(final_step(game(), REMOVE_FROM_EMPTY, REJECT)) is Outcome.CONTINUES
 
 
 @pytest.mark.parametrize("answer", [ACCEPT, REJECT])
 def test_veto__the_horizon_counts_rounds(answer: int):
-    step = played(game(horizon=2), ADD_BLUE, REJECT, ADD_BLUE, answer)
+    step = final_step(game(horizon=2), ADD_BLUE, REJECT, ADD_BLUE, answer)
     assert (outcome(step), step.terminated, step.rewards) == (Outcome.HORIZON, True, (-1.0, -1.0))
 
 
 def test_veto__under_the_release_rules_the_horizon_truncates():
-    step = played(game(horizon=1, rules="release"), ADD_BLUE, REJECT)
+    step = final_step(game(horizon=1, rules="release"), ADD_BLUE, REJECT)
     assert (step.terminated, step.truncated, step.rewards) == (False, True, (-0.1, -0.1))
 
 
 @pytest.mark.parametrize("ending", ["proposer", "either"])
 def test_ending__by_the_proposer_its_stop_needs_no_answer(ending: str):
-    assert outcome(played(game(ending=ending), STOPS)) is Outcome.WRONG_STOP
+    assert outcome(final_step(game(ending=ending), STOPS)) is Outcome.WRONG_STOP
 
 
 @pytest.mark.parametrize("ending", ["verifier", "either"])
 def test_ending__by_the_verifier_its_stop_is_judged_on_the_scene_before_the_proposal(ending: str):
-    step = played(game(ending=ending), ADD_BLUE, VERIFIER_STOPS)
+    step = final_step(game(ending=ending), ADD_BLUE, VERIFIER_STOPS)
     assert (outcome(step), items(step)) == (Outcome.WRONG_STOP, 0)
     assert step.judgement is not None
     assert (step.judgement.accepted, step.judgement.holds) == (True, False)
@@ -116,76 +116,76 @@ def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
 
 
 def test_joint__the_edit_is_made_while_the_verifier_continues():
-    step = played(game(protocol="joint"), (ADD_BLUE, CONTINUE))
+    step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE))
     assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, BOTH_MOVE)
 
 
 def test_joint__a_stop_is_judged_on_the_scene_before_the_edit():
-    assert outcome(played(game(protocol="joint"), (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
-    step = played(game(protocol="joint"), (ADD_BLUE, CONTINUE), (ADD_BLACK, STOP_NOW))
+    assert outcome(final_step(game(protocol="joint"), (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+    step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE), (ADD_BLACK, STOP_NOW))
     assert (outcome(step), items(step)) == (Outcome.SUCCESS, 1)
 
 
 def test_joint__by_agreement_only_both_stops_together_end_the_episode():
     this = game(protocol="joint", ending="agreement")
-    assert outcome(played(this, (STOPS, CONTINUE))) is Outcome.CONTINUES
-    step = played(this, (ADD_BLUE, STOP_NOW))
+    assert outcome(final_step(this, (STOPS, CONTINUE))) is Outcome.CONTINUES
+    step = final_step(this, (ADD_BLUE, STOP_NOW))
     assert (outcome(step), items(step)) == (Outcome.CONTINUES, 1)
-    assert outcome(played(this, (STOPS, STOP_NOW))) is Outcome.WRONG_STOP
+    assert outcome(final_step(this, (STOPS, STOP_NOW))) is Outcome.WRONG_STOP
 
 
 def test_joint__by_either_each_stop_ends_the_episode():
     this = game(protocol="joint", ending="either")
-    assert outcome(played(this, (STOPS, CONTINUE))) is Outcome.WRONG_STOP
-    assert outcome(played(this, (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+    assert outcome(final_step(this, (STOPS, CONTINUE))) is Outcome.WRONG_STOP
+    assert outcome(final_step(this, (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
 
 
 def test_audit__the_proposer_moves_until_it_stops():
-    steps = plays(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
+    steps = all_steps(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
     assert [step.state.movers for step in steps] == [PROPOSER_MOVES, PROPOSER_MOVES, VERIFIER_MOVES]
     assert [outcome(step) for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
 
 
 @pytest.mark.parametrize("verdict", [0, 1])
 def test_audit__the_verdict_ends_the_episode_whatever_it_is(verdict: int):
-    step = played(game(protocol="audit"), ADD_BLUE, STOPS, verdict)
+    step = final_step(game(protocol="audit"), ADD_BLUE, STOPS, verdict)
     assert (outcome(step), step.judgement.probability, step.judgement.holds) == (Outcome.SUCCESS, float(verdict), True)
 
 
 def test_audit__without_a_stop_there_is_no_verdict():
-    step = played(game(protocol="audit", horizon=1), ADD_BLUE)
+    step = final_step(game(protocol="audit", horizon=1), ADD_BLUE)
     assert (outcome(step), step.judgement, step.state.movers) == (Outcome.HORIZON, None, NOBODY_MOVES)
 
 
 @pytest.mark.parametrize(("bins", "expected"), [(2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
 def test_audit__bins_state_their_midpoints(bins: int, expected: list[float]):
     this = game(protocol="audit", verdict_bins=bins)
-    stated = [played(this, STOPS, verdict).judgement.probability for verdict in range(bins)]
+    stated = [final_step(this, STOPS, verdict).judgement.probability for verdict in range(bins)]
     assert stated == pytest.approx(expected)
 
 
 def test_critique__a_rejection_is_free_and_the_proposer_moves_again():
-    step = played(game(protocol="critique"), ADD_BLUE, REJECT)
+    step = final_step(game(protocol="critique"), ADD_BLUE, REJECT)
     assert (step.transition, step.rewards) == (None, (0.0, 0.0))
     assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == (PROPOSER_MOVES, 1, 0)
 
 
 def test_critique__after_the_last_exchange_the_next_proposal_needs_no_answer():
     this = game(protocol="critique", exchanges=1)
-    step = played(this, ADD_BLACK, REJECT, ADD_BLUE)
+    step = final_step(this, ADD_BLACK, REJECT, ADD_BLUE)
     assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, PROPOSER_MOVES)
     assert step.state.rejections == 0
 
 
 def test_critique__a_rejection_can_carry_a_message():
     this = game(protocol="critique")
-    step = played(this, ADD_BLUE, this.encode_action(Role.VERIFIER, REJECT, message=3))
+    step = final_step(this, ADD_BLUE, this.encode_action(Role.VERIFIER, REJECT, message=3))
     assert step.state.messages == (0, 3)
 
 
 def test_message__costs_its_sender():
     this = game(message_size=2, message_cost=0.25)
-    steps = plays(
+    steps = all_steps(
         this,
         this.encode_action(Role.PROPOSER, ADD_BLUE, message=2),
         this.encode_action(Role.VERIFIER, ACCEPT),
@@ -206,7 +206,7 @@ ILLEGAL = [
 
 @pytest.mark.parametrize(("protocol", "actions", "meaning"), ILLEGAL, ids=[meaning for *_, meaning in ILLEGAL])
 def test_illegal_choice__counts_as_no_choice(protocol: str, actions: Any, meaning: str):
-    step = played(game(protocol=protocol), *actions)
+    step = final_step(game(protocol=protocol), *actions)
     assert any(step.illegal)
     assert items(step) == 0
     assert step.judgement is None or step.judgement.probability == 0.0
@@ -238,17 +238,17 @@ REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, 
 def test_rewards__in_audit(
     rewards: str, settings: dict[str, Any], actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]
 ):
-    step = played(game(protocol="audit", rewards=rewards, **settings), *actions, intent=intent)
+    step = final_step(game(protocol="audit", rewards=rewards, **settings), *actions, intent=intent)
     assert step.rewards == pytest.approx(expected)
 
 
 def test_rewards__a_correct_rejection_that_does_not_end_the_episode_earns_nothing():
-    assert played(game(rewards="correctness"), STOPS, REJECT).rewards == (-0.1, 0.0)
+    assert final_step(game(rewards="correctness"), STOPS, REJECT).rewards == (-0.1, 0.0)
 
 
 def test_rewards__are_weighted_sums():
     rewards = {"proposer_0": {"sneaky": 2.0, "mdp": 0.5}, "verifier_0": "correctness"}
-    assert played(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
+    assert final_step(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
 
 
 def test_step__out_of_turn_is_refused():
@@ -262,7 +262,7 @@ def test_step__out_of_turn_is_refused():
 
 def test_step__after_the_end_is_refused():
     this = game(ending="proposer")
-    over = played(this, STOPS).state
+    over = final_step(this, STOPS).state
     with pytest.raises(TurnError, match="the game is over"):
         this.step(over, ADD_BLUE)
 
