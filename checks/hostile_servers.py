@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.official.fetching import Patience, fetch, fetch_text
+from lilgym_mp.corpus.official.fetching import RetryPolicy, fetch, fetch_text
 
-MAX_SECONDS = 20.0  # for a download with the patience below
-PATIENCE = Patience(tries=3, first_pause=0.01, longest_pause=0.02, timeout=0.5, least_rate=2_000.0)
+MAX_SECONDS = 20.0  # for a download with the retries below
+PATIENCE = RetryPolicy(tries=3, first_pause=0.01, longest_pause=0.02, timeout=0.5, least_rate=2_000.0)
 OK = b"HTTP/1.1 200 OK\r\n"
 
 

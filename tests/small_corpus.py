@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.official.release import Facts, content_digest
+from lilgym_mp.corpus.official.release import FileFacts, content_digest
 from lilgym_mp.corpus.released import ReleasedFile
 
 BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
@@ -78,6 +78,6 @@ def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> di
     """Registers `write_released`'s files as official, one by digest and one by counts, and returns their bytes."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
-    facts = {names[0]: Facts(1, 1, content_digest(records)), names[1]: Facts(3, 3)}
-    monkeypatch.setattr("lilgym_mp.corpus.official.release.FACTS", facts)
+    facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
+    monkeypatch.setattr("lilgym_mp.corpus.official.release.FILE_FACTS", facts)
     return {name: (directory / name).read_bytes() for name in names}

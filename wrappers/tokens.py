@@ -14,8 +14,8 @@ from gymnasium import spaces
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import (
+    check_lengths,
     default_length,
-    refuse_longer,
     statement_rows,
     statements_of,
     training_statements,
@@ -52,7 +52,7 @@ class Tokens(Format):
         if isinstance(self.length, bool) or not isinstance(self.length, int) or self.length < 1:
             raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
         if not truncate:
-            refuse_longer(statements_of(description.tasks), self.length)
+            check_lengths(statements_of(description.tasks), self.length)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}

@@ -14,7 +14,7 @@ from lilgym_mp.analysis.structure import word_names
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.official.release import FACTS, Facts
+from lilgym_mp.corpus.official.release import FILE_FACTS, FileFacts
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.released import file_name
@@ -32,7 +32,7 @@ class SetCount(NamedTuple):
     tasks: int
     contexts: int
     true_at_start: int  # tasks whose statement is true of the start scene
-    paper: Facts | None
+    paper: FileFacts | None
 
 
 @dataclass(frozen=True)
@@ -146,5 +146,5 @@ def _count(tasks: TaskSet) -> SetCount:
         len(tasks),
         contexts(tasks),
         true_at_start=sum(task.truth(task.start) for task in tasks),
-        paper=FACTS[file_name(origin.appearance, origin.start, origin.split)] if is_official else None,
+        paper=FILE_FACTS[file_name(origin.appearance, origin.start, origin.split)] if is_official else None,
     )

@@ -142,10 +142,10 @@ def _add_appearances_and_splits(parser: argparse.ArgumentParser) -> None:
 
 def _download(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.faults import InterruptionError
+    from lilgym_mp.corpus.locations import installed_directory
     from lilgym_mp.corpus.official.download import NEWEST, GitHub, WebDirectory, download_official
     from lilgym_mp.corpus.official.installing import intact_installation
     from lilgym_mp.corpus.official.release import official_names
-    from lilgym_mp.corpus.places import installed_directory
 
     target, names = installed_directory(), official_names(args.splits)
     source = WebDirectory(args.url) if args.url else GitHub(args.revision or NEWEST)
@@ -166,16 +166,16 @@ def _download(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.locations import installed_directory
     from lilgym_mp.corpus.official.installing import import_official
     from lilgym_mp.corpus.official.release import official_names
-    from lilgym_mp.corpus.places import installed_directory
 
     _print_installation(import_official(args.path, official_names(args.splits), installed_directory()))
     return 0
 
 
 def _print_installation(installation: Installation) -> None:
-    from lilgym_mp.corpus.places import DATA_VARIABLE
+    from lilgym_mp.corpus.locations import DATA_VARIABLE
 
     rows = [(file.name, file.bytes, file.tasks, file.contexts, file.proof) for file in installation.files]
     print(table(["file", "bytes", "tasks", "contexts", "verified by"], rows))
@@ -268,10 +268,10 @@ def _task_set_with(args: argparse.Namespace) -> TaskSet:
 
 
 def _synthesize(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.synthesis import Settings, synthesize
+    from lilgym_mp.corpus.synthesis import SynthesisSettings, synthesize
 
     check_at_least(args, 1, "starts")
-    settings = Settings(args.appearances, args.splits, args.starts, args.seed)
+    settings = SynthesisSettings(args.appearances, args.splits, args.starts, args.seed)
     entries = list(synthesize(args.corpus, settings))
     _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", [entry.to_json() for entry in entries])
     starts = [start for entry in entries for start in entry.starts]

@@ -1,6 +1,6 @@
-"""Statements, programs and start scenes: loading, checking, splits, the official release, words.
+"""Corpora of statements, programs and start scenes: loading, validation, splits, the official release, vocabularies.
 
-docs/corpus.md describes the file format, docs/official_data.md the release; imports of this package are light.
+docs/corpus.md describes the file format, docs/official_data.md the official release.
 """
 
 from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
@@ -8,7 +8,7 @@ from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.jsonlines import write_corpus
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
-from lilgym_mp.corpus.places import official_directory, user_cache
+from lilgym_mp.corpus.locations import official_directory, user_cache
 from lilgym_mp.corpus.released import ALL_FILE_NAMES as RELEASED_FILE_NAMES
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
 from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, words

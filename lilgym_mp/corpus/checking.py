@@ -1,4 +1,4 @@
-"""Every fault of a corpus at once, and how many tasks it has; the command line shows this report."""
+"""Validates a whole corpus: all faults, and the number of valid tasks, in one report."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.official.installing import installation_faults
-from lilgym_mp.corpus.places import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 
 
 class TaskCount(NamedTuple):
-    """How many faultless tasks, and MDPs among them, one configuration and split has."""
+    """The number of valid tasks, and of distinct MDPs, of one configuration and split."""
 
     appearance: str
     start: str
@@ -30,7 +30,7 @@ class TaskCount(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CorpusReport:
-    """What `check_corpus` found: faults in file order, tasks counted, released files that are not there."""
+    """Result of `check_corpus`: faults in file order, task counts, missing released files."""
 
     path: str
     faults: tuple[Fault, ...]
@@ -46,15 +46,15 @@ class CorpusReport:
             f"{count.appearance} {count.start} {count.split}: {count.tasks} tasks, {count.contexts} contexts"
             for count in self.counts
         ]
-        absent = [f"not there: {name}" for name in self.absent_files]
+        absent = [f"missing: {name}" for name in self.absent_files]
         faults = [f"fault: {fault}" for fault in self.faults] or ["no faults"]
         return "\n".join([self.path, *counts, *absent, *faults])
 
 
 def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
-    """The report on all of a corpus, which is named as for `load_tasks`.
+    """Validates all of a corpus; `corpus` as for `load_tasks`.
 
-    Raises CorpusError only when there is no such corpus, or a generated one cannot be made.
+    Raises CorpusError only when the corpus does not exist or cannot be generated.
     """
     if is_generated(corpus):
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
@@ -70,7 +70,7 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
             counts = []
         absent = [name for name in ALL_FILE_NAMES if name not in present] if path.is_dir() else []
         if path.is_dir() and not present:
-            faults.add(str(path), "it has none of the released files")
+            faults.add(str(path), "has none of the released files")
         return CorpusReport(str(path), tuple(faults.found), tuple(counts), tuple(absent))
 
 

@@ -1,4 +1,4 @@
-"""Entries of a corpus file from what is already loaded or found: the form that `write_corpus` takes."""
+"""Builds corpus file entries for `write_corpus` from loaded tasks or scenes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lilgym_mp.scene import Scene
 
 
 class LabelledScene(NamedTuple):
-    """A start scene, and the statement's truth value in it."""
+    """A start scene and the statement's truth value in it."""
 
     scene: Scene
     label: bool
@@ -24,7 +24,7 @@ def entry_json(
     program: str,
     starts: Iterable[tuple[str, LabelledScene]],
 ) -> dict[str, object]:
-    """An entry with its starts, each with its id."""
+    """A corpus file entry; `starts` are pairs of id and labelled scene."""
     return {
         "id": entry_id,
         "appearance": appearance,
@@ -36,11 +36,11 @@ def entry_json(
 
 
 def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
-    """One entry a statement and program of FlipIt tasks, with all their start scenes under their own ids."""
+    """One entry per statement and program of the FlipIt tasks, with their start scenes under the task ids."""
     appearance, split = tasks.provenance.appearance, tasks.provenance.split
     starts: dict[tuple[str, str], list[tuple[str, LabelledScene]]] = {}
     for task in tasks:
         start = LabelledScene(task.start, not task.target)
         starts.setdefault((task.statement, task.program), []).append((task.id, start))
-    for number, ((statement, program), found) in enumerate(starts.items(), start=1):
-        yield entry_json(f"{appearance}/{split}/{number}", appearance, split, statement, program, found)
+    for index, ((statement, program), found) in enumerate(starts.items(), start=1):
+        yield entry_json(f"{appearance}/{split}/{index}", appearance, split, statement, program, found)

@@ -1,4 +1,4 @@
-"""What can be wrong with a corpus, and whether the first fault stops the reading."""
+"""Errors of corpora, and a log that collects validation faults or stops at the first."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from lilgym_mp.terminal import printable
 
 
 class CorpusError(ValueError):
-    """A corpus that cannot be used: names the file, the line or entry, and the fault. The text is safe to print."""
+    """A corpus cannot be used. The message names the file, the line or entry, and the fault, and is safe to print."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
 
 
 class NoTasksError(CorpusError):
-    """A corpus without tasks for the configuration and split asked for."""
+    """The corpus has no tasks for the requested configuration and split."""
 
 
 class InterruptionError(CorpusError):
-    """A download that stopped half-way and can go on later."""
+    """A download was interrupted and can be resumed."""
 
 
 class Fault(NamedTuple):
-    """One fault and the place where it is."""
+    """A validation fault and its location."""
 
     where: str
     what: str
@@ -33,7 +33,7 @@ class Fault(NamedTuple):
 
 
 class FaultLog:
-    """Takes faults as they are found: raises the first as CorpusError, or keeps them all."""
+    """Collects faults, or raises the first as CorpusError if `stop_at_first`."""
 
     def __init__(self, *, stop_at_first: bool) -> None:
         self.stop_at_first = stop_at_first

@@ -1,4 +1,4 @@
-"""The project's own corpus file: a header line, then one entry a line. docs/corpus.md describes it."""
+"""The project's corpus file format: JSON lines, a header and then one entry per line. See docs/corpus.md."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ VERSION = 1
 HEADER_KEYS = frozenset({"format", "version", "name", "licence"})
 ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "program", "starts"})
 ENTRY_TEXTS = ("id", "appearance", "split", "statement", "program")
-SECTIONS = "sections"  # of the builtin file's header: {"tower train": how many entries, ...} in file order
-TAGS = "tags"  # a key that an entry may have or not
+SECTIONS = "sections"  # header key of the builtin file: {"tower train": number of entries, ...} in file order
+TAGS = "tags"  # optional entry key
 START_KEYS = frozenset({"id", "label", "scene"})
 
 
 class Start(NamedTuple):
-    """A FlipIt start scene, unread, and the statement's truth value in it."""
+    """A FlipIt start scene as unparsed JSON, and the statement's truth value in it."""
 
     id: str
     label: bool
@@ -53,7 +53,7 @@ class Entry(NamedTuple):
     statement: str
     program: str
     starts: tuple[Start, ...]
-    tags: tuple[str, ...] = ()  # whatever the corpus's makers want to tell of the statement
+    tags: tuple[str, ...] = ()  # annotations of the statement by the corpus's authors
 
     def task_ids(self, start: str) -> tuple[str, ...]:
         return (self.id,) if start == SCRATCH else tuple(scene.id for scene in self.starts)
@@ -71,15 +71,15 @@ class Entry(NamedTuple):
 class CorpusFile:
     """A corpus file, plain or gzip.
 
-    The file that the package ships is known by its SHA-256: its build has proven every entry, so that of it only the
-    section asked for is parsed, and nothing is checked again, where `trusts_shipped`.
+    The file shipped with the package, recognised by its SHA-256, was validated when it was built. With `trust_shipped`,
+    only the requested section of it is parsed, without validation.
     """
 
-    def __init__(self, path: Path, faults: FaultLog, *, trusts_shipped: bool = False) -> None:
-        """Raises CorpusError when the file cannot be read at all; other faults go to `faults`."""
+    def __init__(self, path: Path, faults: FaultLog, *, trust_shipped: bool = False) -> None:
+        """Raises CorpusError when the file cannot be read or has no valid header; other faults go to `faults`."""
         self.path = path
         text, self.sha256 = read_text(path)
-        self.is_proven = trusts_shipped and self.sha256 == shipped_sha256()
+        self.is_prevalidated = trust_shipped and self.sha256 == shipped_sha256()
         self._lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
         self._faults = faults
         self.header = self._checked_header(*self._lines[0])
@@ -87,13 +87,13 @@ class CorpusFile:
 
     @cached_property
     def entries(self) -> list[Entry]:
-        """Every faultless entry, in file order."""
+        """All valid entries, in file order."""
         return list(self._entries(self._lines[1:]))
 
     def section(self, appearance: str, split: str) -> list[Entry]:
-        """The faultless entries of an appearance and split, in file order."""
-        if self.is_proven:
-            return [_proven_entry(line) for line in self._section_lines(appearance, split)]
+        """The valid entries of an appearance and split, in file order."""
+        if self.is_prevalidated:
+            return [_trusted_entry(line) for line in self._section_lines(appearance, split)]
         return [entry for entry in self.entries if entry.appearance == appearance and entry.split == split]
 
     def _section_lines(self, appearance: str, split: str) -> list[str]:
@@ -112,7 +112,7 @@ class CorpusFile:
         return f"{self.path}, line {number}"
 
     def _checked_header(self, number: int, line: str) -> dict[str, object]:
-        """Raises CorpusError: without a header nothing else can be trusted."""
+        """Raises CorpusError for an invalid header, without which nothing else can be trusted."""
         expected = f'the first line must be the header {{"format": "{FORMAT}", "version": {VERSION}, ...}}'
         try:
             header = as_object(parse_json(line))
@@ -130,7 +130,7 @@ class CorpusFile:
         return header
 
     def _entries(self, lines: Iterable[tuple[int, str]]) -> Iterator[Entry]:
-        """The well-formed entries whose ids, and their starts', are new."""
+        """The well-formed entries whose ids and start ids are not duplicates."""
         first_seen: dict[str, str] = {}
         for number, line in lines:
             where = self._where(number)
@@ -142,7 +142,7 @@ class CorpusFile:
             fresh = True
             for name in (entry.id, *(start.id for start in entry.starts)):
                 if name in first_seen:
-                    self._faults.add(entry.where, f"id {name!r} is taken already: {first_seen[name]}")
+                    self._faults.add(entry.where, f"id {name!r} is already used: {first_seen[name]}")
                     fresh = False
                 first_seen[name] = where
             if fresh:
@@ -151,12 +151,12 @@ class CorpusFile:
 
 @cache
 def shipped_sha256() -> str:
-    """What the SHA-256 of the builtin corpus's file must be for it to be the one whose entries its build has proven."""
+    """The SHA-256 of the builtin corpus file that was validated when it was built."""
     return (files("lilgym_mp.data") / "builtin.sha256").read_text(encoding="ascii").strip()
 
 
-def _proven_entry(line: str) -> Entry:
-    """`_entry` of a line known to be right."""
+def _trusted_entry(line: str) -> Entry:
+    """`_entry` without validation."""
     record = json.loads(line)
     starts = tuple(Start(start["id"], start["label"], start["scene"]) for start in record["starts"])
     name, appearance, split, statement, program = (record[key] for key in ENTRY_TEXTS)
@@ -182,7 +182,7 @@ def _entry(where: str, value: object) -> Entry:
 def _tags(value: object) -> tuple[str, ...]:
     tags = cast("list[object]", value if isinstance(value, list) else [value])
     if not isinstance(value, list) or not all(map(_is_text, tags)) or len(set(map(str, tags))) != len(tags):
-        raise JSONFault(f"tags must be a list of different texts that are not blank, not {shown(tags)}")
+        raise JSONFault(f"tags must be a list of distinct, non-blank texts, not {shown(tags)}")
     return tuple(map(str, tags))
 
 
@@ -215,7 +215,7 @@ def write_corpus(
     entries: Iterable[Mapping[str, object]],
     sections: Mapping[str, int] | None = None,
 ) -> None:
-    """Write a corpus file, gzip when `path` ends in .gz; equal entries give equal bytes."""
+    """Writes a corpus file, gzipped if `path` ends in .gz; equal entries give equal bytes."""
     header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
     if sections is not None:
         header[SECTIONS] = dict(sections)

@@ -1,4 +1,4 @@
-"""Loading the tasks of one configuration and split, checked, one copy per process."""
+"""Loads and validates the tasks of a configuration and split; cached per process."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.jsonlines import CorpusFile
-from lilgym_mp.corpus.places import corpus_path, is_generated
+from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
 
 CACHED_SETS = 16
-# Loads generated corpora: named, like an entry point of Gymnasium, since the generator builds on this package and is
-# imported only when a generated corpus is asked for.
+# Loader of generated corpora, a string like a Gymnasium entry point: the generator depends on this package, so it is
+# imported only when a generated corpus is requested.
 GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated_corpus:load_generated"
 
-Loader = Callable[[str, str, str, str], TaskSet]  # of corpus, appearance, start and split
+Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split
 
 
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
-    """The checked tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
+    """The validated tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
 
     `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL" or "generated:LEVEL:SEED", the path of a
-    corpus file, or of a directory of released JSON files. A set is read once per process, until its file changes.
-    Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks; ValueError for an unknown
+    corpus file, or of a directory of released JSON files. Task sets are cached until their file changes.
+    Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks, ValueError for an unknown
     appearance, start or split.
     """
     choose("appearance", appearance, APPEARANCES)
@@ -54,7 +54,7 @@ def load_all_tasks(
     starts: Iterable[str] = STARTS,
     splits: Iterable[str] = SPLITS,
 ) -> Iterator[TaskSet]:
-    """The task sets that a corpus has, by appearance, start and split. Raises NoTasksError when it has none."""
+    """All non-empty task sets of a corpus, by appearance, start and split. Raises NoTasksError when there are none."""
     found = False
     for appearance, start, split in product(appearances, starts, splits):
         try:
@@ -64,7 +64,7 @@ def load_all_tasks(
         found = True
         yield tasks
     if not found:
-        raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks of what was asked for")
+        raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks for the requested configurations and splits")
 
 
 def _status(file: Path) -> os.stat_result:
@@ -76,28 +76,28 @@ def _status(file: Path) -> os.stat_result:
 
 @lru_cache(maxsize=CACHED_SETS)
 def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, start: str, split: str) -> TaskSet:
-    """`mtime_ns` and `size` are there for the cache's key."""
+    """`mtime_ns` and `size` are part of the cache key only."""
     faults = FaultLog(stop_at_first=True)
-    with _collector_paused():
+    with _garbage_collection_paused():
         if path.is_dir():
             source = ReleasedFile(released_path(path, appearance, start, split), start)
-            records, tags, proven = source.records(faults), None, False
+            records, tags, trusted = source.records(faults), None, False
         else:
-            source = CorpusFile(path, faults, trusts_shipped=True)
+            source = CorpusFile(path, faults, trust_shipped=True)
             section = source.section(appearance, split)
             records = (record for entry in section for record in entry.records(start))
             tags = {task_id: entry.tags for entry in section for task_id in entry.task_ids(start)}
-            proven = source.is_proven
+            trusted = source.is_prevalidated
         provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
-        tasks = TaskSet(TaskReader(appearance, faults, proven=proven).tasks(records), provenance, tags)
+        tasks = TaskSet(TaskReader(appearance, faults, trusted=trusted).tasks(records), provenance, tags)
     if not tasks:
         raise NoTasksError(f"{source.path}: has no tasks for {provenance}")
     return tasks
 
 
 @contextmanager
-def _collector_paused() -> Generator[None, None, None]:
-    """Reading makes many containers and no cycles; looking for some again and again would take a third of the time."""
+def _garbage_collection_paused() -> Generator[None, None, None]:
+    """Reading allocates many containers but no cycles; garbage collection would take a third of the time."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

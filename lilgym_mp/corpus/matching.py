@@ -1,4 +1,4 @@
-"""Success as likeness to the corpus's own scenes, instead of by program. Source: SPEC section 6 (NLVR reward)."""
+"""Tasks solved by matching the corpus's own scenes instead of by program. Source: SPEC section 6 (NLVR reward)."""
 
 from __future__ import annotations
 
@@ -17,30 +17,28 @@ Content = tuple[tuple[Item, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class MatchingTask(Task):
-    """A task that only the given scenes solve."""
+    """A task solved only by the scenes in `goals`."""
 
-    goals: frozenset[Content]  # `content` of each
+    goals: frozenset[Content]
 
     def solved_by(self, scene: Scene) -> bool:
         return content(scene) in self.goals
 
 
 def content(scene: Scene) -> Content:
-    """What is in each box, whatever the order in which it came."""
+    """The items of each box, sorted: equal for scenes that differ only in the order of items."""
     return tuple(tuple(sorted(box.items)) for box in scene.boxes)
 
 
 def matching_corpus(tasks: TaskSet) -> TaskSet:
-    """The Scratch tasks, each solved only by the corpus's start scenes for its statement that have its target as label.
+    """The Scratch tasks, each solved only by the corpus's scenes for its statement whose label is its target.
 
-    The scenes are those of the FlipIt tasks of the same corpus and split. Raises CorpusError for FlipIt tasks, and
-    where the corpus has no scene for any statement.
+    The scenes are the start scenes of the FlipIt tasks of the same corpus and split. Raises CorpusError for FlipIt
+    tasks, and when the corpus has no FlipIt tasks.
     """
     origin = tasks.provenance
     if origin.start != SCRATCH:
-        raise CorpusError(
-            f"{origin}: scenes are compared for Scratch tasks only; in FlipIt they are where the tasks start"
-        )
+        raise CorpusError(f"{origin}: scene matching requires Scratch tasks; in FlipIt the scenes are the start scenes")
     labelled: defaultdict[tuple[str, bool], set[Content]] = defaultdict(set)
     for flipit in load_tasks(origin.corpus, origin.appearance, FLIPIT, origin.split):
         labelled[flipit.statement, not flipit.target].add(content(flipit.start))
@@ -49,7 +47,7 @@ def matching_corpus(tasks: TaskSet) -> TaskSet:
 
 
 def solvable_matching_corpus(tasks: TaskSet) -> TaskSet:
-    """The same without the tasks that no scene of the corpus solves, as the paper leaves them out (its Figure 4)."""
+    """`matching_corpus` without tasks that have no goal scene, as in the paper (Figure 4)."""
     kept = [task for task in matching_corpus(tasks) if isinstance(task, MatchingTask) and task.goals]
     return TaskSet(kept, tasks.provenance, {task.id: tasks.tags(task.id) for task in kept})
 

@@ -1,6 +1,6 @@
-"""More start scenes from the same corpus: the boxes in every order.
+"""Augments a corpus's start scenes with all permutations of their boxes.
 
-Source: SPEC section 2 (Wu et al. 2023; NLVR's statements do not speak of the boxes' order).
+Source: SPEC section 2 (Wu et al. 2023; NLVR's statements do not refer to the order of the boxes).
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.task import Task
 
-ORDERS = tuple(permutations(range(BOX_COUNT)))  # the first leaves them as they are
+ORDERS = tuple(permutations(range(BOX_COUNT)))  # the identity first
 
 
 def with_permuted_boxes(tasks: TaskSet, *, distinct: bool = False) -> TaskSet:
-    """Every task with its start's boxes in each of the six orders, the task as it is first.
+    """Every task with its start scene's boxes in each of the six orders, the original first.
 
-    The task "7" gives "7", "7@021" .. "7@210": the digits tell which old box stands where. Orders in which the
-    statement has another truth value are left out: it speaks of the boxes' order. `distinct` also leaves out those
-    that give a start scene once more; without it each order is as likely as another in a uniform draw.
+    Task "7" yields "7", "7@021" .. "7@210"; digit k is the old index of the new box k. Orders that change the truth
+    value are omitted, because the statement refers to the order. `distinct` also omits orders that yield a duplicate
+    start scene; otherwise all orders are equally likely in a uniform draw.
     """
     variants = [(task, variant) for task in tasks for variant in _variants(task, distinct=distinct)]
     tags = {variant.id: tasks.tags(task.id) for task, variant in variants}

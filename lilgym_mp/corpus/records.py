@@ -1,4 +1,4 @@
-"""Tasks as a file has them, before their scenes and programs are looked at; what both file formats share."""
+"""Unparsed task records, and file and JSON reading shared by both corpus formats."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ SCRATCH, FLIPIT = "scratch", "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
 SPLITS = {split: split for split in ("train", "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
-MAX_BYTES = 256 * 1024 * 1024  # of one file, packed or unpacked; the largest of the release have some ten million
+MAX_BYTES = 256 * 1024 * 1024  # per file, compressed or not; the largest released files have about ten million
 
 
 class Record(NamedTuple):
-    """One task, unread: `label` and `scene` are None for a Scratch task."""
+    """One task as read from a file; `label` and `scene` are None for a Scratch task."""
 
     where: str
     id: str
@@ -34,7 +34,7 @@ class Record(NamedTuple):
 
 
 class FileText(NamedTuple):
-    """A file's text and the SHA-256 of its bytes as they are on disk."""
+    """A file's text and the SHA-256 of its bytes on disk."""
 
     text: str
     sha256: str
@@ -43,7 +43,7 @@ class FileText(NamedTuple):
 def read_text(path: Path) -> FileText:
     """The UTF-8 text of a plain or gzip file.
 
-    Raises CorpusError naming the file: missing, unreadable, too large, broken gzip, not UTF-8, empty.
+    Raises CorpusError for a file that is missing, unreadable, too large, broken gzip, not UTF-8 or empty.
     """
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
@@ -61,7 +61,7 @@ def read_text(path: Path) -> FileText:
 def read_bytes(path: Path) -> bytes:
     """The bytes of a regular file of at most MAX_BYTES.
 
-    Raises CorpusError for any other, so that no device and no pipe is waited for and no memory is filled.
+    Raises CorpusError for any other file, so that devices and pipes cannot block or exhaust memory.
     """
     try:
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
@@ -73,7 +73,7 @@ def read_bytes(path: Path) -> bytes:
             raise
         raise CorpusError(f"{path}: cannot be read: {getattr(fault, 'strerror', None) or fault}") from None
     if len(data) > MAX_BYTES:
-        raise CorpusError(f"{path}: has more than {MAX_BYTES} bytes; no corpus file may")
+        raise CorpusError(f"{path}: a corpus file may have at most {MAX_BYTES} bytes")
     return data
 
 
@@ -84,22 +84,22 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     except (OSError, EOFError, zlib.error) as fault:
         raise CorpusError(f"{path}: broken gzip file: {fault}") from None
     if len(unzipped) > MAX_BYTES:
-        raise CorpusError(f"{path}: has more than {MAX_BYTES} bytes when unpacked; no corpus file may")
+        raise CorpusError(f"{path}: a corpus file may have at most {MAX_BYTES} bytes when unpacked")
     return unzipped
 
 
 class JSONFault(ValueError):
-    """Text that is not one JSON value without repeated keys."""
+    """Text that is not a single JSON value, or a value that does not match the format."""
 
 
 def parse_json(text: str) -> object:
-    """The JSON value in `text`. Raises JSONFault, for a key that stands twice in one object too."""
+    """The JSON value in `text`. Raises JSONFault for invalid JSON or duplicate keys."""
     try:
         return json.loads(text, object_pairs_hook=_object)
     except json.JSONDecodeError as fault:
         raise JSONFault(f"not JSON: {fault}") from None
     except RecursionError:
-        raise JSONFault("not JSON of ours: nested too deeply") from None
+        raise JSONFault("not JSON that can be read: nested too deeply") from None
     except ValueError as fault:
         raise JSONFault(str(fault)) from None
 
@@ -109,30 +109,30 @@ def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
     if len(result) != len(pairs):
         keys = [key for key, _ in pairs]
         repeated = next(key for index, key in enumerate(keys) if key in keys[:index])
-        raise ValueError(f"key {repeated!r} stands twice in one object")
+        raise ValueError(f"duplicate key {repeated!r} in one object")
     return result
 
 
 def as_object(value: object) -> dict[str, object] | None:
-    """`value` when it is a JSON object, else None."""
+    """`value` if it is a JSON object, else None."""
     return cast("dict[str, object]", value) if isinstance(value, dict) else None
 
 
 def check_text(what: str, value: object) -> str:
-    """`value`, a text to show people. Raises JSONFault for others, blank ones and those that a terminal might obey."""
+    """`value` if it is a non-blank string of printable characters (safe for terminals). Raises JSONFault otherwise."""
     if not isinstance(value, str) or not value.strip():
-        raise JSONFault(f"{what} must be a text that is not blank, not {shown(value)}")
+        raise JSONFault(f"{what} must be a non-blank text, not {shown(value)}")
     if not value.isprintable():
-        raise JSONFault(f"{what} has characters that cannot be printed: {shown(value)}")
+        raise JSONFault(f"{what} has unprintable characters: {shown(value)}")
     return value
 
 
 def listed(names: Iterable[object]) -> str:
-    """Names sorted and joined, for errors."""
+    """The names sorted and joined, for error messages."""
     return ", ".join(sorted(str(name) for name in names))
 
 
 def shown(value: object) -> str:
-    """`value` as errors show it: cut when long."""
+    """The repr of `value`, truncated, for error messages."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."

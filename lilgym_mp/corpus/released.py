@@ -1,4 +1,4 @@
-"""The official lilGym corpus: a directory of released JSON files, one per appearance, start and split.
+"""The released format of the official lilGym corpus: one JSON file per appearance, start and split.
 
 Source: SPEC sections 2 and 9 (`{id: {"sentence", "lf"}}`; FlipIt files add "label" and "structured_rep").
 """
@@ -40,18 +40,18 @@ ALL_FILE_NAMES = tuple(
 def released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
     """The released file of one configuration and split.
 
-    Raises NoTasksError naming the file looked for and the released files that are there.
+    Raises NoTasksError naming the missing file and the released files that exist.
     """
     path = directory / file_name(appearance, start, split)
     if not path.exists():
-        there = [name for name in ALL_FILE_NAMES if (directory / name).exists()]
-        found = f"of the released files it has {listed(there)}" if there else "it has none of the released files"
+        existing = [name for name in ALL_FILE_NAMES if (directory / name).exists()]
+        found = f"of the released files it has {listed(existing)}" if existing else "it has none of the released files"
         raise NoTasksError(f"{directory}: lacks {path.name}; {found}")
     return path
 
 
 class ReleasedFile:
-    """One released JSON file, read whole."""
+    """A released JSON file."""
 
     name = NAME
 

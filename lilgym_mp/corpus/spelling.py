@@ -1,4 +1,4 @@
-"""A statement as plain words: lower case, digits for numbers, slips of the typing hand repaired."""
+"""Normalises statements to lower-case words, with digits for numbers and spelling errors corrected."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ CONTRACTIONS = (
     ("arent", "are not"),
     ("dont", "do not"),
 )
-LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # as a statement's first word
-SHORTEST = 3  # letters of a word that is repaired
-LONG = 7  # letters from which on two slips are repaired
-LONGEST = 30  # letters: no longer word is looked at
+LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
+MIN_LENGTH = 3  # shortest word that is corrected
+LONG = 7  # from this length on, two edits are corrected
+MAX_LENGTH = 30  # longest word that is corrected
 CACHED_WORDS = 20_000
 _WORD = re.compile(r"[a-z]+|[0-9]+")
 _NOT = re.compile(r"n't\b")
@@ -34,20 +34,20 @@ _POSSESSIVE = re.compile(r"'s\b|'")
 def normalised_words(statement: str, known: Collection[str], *, unknown: str | None = None) -> list[str]:
     """The words of the statement in lower case: no punctuation, "3" for "three", "is not" for "isn't".
 
-    A word that is not among `known` (lower case) becomes the known word that it nearly is: two known words typed
-    as one, else the only nearest one, at most one slip away (two from 7 letters on; a slip is a letter too many, too
-    few, wrong, or changing places with the next). A first word such as "ll" gets back the "a" that it has lost: many
-    official statements begin so. Other words stay, or become `unknown` where that is given.
+    A word not in `known` (lower case) is corrected: it is split into two known words typed as one, or replaced by the
+    unique nearest known word within Damerau-Levenshtein distance 1 (2 for words of 7 or more letters). A first word
+    such as "ll", common in the official statements, gets its missing "a" back. Other words are kept, or replaced by
+    `unknown` if given.
     """
-    speller = _speller(known if isinstance(known, frozenset) else frozenset(known))
+    corrector = _corrector(known if isinstance(known, frozenset) else frozenset(known))
     words: list[str] = []
     for word in _plain_words(statement):
-        words += speller.repaired(word, unknown)
+        words += corrector.corrected(word, unknown)
     return words
 
 
 def plain_words(statement: str) -> list[str]:
-    """The words of the statement as `normalised_words` gives them, but that nothing is repaired."""
+    """The words of the statement as in `normalised_words`, without spelling correction."""
     words = (word.lstrip("0") or "0" if word.isdigit() else word for word in _plain_words(statement))
     return [NUMBERS.get(word, word) for word in words]
 
@@ -62,76 +62,80 @@ def _plain_words(statement: str) -> list[str]:
 
 
 @lru_cache(maxsize=8)
-def _speller(known: frozenset[str]) -> _Speller:
-    return _Speller(known)
+def _corrector(known: frozenset[str]) -> _SpellingCorrector:
+    return _SpellingCorrector(known)
 
 
-class _Speller:
-    """Known words, findable by what is left of them when one or two letters are lost."""
+class _SpellingCorrector:
+    """Known words indexed by their deletion neighbourhoods (the SymSpell algorithm)."""
 
     def __init__(self, known: frozenset[str]) -> None:
         self.known = known | NUMBERS.keys()
-        self._by_rest: dict[str, set[str]] = {}
+        self._by_deletion: dict[str, set[str]] = {}
         for word in self.known:
-            if SHORTEST <= len(word) <= LONGEST:
-                for rest in _rests(word, _reach(word)):
-                    self._by_rest.setdefault(rest, set()).add(word)
+            if MIN_LENGTH <= len(word) <= MAX_LENGTH:
+                for deletion in _deletions(word, _max_distance(word)):
+                    self._by_deletion.setdefault(deletion, set()).add(word)
         self._nearest = lru_cache(maxsize=CACHED_WORDS)(self._find)
 
-    def repaired(self, word: str, unknown: str | None) -> list[str]:
-        """The word, as digits where it is a number; two where they were typed as one."""
+    def corrected(self, word: str, unknown: str | None) -> list[str]:
+        """The corrected word, numbers as digits; two words if they were typed as one."""
         if word.isdigit():
             return [word.lstrip("0") or "0"]
-        found = (word,) if word in self.known else self._nearest(word) if len(word) <= LONGEST else ()
+        found = (word,) if word in self.known else self._nearest(word) if len(word) <= MAX_LENGTH else ()
         if not found:
             return [word if unknown is None else unknown]
         return [NUMBERS.get(part, part) for part in found]
 
     def _find(self, word: str) -> tuple[str, ...]:
-        """The known words that were meant; none when that is not certain."""
+        """The intended known words; empty if none or ambiguous."""
         cuts = [(word[:at], word[at:]) for at in range(1, len(word))]
         splits = [cut for cut in cuts if cut[0] in self.known and cut[1] in self.known]
         if len(splits) == 1:
             return splits[0]
-        if len(word) < SHORTEST:
+        if len(word) < MIN_LENGTH:
             return ()
-        reach = _reach(word)
+        limit = _max_distance(word)
         candidates: set[str] = set()
-        for rest in _rests(word, reach):
-            candidates |= self._by_rest.get(rest, set())
-        for slips in range(1, reach + 1):
-            near = [other for other in candidates if min(_reach(other), reach) >= slips == _slips(word, other, reach)]
-            if len(near) > 1:
-                near = [other for other in near if (other[0], other[-1]) == (word[0], word[-1])]
-                return (near[0],) if len(near) == 1 else ()
-            if near:
-                return (near[0],)
+        for deletion in _deletions(word, limit):
+            candidates |= self._by_deletion.get(deletion, set())
+        for distance in range(1, limit + 1):
+            nearest = [
+                other
+                for other in candidates
+                if min(_max_distance(other), limit) >= distance == _edit_distance(word, other, limit)
+            ]
+            if len(nearest) > 1:
+                nearest = [other for other in nearest if (other[0], other[-1]) == (word[0], word[-1])]
+                return (nearest[0],) if len(nearest) == 1 else ()
+            if nearest:
+                return (nearest[0],)
         return ()
 
 
-def _reach(word: str) -> int:
+def _max_distance(word: str) -> int:
     return 2 if len(word) >= LONG else 1
 
 
-def _rests(word: str, losses: int) -> Iterator[str]:
-    """The word, and what is left of it when up to so many letters are lost."""
-    rests = {word}
-    for _ in range(losses):
-        rests |= {rest[:at] + rest[at + 1 :] for rest in rests for at in range(len(rest))}
-    return iter(rests)
+def _deletions(word: str, count: int) -> Iterator[str]:
+    """All strings obtained by deleting up to `count` letters."""
+    found = {word}
+    for _ in range(count):
+        found |= {text[:at] + text[at + 1 :] for text in found for at in range(len(text))}
+    return iter(found)
 
 
-def _slips(one: str, other: str, most: int) -> int:
-    """The letters too many, too few, wrong or exchanged with a neighbour between the words; `most` + 1 for more."""
-    if abs(len(one) - len(other)) > most:
-        return most + 1
+def _edit_distance(one: str, other: str, limit: int) -> int:
+    """The optimal string alignment distance; `limit` + 1 if the lengths differ by more than `limit`."""
+    if abs(len(one) - len(other)) > limit:
+        return limit + 1
     before: list[int] = []
     row = list(range(len(other) + 1))
     for i, letter in enumerate(one, start=1):
         new = [i]
-        for j, its in enumerate(other, start=1):
-            cost = min(row[j] + 1, new[j - 1] + 1, row[j - 1] + (letter != its))
-            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == its:
+        for j, other_letter in enumerate(other, start=1):
+            cost = min(row[j] + 1, new[j - 1] + 1, row[j - 1] + (letter != other_letter))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == other_letter:
                 cost = min(cost, before[j - 2] + 1)
             new.append(cost)
         before, row = row, new

@@ -1,4 +1,4 @@
-"""The statements of tasks as arrays of token ids, by default in the words of the corpus's train split."""
+"""Statements of tasks as padded arrays of token ids; the vocabulary comes from the corpus's train split."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import Vocabulary, words
 
 VOCABULARY_SPLIT = "train"
-ROOM = 1.25  # the default length is this many times the longest statement of the vocabulary's split
-LENGTH_STEP = 4  # rounded up to a multiple of this
+LENGTH_FACTOR = 1.25  # default length relative to the longest train statement
+LENGTH_MULTIPLE = 4  # the default length is rounded up to a multiple of this
 
 
 def statements_of(tasks: TaskSet) -> list[str]:
-    """Every statement once, in file order."""
+    """The distinct statements, in file order."""
     return list({task.statement: None for task in tasks})
 
 
 def training_statements(tasks: TaskSet) -> list[str]:
-    """The statements of the training split of the corpus that `tasks` come from."""
+    """The distinct statements in the train split of the tasks' corpus."""
     origin = tasks.provenance
     if origin.split != VOCABULARY_SPLIT:
         tasks = load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
@@ -31,19 +31,19 @@ def training_statements(tasks: TaskSet) -> list[str]:
 
 
 def default_length(statements: Iterable[str]) -> int:
-    """The longest statement's number of words, with room for somewhat longer ones."""
+    """The padded length: the number of words of the longest statement, with some headroom."""
     longest = max(len(words(statement)) for statement in statements)
-    return LENGTH_STEP * math.ceil(longest * ROOM / LENGTH_STEP)
+    return LENGTH_MULTIPLE * math.ceil(longest * LENGTH_FACTOR / LENGTH_MULTIPLE)
 
 
-def refuse_longer(statements: Iterable[str], length: int) -> None:
-    """Raises ValueError naming a statement of more words than `length`."""
+def check_lengths(statements: Iterable[str], length: int) -> None:
+    """Raises ValueError naming a statement with more than `length` words."""
     longest = max(statements, key=lambda statement: len(words(statement)))
     count = len(words(longest))
     if count > length:
         raise ValueError(
-            f"the statement {longest!r} has {count} words, length is {length}: choose length={count} or more,"
-            " or truncate=True to cut what is longer"
+            f"the statement {longest!r} has {count} words, but length is {length}: set length={count} or more,"
+            " or truncate=True to truncate longer statements"
         )
 
 
@@ -54,16 +54,16 @@ def statement_rows(tasks: TaskSet, vocabulary: Vocabulary, length: int) -> npt.N
 
 
 class StatementArrays:
-    """Word numbers by task, in the words and the length that the train split of the tasks' corpus gives."""
+    """Token ids by task; vocabulary and length come from the train split of the tasks' corpus."""
 
     def __init__(self, tasks: TaskSet) -> None:
-        """Raises ValueError when a statement of `tasks` is longer than the train split gives room for."""
+        """Raises ValueError when a statement of `tasks` exceeds the length."""
         training = training_statements(tasks)
         self.vocabulary = Vocabulary.from_statements(training)
         self.length = default_length(training)
         self.play(tasks)
 
-    def play(self, tasks: TaskSet) -> None:
-        """Gives the rows of other tasks from now on. Raises ValueError when a statement of theirs is too long."""
-        refuse_longer(statements_of(tasks), self.length)
+    def set_tasks(self, tasks: TaskSet) -> None:
+        """Replaces the tasks, keeping vocabulary and length. Raises ValueError when a statement is too long."""
+        check_lengths(statements_of(tasks), self.length)
         self.rows = statement_rows(tasks, self.vocabulary, self.length)

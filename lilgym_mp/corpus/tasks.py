@@ -1,4 +1,4 @@
-"""From unread records to checked tasks, and the immutable set of tasks of one configuration and split."""
+"""Task sets, and the conversion of records to validated tasks."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ _ITEM_TYPES: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
 class Provenance:
     """Where a set of tasks comes from."""
 
-    corpus: str  # as asked for: "builtin", "lilgym" or a path
-    name: str  # as the corpus calls itself
+    corpus: str  # as requested: "builtin", "lilgym" or a path
+    name: str  # the corpus's own name
     path: str
     appearance: str
     start: str
@@ -61,7 +61,7 @@ class TaskSet(Sequence[Task]):
     def __init__(
         self, tasks: Iterable[Task], provenance: Provenance, tags: Mapping[str, tuple[str, ...]] | None = None
     ) -> None:
-        """`tags`: what the corpus tells of tasks, by id."""
+        """`tags`: the corpus's annotations by task id."""
         self._tasks = tuple(tasks)
         self._tags = dict(tags or {})
         self._indices = {task.id: index for index, task in enumerate(self._tasks)}
@@ -73,22 +73,22 @@ class TaskSet(Sequence[Task]):
         return tuple(self._indices)
 
     def by_id(self, task_id: str | SupportsIndex) -> Task:
-        """The task called `task_id`, "1757" or 1757. Raises ValueError naming it, the set, and ids much like it."""
+        """The task with that id, "1757" or 1757. Raises ValueError naming the id, the task set and similar ids."""
         return self._tasks[self.index_of(task_id)]
 
     def index_of(self, task_id: str | SupportsIndex) -> int:
-        """The index of the task called `task_id`, "1757" or 1757. Raises ValueError as `by_id` does."""
-        called = cast("object", task_id)
-        if not isinstance(called, (str, *BOOLEANS)) and isinstance(called, SupportsIndex):
-            called = str(operator.index(called))
-        index = self._indices.get(called) if isinstance(called, str) else None
+        """The index of the task with that id, "1757" or 1757. Raises ValueError as `by_id` does."""
+        name = cast("object", task_id)
+        if not isinstance(name, (str, *BOOLEANS)) and isinstance(name, SupportsIndex):
+            name = str(operator.index(name))
+        index = self._indices.get(name) if isinstance(name, str) else None
         if index is None:
             close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
-            raise ValueError(f"no task {task_id!r} in {self.provenance}; there are for example {', '.join(close)}")
+            raise ValueError(f"no task {task_id!r} in {self.provenance}; existing ids include {', '.join(close)}")
         return index
 
     def tags(self, task_id: str | SupportsIndex) -> tuple[str, ...]:
-        """What the corpus tells of the task's statement, such as "unseen form"; empty where it tells nothing."""
+        """The corpus's annotations of the task's statement, such as "unseen form"."""
         return self._tags.get(self.by_id(task_id).id, ())
 
     @overload
@@ -109,16 +109,16 @@ class TaskSet(Sequence[Task]):
 
 
 def contexts(tasks: Iterable[Task]) -> int:
-    """The number of MDPs among the tasks: distinct pairs of statement and target (SPEC section 2)."""
+    """The number of contexts (MDPs) among the tasks: distinct pairs of statement and target (SPEC section 2)."""
     return len({(task.statement, task.target) for task in tasks})
 
 
 class TaskReader:
-    """Makes checked tasks of one appearance from records; equal texts, boxes and scenes are shared."""
+    """Validates records of one appearance and converts them to tasks; equal texts, boxes and scenes are shared."""
 
-    def __init__(self, appearance: str, faults: FaultLog, *, proven: bool = False) -> None:
-        """`proven`: programs and labels are known to be right, and are taken as they are."""
-        self._proven = proven
+    def __init__(self, appearance: str, faults: FaultLog, *, trusted: bool = False) -> None:
+        """`trusted`: programs and labels are known to be valid and are not checked."""
+        self._trusted = trusted
         self._check_scene = APPEARANCES[appearance].check_scene
         self._faults = faults
         self._empty = self._check_scene(Scene.empty())
@@ -128,15 +128,15 @@ class TaskReader:
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
     def tasks(self, records: Iterable[Record]) -> Iterator[Task]:
-        """The tasks of the faultless records; each fault goes to the log."""
+        """The tasks of the valid records; faults go to the log."""
         for record in records:
             task = self._task(record)
             if task is not None:
                 yield task
 
     def _task(self, record: Record) -> Task | None:
-        if self._proven:
-            return self._proven_task(record)
+        if self._trusted:
+            return self._trusted_task(record)
         program = self._program(record)
         start = self._empty if record.label is None else self._scene(record)
         if program is None or start is None:
@@ -146,12 +146,12 @@ class TaskReader:
         statement = self._texts.setdefault(record.statement, record.statement)
         return Task(record.id, statement, program.source, not record.label, start)
 
-    def _proven_task(self, record: Record) -> Task | None:
+    def _trusted_task(self, record: Record) -> Task | None:
         start = self._empty if record.label is None else self._scene(record)
         return None if start is None else Task(record.id, record.statement, record.program, not record.label, start)
 
     def _program(self, record: Record) -> Program | None:
-        """The compiled program, tried on the empty scene; None, and a fault, when it cannot be used."""
+        """The compiled program, evaluated once on the empty scene; logs a fault and returns None when it is invalid."""
         source = record.program
         if source not in self._programs:
             self._programs[source] = None
@@ -165,11 +165,11 @@ class TaskReader:
         return self._programs[source]
 
     def _truth(self, record: Record, program: Program, start: Scene) -> bool | None:
-        """The statement's truth value in `start`; a fault when it is not the label."""
+        """The truth value in `start`; logs a fault when it differs from the label."""
         value = self._value(record, program, start)
         if value is not None and value != record.label:
-            said, found = str(record.label).lower(), str(value).lower()
-            self._faults.add(record.where, f"label is {said} but the program says {found} of this scene")
+            label, found = str(record.label).lower(), str(value).lower()
+            self._faults.add(record.where, f"label is {label} but the program is {found} in this scene")
         return value
 
     def _value(self, record: Record, program: Program, scene: Scene) -> bool | None:
@@ -177,7 +177,7 @@ class TaskReader:
             return program.evaluate(scene)
         except ProgramRuntimeError as fault:
             place = "its start scene" if any(scene.items()) else "the empty scene"
-            self._programs[record.program] = None  # it may be slow to fail: it is not tried on further scenes
+            self._programs[record.program] = None  # failing may be slow, so do not evaluate it on further scenes
             self._faults.add(record.where, f"program {shown(program.source)} has no value on {place}: {fault}")
             return None
 
@@ -196,7 +196,7 @@ class TaskReader:
 
 
 def _boxes_items(data: object) -> tuple[tuple[Item, ...], ...]:
-    """What `Scene.from_json` reads, several times faster where nothing is wrong."""
+    """The items of `Scene.from_json`, with a several times faster path for valid data."""
     if isinstance(data, list) and all(isinstance(box, list) for box in cast("list[object]", data)):
         boxes = cast("list[list[dict[str, object]]]", data)
         try:
@@ -209,7 +209,7 @@ def _boxes_items(data: object) -> tuple[tuple[Item, ...], ...]:
 
 
 def _item(record: Mapping[str, object]) -> Item:
-    """What `Item.from_json` reads, or a KeyError for it to explain."""
+    """`Item.from_json` for valid data; raises KeyError (explained by `Item.from_json`) otherwise."""
     x, y, side = record["x_loc"], record["y_loc"], record["size"]
     if type(x) is not int or type(y) is not int or type(side) is not int or len(record) != len(JSON_ITEM_KEYS):
         raise KeyError

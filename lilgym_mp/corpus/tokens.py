@@ -1,4 +1,4 @@
-"""Statements as words and as fixed-length arrays of token ids."""
+"""Tokenisation of statements: words, vocabularies, and fixed-length arrays of token ids."""
 
 from __future__ import annotations
 
@@ -21,69 +21,69 @@ _WORD = re.compile(r"[^\W_]+(?:['\u2019][^\W_]+)*")
 
 
 class VocabularyError(ValueError):
-    """A vocabulary that cannot be used."""
+    """An invalid vocabulary, token id or length."""
 
 
 def words(statement: str) -> list[str]:
-    """The statement's words and numbers in lower case; apostrophes inside a word stay, punctuation goes."""
+    """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
     return _WORD.findall(statement.lower())
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """A fixed numbering of words: 0 is padding, 1 any unknown word, then the words in the order given."""
+    """A mapping from words to token ids: 0 is padding, 1 unknown, then the words in the given order."""
 
     words: tuple[str, ...]
-    _numbers: dict[str, int] = field(init=False, repr=False, compare=False)
+    _ids: dict[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Raises VocabularyError for a word that stands twice."""
-        numbers = {word: number for number, word in enumerate(self.words, start=FIRST_WORD)}
-        if len(numbers) != len(self.words):
+        """Raises VocabularyError for duplicate words."""
+        ids = {word: token_id for token_id, word in enumerate(self.words, start=FIRST_WORD)}
+        if len(ids) != len(self.words):
             repeated = sorted({word for word in self.words if self.words.count(word) > 1})
-            raise VocabularyError(f"words stand twice: {', '.join(repeated)}")
-        object.__setattr__(self, "_numbers", numbers)
+            raise VocabularyError(f"duplicate words: {', '.join(repeated)}")
+        object.__setattr__(self, "_ids", ids)
 
     @classmethod
     def from_statements(cls, statements: Iterable[str]) -> Vocabulary:
-        """Every word of the statements, sorted."""
+        """The vocabulary of all words in the statements, sorted."""
         return cls(tuple(sorted({word for statement in statements for word in words(statement)})))
 
     def __len__(self) -> int:
-        """How many numbers there are, padding and unknown included."""
+        """The number of token ids, including padding and unknown."""
         return FIRST_WORD + len(self.words)
 
-    def number(self, word: str) -> int:
-        return self._numbers.get(word, UNKNOWN)
+    def token_id(self, word: str) -> int:
+        return self._ids.get(word, UNKNOWN)
 
     def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:
-        """The statement's token ids, shape (length,): padded at the end, cut when longer."""
+        """The statement's token ids, shape (length,), padded or truncated at the end."""
         if length < 1:
             raise VocabularyError(f"length must be at least 1, not {length}")
-        numbers = [self.number(word) for word in words(statement)[:length]]
+        ids = [self.token_id(word) for word in words(statement)[:length]]
         encoded = np.full(length, PAD, dtype=np.int64)
-        encoded[: len(numbers)] = numbers
+        encoded[: len(ids)] = ids
         return encoded
 
-    def decode(self, numbers: Iterable[int]) -> list[str]:
-        """The words behind the numbers, "?" for unknown ones, padding left out."""
-        return [self._word(int(number)) for number in numbers if int(number) != PAD]
+    def decode(self, token_ids: Iterable[int]) -> list[str]:
+        """The words of the token ids, "?" for unknown; padding is skipped."""
+        return [self._word(int(token_id)) for token_id in token_ids if int(token_id) != PAD]
 
-    def _word(self, number: int) -> str:
-        if number == UNKNOWN:
+    def _word(self, token_id: int) -> str:
+        if token_id == UNKNOWN:
             return "?"
-        if not FIRST_WORD <= number < len(self):
-            raise VocabularyError(f"no word has number {number}; numbers are 0 to {len(self) - 1}")
-        return self.words[number - FIRST_WORD]
+        if not FIRST_WORD <= token_id < len(self):
+            raise VocabularyError(f"invalid token id {token_id}; choose from 0 to {len(self) - 1}")
+        return self.words[token_id - FIRST_WORD]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the words as JSON."""
+        """Writes the vocabulary as JSON."""
         content = {"format": FORMAT, "version": VERSION, "words": list(self.words)}
         Path(path).write_text(json.dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
-        """The vocabulary that `save` wrote. Raises VocabularyError naming the file and the fault."""
+        """Reads a vocabulary written by `save`. Raises VocabularyError naming the file and the fault."""
         try:
             content: object = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as fault:

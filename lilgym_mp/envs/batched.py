@@ -131,7 +131,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._statements = np.array([task.statement for task in tasks], object)
         self._task_ids = np.array(tasks.ids, object)
         if self._arrays is not None:
-            self._arrays.play(tasks)
+            self._arrays.set_tasks(tasks)
         self._seeds: list[int | None] = [None] * self.num_envs
         self._is_started = False  # whether every environment has been reset
 

@@ -209,7 +209,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         self.tasks = change(self.tasks)
         self._draws = []
         if self._arrays is not None:
-            self._arrays.play(self.tasks)
+            self._arrays.set_tasks(self.tasks)
 
     def evaluation_tasks(self) -> tuple[str, ...]:
         """Every task id of the split, in file order."""

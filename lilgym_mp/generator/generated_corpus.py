@@ -17,9 +17,9 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.forms import normalised
-from lilgym_mp.corpus.places import is_generated
+from lilgym_mp.corpus.locations import is_generated
 from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.corpus.scenes import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
 from lilgym_mp.generator.meaning_sampling import LEVELS
 from lilgym_mp.generator.start_selection import ScenePool

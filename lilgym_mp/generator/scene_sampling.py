@@ -15,7 +15,7 @@ from typing import NamedTuple
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID
 from lilgym_mp.appearances.placement import fits_box, is_free
-from lilgym_mp.corpus.scenes import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 

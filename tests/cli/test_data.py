@@ -11,7 +11,7 @@ from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
-from lilgym_mp.corpus.official.fetching import Patience
+from lilgym_mp.corpus.official.fetching import RetryPolicy
 from tests.small_corpus import register_as_official, small_entries, write_released
 from tests.web import Misdeed, web_server
 
@@ -118,11 +118,13 @@ def test_download__without_a_server_tells_what_to_do(
     refused: Run, cache: Path, released: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    monkeypatch.setattr("lilgym_mp.corpus.official.download.Patience", lambda: Patience(pause=lambda seconds: None))
+    monkeypatch.setattr(
+        "lilgym_mp.corpus.official.download.RetryPolicy", lambda: RetryPolicy(pause=lambda seconds: None)
+    )
     with web_server() as web:
         web.misdeeds["/tower_scratch_test.json"] = [Misdeed(resets=True)] * 5
         said = refused("download", "--url", web.url)
-    assert "no proper answer" in said
+    assert "invalid response" in said
     assert "run the same command again to resume" in said
     assert "lilgym-mp data import DIRECTORY" in said
     assert not cache.exists()
@@ -130,7 +132,7 @@ def test_download__without_a_server_tells_what_to_do(
 
 @pytest.mark.usefixtures("cache")
 def test_download__a_url_that_is_none_is_refused(refused: Run):
-    assert "a URL starts with http:// or https://" in refused("download", "--url", "ftp://somewhere")
+    assert "a URL must start with http:// or https://" in refused("download", "--url", "ftp://somewhere")
 
 
 @pytest.mark.usefixtures("cache")
@@ -179,7 +181,7 @@ def test_check__a_faulty_corpus_gives_another_exit_code(data: Run, own: Path, tm
     entries = small_entries()
     entries[0]["starts"][0]["label"] = False
     write_corpus(tmp_path / "faulty.jsonl", "own", "MIT", entries)
-    assert "label is false but the program says true" in data("check", tmp_path / "faulty.jsonl", exit_code=1)
+    assert "label is false but the program is true" in data("check", tmp_path / "faulty.jsonl", exit_code=1)
 
 
 def test_show__tells_all_of_a_task(data: Run, own: Path, tmp_path: Path):

@@ -14,7 +14,7 @@ import pytest
 from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.faults import InterruptionError
 from lilgym_mp.corpus.official.download import GitHub, WebDirectory, download_official
-from lilgym_mp.corpus.official.fetching import Patience, fetch, fetch_text
+from lilgym_mp.corpus.official.fetching import RetryPolicy, fetch, fetch_text
 from lilgym_mp.corpus.official.installing import read_installation
 from tests.web import Misdeed, Web
 
@@ -33,9 +33,9 @@ def pauses() -> list[float]:
 
 
 @pytest.fixture
-def patience(pauses: list[float]) -> Patience:
+def retries(pauses: list[float]) -> RetryPolicy:
     """Waits in no time, and notes how long it would have been."""
-    return Patience(tries=3, timeout=5.0, pause=pauses.append)
+    return RetryPolicy(tries=3, timeout=5.0, pause=pauses.append)
 
 
 @pytest.fixture
@@ -43,19 +43,19 @@ def part(tmp_path: Path) -> Path:
     return tmp_path / "file.part"
 
 
-def test_fetch__a_file_comes_whole_with_its_progress(web: Web, part: Path, patience: Patience):
+def test_fetch__a_file_comes_whole_with_its_progress(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     seen: list[tuple[int, int | None]] = []
-    fetch(f"{web.url}/file", part, lambda have, total: seen.append((have, total)), patience)
+    fetch(f"{web.url}/file", part, lambda have, total: seen.append((have, total)), retries)
     assert part.read_bytes() == CONTENT
     assert seen[0] == (0, len(CONTENT))
     assert seen[-1] == (len(CONTENT), len(CONTENT))
 
 
-def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, patience: Patience):
+def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     part.write_bytes(CONTENT[:1000])
-    fetch(f"{web.url}/file", part, _nothing, patience)
+    fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
     assert web.asked_for("/file") == ["bytes=1000-"]
 
@@ -71,11 +71,11 @@ def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, patie
     ],
 )
 def test_fetch__tries_again_after_what_may_pass(
-    misdeed: Misdeed, ranges: list[str | None], web: Web, part: Path, patience: Patience
+    misdeed: Misdeed, ranges: list[str | None], web: Web, part: Path, retries: RetryPolicy
 ):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [misdeed]
-    fetch(f"{web.url}/file", part, _nothing, patience)
+    fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
     assert web.asked_for("/file") == ranges
 
@@ -90,40 +90,44 @@ def test_fetch__tries_again_after_what_may_pass(
     ],
     ids=["ignores the range", "another range", "no range", "no such range"],
 )
-def test_fetch__a_server_that_cannot_go_on_is_asked_for_all(misdeed: Misdeed, web: Web, part: Path, patience: Patience):
+def test_fetch__a_server_that_cannot_go_on_is_asked_for_all(
+    misdeed: Misdeed, web: Web, part: Path, retries: RetryPolicy
+):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [misdeed]
     part.write_bytes(b"x" * 1000)
-    fetch(f"{web.url}/file", part, _nothing, patience)
+    fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__pauses_grow_and_follow_the_server(web: Web, part: Path, patience: Patience, pauses: list[float]):
+def test_fetch__pauses_grow_and_follow_the_server(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(status=500), Misdeed(status=503, headers={"Retry-After": "9"})]
-    fetch(f"{web.url}/file", part, _nothing, patience)
+    fetch(f"{web.url}/file", part, _nothing, retries)
     assert pauses == [1.0, 9.0]
 
 
-def test_fetch__new_bytes_give_new_tries(web: Web, part: Path, patience: Patience):
+def test_fetch__new_bytes_give_new_tries(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(breaks_after=20_000)] * 6
-    fetch(f"{web.url}/file", part, _nothing, patience)
+    fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__a_server_that_stays_broken_is_given_up_and_what_came_is_kept(web: Web, part: Path, patience: Patience):
+def test_fetch__a_server_that_stays_broken_is_given_up_and_what_came_is_kept(
+    web: Web, part: Path, retries: RetryPolicy
+):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(breaks_after=5000)] + [Misdeed(resets=True)] * 3
-    with pytest.raises(InterruptionError, match=r"no proper answer.*asked 3 times"):
-        fetch(f"{web.url}/file", part, _nothing, patience)
+    with pytest.raises(InterruptionError, match=r"invalid response.*tried 3 times"):
+        fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT[:5000]
 
 
-def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, patience: Patience, pauses: list[float]):
+def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
     web.misdeeds["/file"] = [Misdeed(status=429, headers={"Retry-After": "3600"})]
-    with pytest.raises(InterruptionError, match=r"answers 429.*asked once"):
-        fetch(f"{web.url}/file", part, _nothing, patience)
+    with pytest.raises(InterruptionError, match=r"answers 429.*tried once"):
+        fetch(f"{web.url}/file", part, _nothing, retries)
     assert pauses == []
 
 
@@ -132,43 +136,43 @@ def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, patience: Pa
     [
         (Misdeed(status=404), r"/file: the server answers 404 Not Found"),
         (Misdeed(status=401), r"/file: the server answers 401"),
-        (Misdeed(content=b"", headers={"Content-Length": str(10**12)}), "no file of the release has more than"),
+        (Misdeed(content=b"", headers={"Content-Length": str(10**12)}), "more than any file of the release"),
     ],
 )
-def test_fetch__a_refusal_is_final(misdeed: Misdeed, message: str, web: Web, part: Path, patience: Patience):
+def test_fetch__a_refusal_is_final(misdeed: Misdeed, message: str, web: Web, part: Path, retries: RetryPolicy):
     web.misdeeds["/file"] = [misdeed]
     with pytest.raises(CorpusError, match=message):
-        fetch(f"{web.url}/file", part, _nothing, patience)
+        fetch(f"{web.url}/file", part, _nothing, retries)
     assert len(web.asked) == 1
 
 
-def test_fetch__without_a_server_the_host_is_named(part: Path, patience: Patience, monkeypatch: pytest.MonkeyPatch):
+def test_fetch__without_a_server_the_host_is_named(part: Path, retries: RetryPolicy, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         host = f"127.0.0.1:{unused.getsockname()[1]}"
         with pytest.raises(InterruptionError, match=rf"^{host}: cannot be reached: .*refused"):
-            fetch(f"http://{host}/file", part, _nothing, patience)
+            fetch(f"http://{host}/file", part, _nothing, retries)
 
 
-def test_fetch_text__an_answer_cut_short_is_asked_for_again(web: Web, patience: Patience):
+def test_fetch_text__an_answer_cut_short_is_asked_for_again(web: Web, retries: RetryPolicy):
     web.files["/text"] = "caf\u00e9".encode()
     web.misdeeds["/text"] = [Misdeed(breaks_after=2)]
-    assert fetch_text(f"{web.url}/text", patience) == "caf\u00e9"
+    assert fetch_text(f"{web.url}/text", retries) == "caf\u00e9"
 
 
 @pytest.mark.parametrize("url", ["file:///etc/passwd", "ftp://host/file", "host/file", "http://"])
-def test_fetch__other_urls_are_refused(url: str, part: Path, patience: Patience):
-    with pytest.raises(CorpusError, match="a URL starts with http:// or https://"):
-        fetch(url, part, _nothing, patience)
-    with pytest.raises(CorpusError, match="a URL starts with"):
-        fetch_text(url, patience)
+def test_fetch__other_urls_are_refused(url: str, part: Path, retries: RetryPolicy):
+    with pytest.raises(CorpusError, match="a URL must start with http:// or https://"):
+        fetch(url, part, _nothing, retries)
+    with pytest.raises(CorpusError, match="a URL must start with"):
+        fetch_text(url, retries)
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:port/file", "http://127.0.0.1/two words"])
-def test_fetch__a_url_that_cannot_be_is_final(url: str, part: Path, patience: Patience, pauses: list[float]):
+def test_fetch__a_url_that_cannot_be_is_final(url: str, part: Path, retries: RetryPolicy, pauses: list[float]):
     with pytest.raises(CorpusError, match=r"cannot download from .http://127"):
-        fetch(url, part, _nothing, patience)
+        fetch(url, part, _nothing, retries)
     assert pauses == []
 
 
@@ -189,8 +193,8 @@ Download = Callable[..., Any]
 
 
 @pytest.fixture
-def download(repository: GitHub, target: Path, patience: Patience) -> Download:
-    return lambda: download_official(repository, [SCRATCH, FLIPIT], target, patience=patience)
+def download(repository: GitHub, target: Path, retries: RetryPolicy) -> Download:
+    return lambda: download_official(repository, [SCRATCH, FLIPIT], target, retries=retries)
 
 
 def _scratch_path(web: Web) -> str:
@@ -246,41 +250,41 @@ def test_download__a_spoilt_beginning_is_fetched_anew(download: Download, target
 
 
 def test_download__a_repository_without_the_files_is_refused_by_name(
-    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"data/{SCRATCH}": small_release[SCRATCH]})
     with pytest.raises(CorpusError, match=rf"{REPOSITORY} at HEAD: has no {FLIPIT}; .*lilgym-mp data import"):
-        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH, FLIPIT], target, patience=patience)
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH, FLIPIT], target, retries=retries)
     assert list(target.parent.iterdir()) == []
 
 
 def test_download__two_different_files_of_one_name_are_refused(
-    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"a/{SCRATCH}": small_release[SCRATCH], f"b/{SCRATCH}": b"{}"})
     with pytest.raises(CorpusError, match=f"several different files {SCRATCH}"):
-        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
 
 
 @pytest.mark.parametrize("answer", [b"<html>", b"[]", b'{"sha": 1}'])
-def test_download__a_listing_that_is_none_is_refused(answer: bytes, web: Web, target: Path, patience: Patience):
+def test_download__a_listing_that_is_none_is_refused(answer: bytes, web: Web, target: Path, retries: RetryPolicy):
     web.files[f"/repos/{REPOSITORY}/commits/HEAD"] = answer
-    with pytest.raises(CorpusError, match=r"the answer cannot be read|no JSON object|names no commit"):
-        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+    with pytest.raises(CorpusError, match=r"the response cannot be read|not a JSON object|contains no commit"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
     assert not target.exists()
 
 
-def test_download__an_exhausted_allowance_tells_when_to_come_back(web: Web, target: Path, patience: Patience):
+def test_download__an_exhausted_allowance_tells_when_to_come_back(web: Web, target: Path, retries: RetryPolicy):
     web.misdeeds[f"/repos/{REPOSITORY}/commits/HEAD"] = [Misdeed(status=403, headers={"X-RateLimit-Remaining": "0"})]
-    with pytest.raises(InterruptionError, match="takes no more requests for now; try again in an hour"):
-        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, patience=patience)
+    with pytest.raises(InterruptionError, match="rate limit exceeded; try again in an hour"):
+        download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
 
 
 def test_download__a_web_directory_needs_no_listing(
-    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.files.update({f"/mirror/{name}": content for name, content in small_release.items()})
-    installation = download_official(WebDirectory(f"{web.url}/mirror/"), [SCRATCH, FLIPIT], target, patience=patience)
+    installation = download_official(WebDirectory(f"{web.url}/mirror/"), [SCRATCH, FLIPIT], target, retries=retries)
     assert installation.revision is None
     assert {file.name: str(file.proof) for file in installation.files} == {
         SCRATCH: "content digest",
@@ -297,8 +301,8 @@ def test_download__a_web_directory_needs_no_listing(
             "Pink is",
             r"scratch_test\.json: is not the file of release 0\.0\.1.*content digest",
         ),
-        (SCRATCH, '"7"', '"6": {"sentence": "a", "lf": "exist(all_items)"}, "7"', "has 2 entries; that of .* has 1"),
-        (FLIPIT, '"false"', '"true"', "label is true but the program says false"),
+        (SCRATCH, '"7"', '"6": {"sentence": "a", "lf": "exist(all_items)"}, "7"', "has 2 entries; the file .* has 1"),
+        (FLIPIT, '"false"', '"true"', "label is true but the program is false"),
         (FLIPIT, "{", "", "not JSON"),
     ],
     ids=["another statement", "another number", "a wrong label", "broken"],
@@ -311,12 +315,12 @@ def test_download__files_of_another_version_are_refused_and_removed(
     web: Web,
     small_release: dict[str, bytes],
     target: Path,
-    patience: Patience,
+    retries: RetryPolicy,
 ):
     spoilt = {**small_release, name: small_release[name].decode().replace(old, new, 1).encode()}
     web.files.update({f"/{name}": content for name, content in spoilt.items()})
     with pytest.raises(CorpusError, match=message):
-        download_official(WebDirectory(web.url), [SCRATCH, FLIPIT], target, patience=patience)
+        download_official(WebDirectory(web.url), [SCRATCH, FLIPIT], target, retries=retries)
     assert list(target.parent.iterdir()) == []
 
 
@@ -343,7 +347,7 @@ def test_download__a_disk_that_fills_up_leaves_nothing(
 
 
 def test_download__progress_is_told_by_file(
-    repository: GitHub, small_release: dict[str, bytes], target: Path, patience: Patience
+    repository: GitHub, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     seen: dict[str, int] = {}
 
@@ -351,14 +355,14 @@ def test_download__progress_is_told_by_file(
         assert total == len(small_release[name])
         seen[name] = have
 
-    download_official(repository, [SCRATCH, FLIPIT], target, progress, patience)
+    download_official(repository, [SCRATCH, FLIPIT], target, progress, retries)
     assert seen == {name: len(content) for name, content in small_release.items()}
 
 
 def test_download__the_listing_names_the_files_of_the_commit_that_was_asked(
-    web: Web, small_release: dict[str, bytes], target: Path, patience: Patience
+    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {SCRATCH: small_release[SCRATCH]})
     web.files[f"/repos/{REPOSITORY}/commits/v1"] = json.dumps({"sha": COMMIT}).encode()
     source = GitHub(revision="v1", api_url=web.url, raw_url=web.url)
-    assert download_official(source, [SCRATCH], target, patience=patience).source == f"{REPOSITORY} at v1"
+    assert download_official(source, [SCRATCH], target, retries=retries).source == f"{REPOSITORY} at v1"

@@ -33,7 +33,7 @@ FILE_FAULTS = {
     "truncated line": (HEADER + GOOD_ENTRY + GOOD_ENTRY[:40], "line 3: not JSON"),
     "nested": (HEADER + b"[" * 100_000, "line 2: .*nested too deeply"),
     "a list": (HEADER + b"[1]\n", "line 2: an entry must be a JSON object"),
-    "key twice": (HEADER + b'{"id":"a","id":"b"}\n', "line 2: key 'id' stands twice"),
+    "key twice": (HEADER + b'{"id":"a","id":"b"}\n', "line 2: duplicate key 'id'"),
     "truncated gzip": (gzip.compress(HEADER + GOOD_ENTRY)[:-12], "broken gzip file"),
 }
 
@@ -92,20 +92,20 @@ ENTRY_FAULTS: dict[str, tuple[Callable[[Entries], Entries], str]] = {
         "unknown appearance 'towers'; choose from scatter",
     ),
     "unknown split": (lambda e: _first(e, split="eval"), "unknown split 'eval'; choose from dev, test, train"),
-    "blank statement": (lambda e: _first(e, statement=" "), "statement must be a text that is not blank"),
+    "blank statement": (lambda e: _first(e, statement=" "), "statement must be a non-blank text"),
     "coloured statement": (
         lambda e: _first(e, statement="a \x1b[31m"),
-        r"statement has characters that cannot be printed: 'a .x1b\[31m'",
+        r"statement has unprintable characters: 'a .x1b\[31m'",
     ),
-    "number as program": (lambda e: _first(e, program=3), "program must be a text that is not blank, not 3"),
+    "number as program": (lambda e: _first(e, program=3), "program must be a non-blank text, not 3"),
     "starts no list": (lambda e: _first(e, starts={}), "starts must be a list"),
     "key too many": (lambda e: _first(e, lf="x"), "an entry has keys .*it must have"),
-    "tags a text": (lambda e: _first(e, tags="easy"), "tags must be a list of different texts"),
-    "tag a number": (lambda e: _first(e, tags=["easy", 3]), "tags must be a list of different texts"),
-    "tag blank": (lambda e: _first(e, tags=[" "]), "tags must be a list of different texts"),
-    "tag twice": (lambda e: _first(e, tags=["easy", "easy"]), "tags must be a list of different texts"),
-    "entry id twice": (lambda e: _first(e, id="pair"), "id 'pair' is taken already: .*line 2"),
-    "start id twice": (lambda e: _first_start(e, id="pair-no"), "id 'pair-no' is taken already"),
+    "tags a text": (lambda e: _first(e, tags="easy"), "tags must be a list of distinct, non-blank texts"),
+    "tag a number": (lambda e: _first(e, tags=["easy", 3]), "tags must be a list of distinct, non-blank texts"),
+    "tag blank": (lambda e: _first(e, tags=[" "]), "tags must be a list of distinct, non-blank texts"),
+    "tag twice": (lambda e: _first(e, tags=["easy", "easy"]), "tags must be a list of distinct, non-blank texts"),
+    "entry id twice": (lambda e: _first(e, id="pair"), "id 'pair' is already used: .*line 2"),
+    "start id twice": (lambda e: _first_start(e, id="pair-no"), "id 'pair-no' is already used"),
     "label a text": (lambda e: _first_start(e, label="true"), "label must be true or false, not 'true'"),
     "program of no language": (lambda e: _first(e, program="open('x')"), "entry 'blue'.*program"),
     "program without a truth": (lambda e: _first(e, program="count(all_items)"), "entry 'blue'.* has no value on"),
@@ -115,7 +115,7 @@ ENTRY_FAULTS: dict[str, tuple[Callable[[Entries], Entries], str]] = {
     ),
     "wrong label": (
         lambda e: _first_start(e, label=False),
-        "start 'blue-yes': label is false but the program says true",
+        "start 'blue-yes': label is false but the program is true",
     ),
     "no scene": (lambda e: _first_start(e, scene=None), "start 'blue-yes': scene: a scene must be a list"),
     "two boxes": (lambda e: _first_start(e, scene=[[], []]), "start 'blue-yes': scene: a scene has 3 boxes, not 2"),
@@ -159,9 +159,9 @@ def test_scatter_entry__overlapping_items_are_refused(entries: Entries, written:
 
 RELEASED_FAULTS = {
     "label": ({"label": "maybe"}, "entry 'blue-yes': unknown label 'maybe'; choose from false, true"),
-    "no label": ({"label": None}, "entry 'blue-yes': label must be a text"),
+    "no label": ({"label": None}, "entry 'blue-yes': label must be a non-blank text"),
     "scene": ({"structured_rep": None}, "entry 'blue-yes': scene: a scene must be a list"),
-    "sentence": ({"sentence": 5}, "entry 'blue-yes': sentence must be a text that is not blank, not 5"),
+    "sentence": ({"sentence": 5}, "entry 'blue-yes': sentence must be a non-blank text, not 5"),
 }
 
 
@@ -178,7 +178,7 @@ def test_released_entry__faulty_ones_are_refused_by_name_and_fault(case: str, re
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("[]", "must be one JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "key 'a' stands twice")],
+    [("[]", "must be one JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
 )
 def test_released_file__broken_ones_are_refused_by_name(text: str, message: str, released: Path):
     (released / "tower_scratch_test.json").write_text(text)

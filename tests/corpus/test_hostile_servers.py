@@ -6,7 +6,7 @@ import pytest
 
 from checks.hostile_servers import MAX_SECONDS, outcome
 
-TOO_SLOW = "the server sends too slowly (asked 3 times for http://"
+TOO_SLOW = "the server sends too slowly (tried 3 times: http://"
 MESSAGES = {
     "drips a body": TOO_SLOW,
     "drips headers": TOO_SLOW,
@@ -14,11 +14,11 @@ MESSAGES = {
     "a length in superscript digits": "success",
     "a first answer of 206": "the server answered from byte 5, not 0",
     "a first answer of 416": "the server has fewer bytes than were downloaded before",
-    "an invalid pause": "answers 503 S (asked 3 times",
+    "an invalid pause": "answers 503 S (tried 3 times",
     "a status with escape codes": r"the server answers 404 \x1b[31mred\x07",
-    "a redirect to ftp": "cannot download from 'ftp://127.0.0.1/file'; a URL starts with http:// or https://",
-    "a redirect to an invalid address": "no proper answer: Invalid IPv6 URL",
-    "a redirect to a long name": "no proper answer: ",
+    "a redirect to ftp": "cannot download from 'ftp://127.0.0.1/file'; a URL must start with http:// or https://",
+    "a redirect to an invalid address": "invalid response: Invalid IPv6 URL",
+    "a redirect to a long name": "invalid response: ",
 }
 
 

@@ -11,7 +11,7 @@ import pytest
 from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
 from lilgym_mp.corpus.faults import FaultLog
 from lilgym_mp.corpus.official.installing import import_official, intact_installation, read_installation, staging_area
-from lilgym_mp.corpus.official.release import FACTS, STATEMENT_COUNT, content_digest, official_names
+from lilgym_mp.corpus.official.release import FILE_FACTS, STATEMENT_COUNT, content_digest, official_names
 from lilgym_mp.corpus.released import ReleasedFile
 
 SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"
@@ -147,8 +147,8 @@ def test_check__changed_and_lost_files_of_an_installation_are_faults(checkout: P
     (target / FLIPIT).write_text(text + " ")
     (target / SCRATCH).unlink()
     assert [str(fault).rsplit(os.sep, 1)[-1] for fault in check_corpus(target).faults] == [
-        f"{SCRATCH}: is gone; it was there at installation",
-        f"{FLIPIT}: has changed since installation (its SHA-256 is another)",
+        f"{SCRATCH}: is missing since installation",
+        f"{FLIPIT}: has changed since installation (its SHA-256 differs)",
     ]
 
 
@@ -160,8 +160,8 @@ def test_check__a_broken_record_of_the_installation_is_a_fault(checkout: Path, t
 
 
 def test_facts__every_released_file_has_its_numbers():
-    assert set(FACTS) == set(official_names())
-    scratch = sum(facts.tasks for name, facts in FACTS.items() if "scratch" in name)
+    assert set(FILE_FACTS) == set(official_names())
+    scratch = sum(facts.tasks for name, facts in FILE_FACTS.items() if "scratch" in name)
     assert STATEMENT_COUNT < scratch == 2_959
 
 

@@ -146,7 +146,7 @@ def test_official_corpus__is_looked_for_in_the_user_cache(tmp_path: Path, monkey
 
 def test_official_corpus__its_absence_tells_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(CorpusError, match=r"nowhere is no directory .*LILGYM_DATA.*lilgym-mp data download"):
+    with pytest.raises(CorpusError, match=r"nowhere is not a directory .*LILGYM_DATA.*lilgym-mp data download"):
         load_tasks("lilgym", "tower", "scratch", "train")
 
 

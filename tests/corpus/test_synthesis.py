@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.faults import NoTasksError
-from lilgym_mp.corpus.scenes import SAMPLERS
-from lilgym_mp.corpus.synthesis import Settings, start_scenes, synthesize
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.synthesis import SynthesisSettings, start_scenes, synthesize
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
 
@@ -76,7 +76,7 @@ def test_start_scenes__where_the_program_has_no_value_are_passed_over():
 
 
 def test_synthesize__gives_a_corpus_without_faults(entries: Entries, written: Writer, tmp_path: Path):
-    found = synthesize(written(entries), Settings(starts=2))
+    found = synthesize(written(entries), SynthesisSettings(starts=2))
     path = tmp_path / "new.jsonl"
     write_corpus(path, "new", "MIT", (entry.to_json() for entry in found))
     assert check_corpus(path).ok
@@ -86,7 +86,7 @@ def test_synthesize__gives_a_corpus_without_faults(entries: Entries, written: Wr
 
 
 def test_synthesize__the_seed_decides_whatever_other_statements_there_are(entries: Entries, written: Writer):
-    settings = Settings(appearances=["tower"], seed=3)
+    settings = SynthesisSettings(appearances=["tower"], seed=3)
     both = list(synthesize(written(entries), settings))
     alone = list(synthesize(written(entries[1:2]), settings))
     assert alone == both[1:]
@@ -95,9 +95,9 @@ def test_synthesize__the_seed_decides_whatever_other_statements_there_are(entrie
 
 def test_synthesize__ids_that_are_taken_twice_are_told_apart(released: Path):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
-    assert [entry.id for entry in synthesize(released, Settings())] == ["tower-dev-7", "tower-test-7"]
+    assert [entry.id for entry in synthesize(released, SynthesisSettings())] == ["tower-dev-7", "tower-test-7"]
 
 
 def test_synthesize__a_corpus_without_statements_of_the_split_is_refused(entries: Entries, written: Writer):
-    with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks of what was asked for"):
-        list(synthesize(written(entries), Settings(splits=["test"])))
+    with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks for the requested configurations"):
+        list(synthesize(written(entries), SynthesisSettings(splits=["test"])))

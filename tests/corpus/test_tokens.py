@@ -47,12 +47,12 @@ def test_decode__gives_the_words_back():
 
 
 def test_decode__a_number_out_of_range_is_refused():
-    with pytest.raises(VocabularyError, match="no word has number 9; numbers are 0 to 3"):
+    with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
         Vocabulary(("blue", "two")).decode([9])
 
 
 def test_vocabulary__a_repeated_word_is_refused():
-    with pytest.raises(VocabularyError, match="words stand twice: a"):
+    with pytest.raises(VocabularyError, match="duplicate words: a"):
         Vocabulary(("a", "b", "a"))
 
 

@@ -194,7 +194,7 @@ def test_settings__the_official_corpus_where_it_is_not_is_refused_with_help(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(ValueError, match=r"the official corpus is not here.*LILGYM_DATA"):
+    with pytest.raises(ValueError, match=r"the official corpus was not found.*LILGYM_DATA"):
         make(TOWER, corpus="lilgym")
 
 
@@ -298,7 +298,7 @@ def test_reset__scratch_starts_empty_with_target_true_and_flipit_where_stop_fail
     [
         (
             {"task": "no-such-task"},
-            "no task 'no-such-task' in corpus 'builtin', tower scratch, split 'train'; there are",
+            "no task 'no-such-task' in corpus 'builtin', tower scratch, split 'train'; existing ids include",
         ),
         ({"task": 7}, "no task 7 in corpus"),
         ({"task": []}, r"no task \[\] in corpus"),

@@ -155,7 +155,7 @@ def test_nlvr_reward__determines_stop_forcing(make: Make):
 
 
 def test_nlvr_reward__refuses_flipit(make: Make):
-    with pytest.raises(CorpusError, match=r"flipit.*scenes are compared for Scratch tasks only"):
+    with pytest.raises(CorpusError, match=r"flipit.*scene matching requires Scratch tasks"):
         NLVRReward(make("TowerFlipIt"))
 
 

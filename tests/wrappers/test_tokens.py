@@ -49,7 +49,7 @@ def test_default_length__is_the_same_for_every_split(make: Make):
 
 
 def test_longer_statement__is_refused_naming_it(make: Make):
-    with pytest.raises(ValueError, match=r"'There are exactly two blocks\.' has 5 words, length is 3: choose length=5"):
+    with pytest.raises(ValueError, match=r"'There are exactly two blocks\.' has 5 words, but length is 3: set"):
         TokenizedStatement(make("TowerScratch"), length=3)
 
 

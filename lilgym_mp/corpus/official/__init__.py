@@ -1,1 +1,1 @@
-"""The official release: downloading, checking, installing it."""
+"""Downloading, verifying and installing the official release."""

@@ -1,8 +1,8 @@
-"""Downloading the official corpus: from its repository on GitHub, or from any directory on a web server.
+"""Downloads the official corpus from its repository on GitHub, or from a directory on any web server.
 
-The files are looked up by name in the repository's listing, wherever in it they lie; the listing's object ids are
-checksums of their bytes. No commit of the release was known when this was written, so none is pinned: the commit that
-was found is recorded at installation, and `official` says what is demanded of the files' content.
+Files are found by name anywhere in the repository's tree; Git object ids serve as checksums. No commit is pinned, since
+that of the release was not known when this was written: the installation records the commit, and `release` verifies
+the content of the files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
-from lilgym_mp.corpus.official.fetching import Patience, checked_url, fetch, fetch_text
+from lilgym_mp.corpus.official.fetching import RetryPolicy, checked_url, fetch, fetch_text
 from lilgym_mp.corpus.official.installing import Installation, install, staging_area
 from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes
 
@@ -24,13 +24,13 @@ REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch
 API_URL, RAW_URL = "https://api.github.com", "https://raw.githubusercontent.com"
 
-FileProgress = Callable[[str, int, int | None], None]  # name, bytes so far, bytes of all where known
+FileProgress = Callable[[str, int, int | None], None]  # name, bytes so far, total bytes if known
 
 
 class RemoteFile(NamedTuple):
     url: str
     size: int | None = None
-    git_sha1: str | None = None  # Git's object id: a checksum of the bytes
+    git_sha1: str | None = None  # Git object id, a checksum of the content
 
 
 class Listing(NamedTuple):
@@ -39,10 +39,10 @@ class Listing(NamedTuple):
 
 
 class Source(Protocol):
-    """Where released files can be had over HTTP."""
+    """A server of released files."""
 
-    def listing(self, names: Sequence[str], patience: Patience) -> Listing:
-        """Where the files are. Raises CorpusError naming those that are missing."""
+    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
+        """The URLs of the files. Raises CorpusError naming missing ones."""
         ...
 
 
@@ -58,12 +58,12 @@ class GitHub:
     def __str__(self) -> str:
         return f"{self.repository} at {self.revision}"
 
-    def listing(self, names: Sequence[str], patience: Patience) -> Listing:
+    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
         api = f"{self.api_url}/repos/{self.repository}"
-        commit = _answer(f"{api}/commits/{quote(self.revision)}", patience).get("sha")
+        commit = _answer(f"{api}/commits/{quote(self.revision)}", retries).get("sha")
         if not isinstance(commit, str):
-            raise CorpusError(f"{self}: GitHub's answer names no commit")
-        tree = _answer(f"{api}/git/trees/{commit}?recursive=1", patience).get("tree")
+            raise CorpusError(f"{self}: GitHub's response contains no commit")
+        tree = _answer(f"{api}/git/trees/{commit}?recursive=1", retries).get("tree")
         found: dict[str, RemoteFile] = {}
         for path, size, sha in _blobs(tree):
             name = path.rpartition("/")[2]
@@ -75,21 +75,21 @@ class GitHub:
         missing = [name for name in names if name not in found]
         if missing:
             raise CorpusError(
-                f"{self}: has no {listed(missing)}; get the files some other way and run `lilgym-mp data import`"
+                f"{self}: has no {listed(missing)}; obtain the files otherwise and run `lilgym-mp data import`"
             )
         return Listing(commit, found)
 
 
 @dataclass(frozen=True, slots=True)
 class WebDirectory:
-    """A directory on a web server that has the files under their released names; no checksums come with them."""
+    """A directory on a web server with files under their released names, without checksums."""
 
     url: str
 
     def __str__(self) -> str:
         return self.url
 
-    def listing(self, names: Sequence[str], patience: Patience) -> Listing:
+    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
         checked_url(self.url)
         return Listing(None, {name: RemoteFile(f"{self.url.rstrip('/')}/{name}") for name in names})
 
@@ -99,35 +99,35 @@ def download_official(
     names: Sequence[str],
     target: Path,
     progress: FileProgress = lambda name, have, total: None,
-    patience: Patience | None = None,
+    retries: RetryPolicy | None = None,
 ) -> Installation:
-    """Downloads the released files called `names`, checks them, and installs them at `target`.
+    """Downloads the named released files, verifies them, and installs them at `target`.
 
-    What a broken connection or Ctrl-C leaves is kept beside `target` and used by the next call for the same source.
-    Raises InterruptionError for that, CorpusError for everything that another try would not mend.
+    After a broken connection or Ctrl-C, partial files are kept beside `target`, and the next call for the same source
+    resumes. Raises InterruptionError for a broken connection, CorpusError when retrying would not help.
     """
-    patience = patience or Patience()
+    retries = retries or RetryPolicy()
     with staging_area(target, str(source)) as staged:
-        listing = source.listing(names, patience)
+        listing = source.listing(names, retries)
         _demand_space(staged, listing.files.values())
         for name in names:
-            _fetch_checked(name, listing.files[name], staged, progress, patience)
+            _fetch_checked(name, listing.files[name], staged, progress, retries)
         return install(staged, target, str(source), listing.revision, names)
 
 
-def _answer(url: str, patience: Patience) -> dict[str, object]:
-    """The JSON object that the server answers."""
+def _answer(url: str, retries: RetryPolicy) -> dict[str, object]:
+    """The JSON object in the server's response."""
     try:
-        answer = as_object(parse_json(fetch_text(url, patience)))
+        answer = as_object(parse_json(fetch_text(url, retries)))
     except JSONFault as fault:
-        raise CorpusError(f"{url}: the answer cannot be read: {fault}") from None
+        raise CorpusError(f"{url}: the response cannot be read: {fault}") from None
     if answer is None:
-        raise CorpusError(f"{url}: the answer is no JSON object")
+        raise CorpusError(f"{url}: the response is not a JSON object")
     return answer
 
 
 def _blobs(tree: object) -> Iterator[tuple[str, int, str]]:
-    """Path, size and object id of each file in a listing as GitHub gives it."""
+    """Path, size and object id of each file in GitHub's tree listing."""
     for entry in cast("list[object]", tree) if isinstance(tree, list) else []:
         match entry:
             case {"type": "blob", "path": str(path), "size": int(size), "sha": str(sha)}:
@@ -143,17 +143,17 @@ def _demand_space(staged: Path, files: Iterable[RemoteFile]) -> None:
         raise CorpusError(f"no space left on the disk of {staged}: the files need {needed} bytes, {free} are free")
 
 
-def _fetch_checked(name: str, remote: RemoteFile, staged: Path, progress: FileProgress, patience: Patience) -> None:
-    """Downloads a file whose checksum is right, unless it is there already; once more when what was kept spoilt it."""
+def _fetch_checked(name: str, remote: RemoteFile, staged: Path, progress: FileProgress, retries: RetryPolicy) -> None:
+    """Downloads a file and verifies its checksum, unless it exists; a corrupt resumed download is restarted once."""
     whole, part = staged / name, staged / f"{name}.part"
     if whole.exists() and _is_right(whole, remote):
         return
     whole.unlink(missing_ok=True)
     resumed = part.exists()
-    fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), patience)
+    fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), retries)
     if resumed and not _is_right(part, remote):
         part.unlink()
-        fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), patience)
+        fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), retries)
     if not _is_right(part, remote):
         found = _git_sha1(part)
         part.unlink()

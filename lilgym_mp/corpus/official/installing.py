@@ -1,4 +1,4 @@
-"""Putting the official corpus into the user's cache: whole or not at all, with a record of where it came from."""
+"""Atomic installation of the official corpus into the user's cache, with a manifest of its source and checksums."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, r
 
 try:
     import fcntl
-except ImportError:  # Windows: two downloads at a time are not told apart there
+except ImportError:  # Windows: no protection against concurrent installations
     fcntl = None
 
 MANIFEST = "installed.json"
 FORMAT, VERSION = "lilgym_mp-official", 1
-FILES = "files"  # directory of the staging area
+FILES = "files"  # subdirectory of the staging area
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """The official corpus as it was put in place."""
+    """An installed official corpus."""
 
     directory: Path
-    source: str  # a directory, or a URL
-    revision: str | None  # the commit, where it is known
+    source: str  # a directory or URL
+    revision: str | None  # the commit, if known
     files: tuple[OfficialFile, ...]
 
     @property
     def remarks(self) -> list[str]:
-        """How the files differ from what the paper reports."""
+        """Differences from the numbers in the paper."""
         return [file.remark for file in self.files if file.remark]
 
 
 @contextmanager
 def staging_area(target: Path, source: str) -> Generator[Path, None, None]:
-    """A directory beside `target` for the files of an installation from `source`, one user at a time.
+    """A locked directory beside `target` for the files of an installation from `source`.
 
-    It is kept after an InterruptionError or Ctrl-C and found again by the next installation from the same source; after
-    anything else it is removed. Raises CorpusError when somebody else is using it, or it cannot be written.
+    It is kept after an InterruptionError or Ctrl-C, for the next installation from the same source to resume, and
+    removed otherwise. Raises CorpusError when another process holds the lock or the directory cannot be written.
     """
     area = target.with_name(target.name + ".partial")
     with _space_reported(area), closing(_locked(area)):
@@ -65,9 +65,9 @@ def staging_area(target: Path, source: str) -> Generator[Path, None, None]:
 
 
 def install(staged: Path, target: Path, source: str, revision: str | None, names: Sequence[str]) -> Installation:
-    """Checks the staged files and puts them, and nothing else, in the place of `target`.
+    """Verifies the staged files and replaces `target` by them.
 
-    Raises CorpusError naming the first file that is not of the release; `target` is then as it was.
+    Raises CorpusError naming the first file that is not of the release; `target` is then unchanged.
     """
     files: list[OfficialFile] = []
     for name in names:
@@ -86,7 +86,7 @@ def install(staged: Path, target: Path, source: str, revision: str | None, names
 
 
 def read_installation(directory: Path) -> Installation | None:
-    """The record that `install` left there; None without one. Raises CorpusError for a broken record."""
+    """The installation described by the directory's manifest, None without one. Raises CorpusError if it is invalid."""
     path = directory / MANIFEST
     if not path.is_file():
         return None
@@ -103,29 +103,29 @@ def read_installation(directory: Path) -> Installation | None:
 
 
 def intact_installation(directory: Path, names: Sequence[str], source: str | None) -> Installation | None:
-    """The installation there if it has the files called `names`, unchanged, and is from `source` (None: from any)."""
+    """The existing installation if it has the named files, unmodified, and is from `source` (None: any source)."""
     with suppress(CorpusError):
-        there = read_installation(directory)
-        if there is not None and {file.name for file in there.files} >= set(names) and source in (None, there.source):
-            return None if installation_faults(directory) else there
+        found = read_installation(directory)
+        if found is not None and {file.name for file in found.files} >= set(names) and source in (None, found.source):
+            return None if installation_faults(directory) else found
     return None
 
 
 def installation_faults(directory: Path) -> list[Fault]:
-    """The files that are gone or have changed since `install` put them there; none without its record."""
+    """The files missing or modified since installation; empty without a manifest."""
     installation = read_installation(directory)
     faults: list[Fault] = []
     for file in installation.files if installation else ():
         path = directory / file.name
         if not path.is_file():
-            faults.append(Fault(str(path), "is gone; it was there at installation"))
+            faults.append(Fault(str(path), "is missing since installation"))
         elif hashlib.sha256(read_bytes(path)).hexdigest() != file.sha256:
-            faults.append(Fault(str(path), "has changed since installation (its SHA-256 is another)"))
+            faults.append(Fault(str(path), "has changed since installation (its SHA-256 differs)"))
     return faults
 
 
 def import_official(directory: Path, names: Sequence[str], target: Path) -> Installation:
-    """Installs the released files called `names` from a directory or checkout, wherever in it they lie.
+    """Installs the named released files from anywhere in a directory or checkout.
 
     Raises CorpusError naming the files that are missing, ambiguous, or not of the release.
     """
@@ -145,7 +145,7 @@ def import_official(directory: Path, names: Sequence[str], target: Path) -> Inst
 
 
 def _paths_by_name(directory: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Where the files lie. Raises CorpusError when there are several of one name with different contents."""
+    """The paths of the files by name. Raises CorpusError for several files of one name with different contents."""
     found: dict[str, Path] = {}
     for parent, _, present in sorted(os.walk(directory)):
         for name in set(names).intersection(present):
@@ -158,7 +158,7 @@ def _paths_by_name(directory: Path, names: Sequence[str]) -> dict[str, Path]:
 
 @contextmanager
 def _space_reported(area: Path) -> Generator[None, None, None]:
-    """Turns what the file system refuses into a CorpusError."""
+    """Converts OSErrors into CorpusErrors."""
     try:
         yield
     except OSError as fault:
@@ -168,7 +168,7 @@ def _space_reported(area: Path) -> Generator[None, None, None]:
 
 
 def _locked(area: Path) -> IO[str]:
-    """The open lock file of the area, made where there is none."""
+    """The locked, open lock file of the area; creates both."""
     while True:
         area.mkdir(parents=True, exist_ok=True)
         lock = (area / "lock").open("w")
@@ -178,13 +178,13 @@ def _locked(area: Path) -> IO[str]:
             except OSError:
                 lock.close()
                 raise CorpusError(f"another process is installing the official corpus: it holds {area}") from None
-        if (area / "lock").exists():  # else its last user removed the area just before the lock was had
+        if (area / "lock").exists():  # else its previous user removed the area before the lock was acquired
             return lock
         lock.close()
 
 
 def _files_of(area: Path, source: str) -> Path:
-    """The area's directory of files, emptied when they came from another source."""
+    """The area's file directory, emptied if its files came from another source."""
     origin, files = area / "source", area / FILES
     if not origin.is_file() or origin.read_text(encoding="utf-8") != source:
         shutil.rmtree(files, ignore_errors=True)
@@ -210,7 +210,7 @@ def _previous(target: Path) -> Path:
 
 
 def _swap(staged: Path, target: Path) -> None:
-    """Renames `staged` to `target`; what was there is removed afterwards."""
+    """Renames `staged` to `target`, then removes the previous `target`."""
     previous = _previous(target)
     if target.exists():
         target.rename(previous)
@@ -223,7 +223,7 @@ def _swap(staged: Path, target: Path) -> None:
 
 
 def _undo_interrupted_swap(target: Path) -> None:
-    """Brings back what was at `target` when a swap stopped between its two renames."""
+    """Restores `target` after a swap interrupted between its two renames."""
     previous = _previous(target)
     if previous.is_dir() and not target.exists():
         previous.rename(target)

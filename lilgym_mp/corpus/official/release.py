@@ -1,8 +1,8 @@
-"""What the files of lilGym's release 0.0.1 hold, and whether a file is one of them.
+"""Known properties of the files in lilGym's release 0.0.1, and verification of files against them.
 
-The numbers of tasks and contexts are the paper's (SPEC section 2). Digests were taken from copies of the released files
-where such copies were at hand: all Scratch files of train and dev, and FlipIt dev. FlipIt train and the test split were
-not; for those a file is told by its numbers, its form, and its labels, which every program must confirm.
+The numbers of tasks and contexts are those of the paper (SPEC section 2). Content digests are known for the files of
+which copies were available: Scratch train and dev, and FlipIt dev. The other files are verified by the number of
+entries, their format, and labels that agree with the programs.
 """
 
 from __future__ import annotations
@@ -24,41 +24,41 @@ RELEASE = "0.0.1"
 STATEMENT_COUNT = 2_661  # distinct statements of all splits and both appearances
 
 
-class Facts(NamedTuple):
-    """What is known of a released file."""
+class FileFacts(NamedTuple):
+    """Known properties of a released file."""
 
     tasks: int
-    contexts: int  # as the paper reports
-    content_sha256: str | None = None  # of `content_digest`; None: no copy was at hand
+    contexts: int  # as reported in the paper
+    content_sha256: str | None = None  # `content_digest`; None: no copy was available
 
 
-FACTS: Mapping[str, Facts] = {
-    "tower_scratch_train.json": Facts(989, 989, "0ad23ecc3d8dbe0a40aec5ab28c86edc7da5b7d4885cbc1a6e0433a2d01ae66d"),
-    "tower_scratch_dev.json": Facts(163, 163, "94d169ef3717768aed1e6137559f81a4001305df93195da05761288bfa06abad"),
-    "tower_scratch_test.json": Facts(324, 324),
-    "tower_flipit_train.json": Facts(5_704, 1_910),
-    "tower_flipit_dev.json": Facts(676, 317, "377ced6f14bba727d8b8e1f427d70e3b97bbc3c1bb21d1b2f4525536b2d7b8f9"),
-    "tower_flipit_test.json": Facts(1_383, 619),
-    "scatter_scratch_train.json": Facts(
+FILE_FACTS: Mapping[str, FileFacts] = {
+    "tower_scratch_train.json": FileFacts(989, 989, "0ad23ecc3d8dbe0a40aec5ab28c86edc7da5b7d4885cbc1a6e0433a2d01ae66d"),
+    "tower_scratch_dev.json": FileFacts(163, 163, "94d169ef3717768aed1e6137559f81a4001305df93195da05761288bfa06abad"),
+    "tower_scratch_test.json": FileFacts(324, 324),
+    "tower_flipit_train.json": FileFacts(5_704, 1_910),
+    "tower_flipit_dev.json": FileFacts(676, 317, "377ced6f14bba727d8b8e1f427d70e3b97bbc3c1bb21d1b2f4525536b2d7b8f9"),
+    "tower_flipit_test.json": FileFacts(1_383, 619),
+    "scatter_scratch_train.json": FileFacts(
         1_241, 1_241, "95a257f2fc84f9919a96e13661a7f6fc2972d4be9c8b1b7d9a535ebb69fb3484"
     ),
-    "scatter_scratch_dev.json": Facts(87, 87, "9bf8e7aff8430179aecf000670573dc243bf72a7660145e1c5500badcbc0530a"),
-    "scatter_scratch_test.json": Facts(155, 155),
-    "scatter_flipit_train.json": Facts(6_696, 2_340),
-    "scatter_flipit_dev.json": Facts(313, 164, "a7da2aa19f9258cbbfb9fab6e42a0ad77870f811e4b6d049fff9a6326030627d"),
-    "scatter_flipit_test.json": Facts(591, 285),
+    "scatter_scratch_dev.json": FileFacts(87, 87, "9bf8e7aff8430179aecf000670573dc243bf72a7660145e1c5500badcbc0530a"),
+    "scatter_scratch_test.json": FileFacts(155, 155),
+    "scatter_flipit_train.json": FileFacts(6_696, 2_340),
+    "scatter_flipit_dev.json": FileFacts(313, 164, "a7da2aa19f9258cbbfb9fab6e42a0ad77870f811e4b6d049fff9a6326030627d"),
+    "scatter_flipit_test.json": FileFacts(591, 285),
 }
 
 
 class Proof(StrEnum):
-    """By what a file was found to be of the release."""
+    """How a file was verified."""
 
     CONTENT = "content digest"
     NUMBERS = "numbers and labels"
 
 
 class OfficialFile(NamedTuple):
-    """A file found to be of the release."""
+    """A verified file of the release."""
 
     name: str
     bytes: int
@@ -69,8 +69,8 @@ class OfficialFile(NamedTuple):
 
     @property
     def remark(self) -> str | None:
-        """How the file differs from what the paper reports, where that is no reason to refuse it."""
-        reported = FACTS[self.name].contexts
+        """A tolerated difference from the numbers in the paper."""
+        reported = FILE_FACTS[self.name].contexts
         if self.contexts == reported:
             return None
         return f"{self.name} has {self.contexts} contexts, the paper reports {reported}"
@@ -82,7 +82,7 @@ def official_names(splits: Iterable[str] = SPLITS) -> list[str]:
 
 
 def content_digest(records: Iterable[Record]) -> str:
-    """SHA-256, in hex, of what the records say, in their order: independent of JSON's blanks and order of keys."""
+    """Hex SHA-256 of the ordered records, independent of JSON whitespace and key order."""
     digest = hashlib.sha256()
     for record in records:
         content = [record.id, record.statement, record.program, record.label, record.scene]
@@ -91,20 +91,20 @@ def content_digest(records: Iterable[Record]) -> str:
 
 
 def check_official_file(path: Path) -> OfficialFile:
-    """The facts of the file, which goes by its released name, once it is known to be of the release.
+    """Verifies a file under its released name.
 
-    Raises CorpusError naming the file and the fault: anything that `load_tasks` would refuse, or another version.
+    Raises CorpusError naming the file and the fault: one that `load_tasks` would raise, or another version.
     """
     appearance, start, _ = path.name.removesuffix(".json").split("_")
-    facts, faults = FACTS[path.name], FaultLog(stop_at_first=True)
+    facts, faults = FILE_FACTS[path.name], FaultLog(stop_at_first=True)
     file = ReleasedFile(path, start)
     records = list(file.records(faults))
     if len(records) != facts.tasks:
-        raise CorpusError(f"{path}: has {len(records)} entries; that of release {RELEASE} has {facts.tasks}")
+        raise CorpusError(f"{path}: has {len(records)} entries; the file of release {RELEASE} has {facts.tasks}")
     if facts.content_sha256 not in (None, content_digest(records)):
         raise CorpusError(
-            f"{path}: is not the file of release {RELEASE}: as many entries, but statements, programs, labels or "
-            f"scenes differ (content digest {content_digest(records)}, not {facts.content_sha256})"
+            f"{path}: is not the file of release {RELEASE}: it has as many entries, but statements, programs, labels "
+            f"or scenes differ (content digest {content_digest(records)}, not {facts.content_sha256})"
         )
     tasks = list(TaskReader(appearance, faults).tasks(records))
     proof = Proof.NUMBERS if facts.content_sha256 is None else Proof.CONTENT

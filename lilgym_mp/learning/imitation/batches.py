@@ -57,9 +57,9 @@ class StatementTokenizer:
         self._known = frozenset(vocabulary.words)
         names = [colour.name.lower() for colour in Colour]
         self._recoloured = np.tile(np.arange(len(vocabulary)), (len(COLOUR_ORDERS), 1))
-        if all(vocabulary.number(name) != UNKNOWN for name in names):
+        if all(vocabulary.token_id(name) != UNKNOWN for name in names):
             for row, order in zip(self._recoloured, COLOUR_ORDERS, strict=True):
-                row[[vocabulary.number(name) for name in names]] = [vocabulary.number(names[new]) for new in order]
+                row[[vocabulary.token_id(name) for name in names]] = [vocabulary.token_id(names[new]) for new in order]
         self._cache: dict[str, Int64Array] = {}
 
     def encode(self, statement: str) -> Int64Array:
@@ -67,7 +67,7 @@ class StatementTokenizer:
         indices = self._cache.get(statement)
         if indices is None:
             words = normalised_words(statement[:MAX_CHARACTERS], self._known)[:MAX_WORDS]
-            indices = np.array([self.vocabulary.number(word) for word in words] or [UNKNOWN], np.int64)
+            indices = np.array([self.vocabulary.token_id(word) for word in words] or [UNKNOWN], np.int64)
             if len(self._cache) < CACHED_STATEMENTS:
                 self._cache[statement] = indices
         return indices

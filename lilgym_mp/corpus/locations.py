@@ -1,4 +1,4 @@
-"""Where corpora are: the one shipped with the package, the official one, or a path of the user's."""
+"""Locates corpora: builtin (shipped with the package), official, or a user's path."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 from lilgym_mp.corpus.faults import CorpusError
 
 BUILTIN, OFFICIAL = "builtin", "lilgym"
-GENERATED = "generated"  # first part of the names of generated corpora
+GENERATED = "generated"  # prefix of the names of generated corpora
 BUILTIN_FILE = "builtin.jsonl.gz"
 DATA_VARIABLE = "LILGYM_DATA"
 
 
 def is_generated(corpus: object) -> bool:
-    """Whether a corpus name is one of a generated corpus, known or not."""
+    """Whether the name is that of a generated corpus, valid or not."""
     return isinstance(corpus, str) and corpus.split(":")[0] == GENERATED
 
 
 def user_cache() -> Path:
-    """The user's directory for what this package downloads."""
+    """The user's cache directory for downloads of this package."""
     if sys.platform == "win32":
         parent = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     elif sys.platform == "darwin":
@@ -34,21 +34,21 @@ def user_cache() -> Path:
 
 
 def installed_directory() -> Path:
-    """Where the official corpus is installed; it may not exist."""
+    """The installation directory of the official corpus; it may not exist."""
     return user_cache() / OFFICIAL
 
 
 def official_directory() -> Path:
-    """Where the official corpus is looked for: LILGYM_DATA when set, else where it is installed; it may not exist."""
+    """The directory to load the official corpus from: LILGYM_DATA or the installation directory; it may not exist."""
     named = os.environ.get(DATA_VARIABLE)
     return Path(named) if named else installed_directory()
 
 
 @contextmanager
 def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
-    """The existing file or directory of a corpus, for the length of the `with` block.
+    """The existing file or directory of a corpus, valid within the `with` block.
 
-    Raises CorpusError when there is none, telling how to get it.
+    Raises CorpusError when it does not exist, saying how to get it.
     """
     if corpus == BUILTIN:
         with as_file(files("lilgym_mp.data") / BUILTIN_FILE) as path:
@@ -69,9 +69,9 @@ def _existing_official() -> Path:
     directory = official_directory()
     if not directory.is_dir():
         raise CorpusError(
-            f"the official corpus is not here: {directory} is no directory ({_reason_for_directory()}). "
+            f"the official corpus was not found: {directory} is not a directory ({_reason_for_directory()}). "
             f"Run `lilgym-mp data download`, or set {DATA_VARIABLE} to a directory with the released JSON files; "
-            f'corpus="{BUILTIN}" needs neither'
+            f'corpus="{BUILTIN}" requires neither'
         )
     return directory
 

@@ -1,4 +1,4 @@
-"""Random scenes of each appearance, and random changes of one item, for finding start scenes."""
+"""Random scenes of each appearance, and random single-item changes, for synthesizing start scenes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 
-PLACES_TRIED = 20  # for an item, before it is left out
-FOOTPRINT_COUNTS = (1, 2, 3, 3)  # of colours, shapes, sizes in a scene; repeated ones are likelier
+MAX_PLACEMENT_ATTEMPTS = 20  # per item
+# Values to draw uniformly from; repeated ones are more likely
+ATTRIBUTE_VALUE_COUNTS = (1, 2, 3, 3)  # distinct colours, shapes or sizes in a scene
 TOWER_HEIGHTS = (0, 1, 1, 2, 2, 3, 3, 4)
-MOST_ITEMS = (1, 2, 4, 6, 8)  # in a box of a Scatter scene
+MAX_BOX_ITEMS = (1, 2, 4, 6, 8)  # limits on the items per box of a Scatter scene
 _PLACEMENT = RULE_SETS["paper"].placement
 
 
 class ItemTypes(NamedTuple):
-    """What items may look like."""
+    """The shapes, colours and sizes to draw items from."""
 
     shapes: tuple[Shape, ...] = tuple(Shape)
     colours: tuple[Colour, ...] = tuple(Colour)
@@ -30,7 +31,7 @@ ALL_ITEM_TYPES = ItemTypes()
 
 
 class Sampler(NamedTuple):
-    """How scenes of one appearance are drawn, and changed by one item: scenes with items, both."""
+    """Draws a random non-empty scene of one appearance, or changes a scene by one item."""
 
     scene: Callable[[random.Random], Scene]
     changed: Callable[[random.Random, Scene], Scene]
@@ -38,7 +39,7 @@ class Sampler(NamedTuple):
 
 def _random_tower(rng: random.Random) -> Scene:
     tower = APPEARANCES["tower"]
-    colours = rng.sample(list(Colour), rng.choice(FOOTPRINT_COUNTS))
+    colours = rng.sample(list(Colour), rng.choice(ATTRIBUTE_VALUE_COUNTS))
     scene = Scene.empty()
     while not any(scene.items()):
         for box in range(BOX_COUNT):
@@ -57,15 +58,15 @@ def _changed_tower(rng: random.Random, scene: Scene) -> Scene:
 
 def _random_scatter(rng: random.Random) -> Scene:
     item_types = ItemTypes(
-        tuple(rng.sample(list(Shape), rng.choice(FOOTPRINT_COUNTS))),
-        tuple(rng.sample(list(Colour), rng.choice(FOOTPRINT_COUNTS))),
-        tuple(rng.sample(list(Size), rng.choice(FOOTPRINT_COUNTS))),
+        tuple(rng.sample(list(Shape), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
+        tuple(rng.sample(list(Colour), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
+        tuple(rng.sample(list(Size), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
     )
-    most = rng.choice(MOST_ITEMS)
+    limit = rng.choice(MAX_BOX_ITEMS)
     scene = Scene.empty()
     while not any(scene.items()):
         for box in range(BOX_COUNT):
-            for _ in range(rng.randint(0, most)):
+            for _ in range(rng.randint(0, limit)):
                 scene = _with_item(rng, scene, box, item_types)
     return scene
 
@@ -83,19 +84,19 @@ def _changed_scatter(rng: random.Random, scene: Scene) -> Scene:
 
 
 def _with_item(rng: random.Random, scene: Scene, index: int, item_types: ItemTypes) -> Scene:
-    """The scene with one more item in a box, or the same scene when no place was found for it."""
+    """The scene with one item added to a box, or the same scene object when no free position was found."""
     shape, colour, size = rng.choice(item_types.shapes), rng.choice(item_types.colours), rng.choice(item_types.sizes)
     items = scene.boxes[index].items
-    for _ in range(PLACES_TRIED):
-        x, y = _random_place(rng, size.pixels, items)
+    for _ in range(MAX_PLACEMENT_ATTEMPTS):
+        x, y = _random_position(rng, size.pixels, items)
         item = Item(x, y, shape, colour, size)
         if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, items):
             return scene.with_box(index, Box((*items, item)))
     return scene
 
 
-def _random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
-    """A place in a box: anywhere, often against a wall, in a corner, or beside another item."""
+def _random_position(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
+    """A random position in a box: anywhere, at a wall, in a corner, or beside another item."""
     last = BOX_SIDE - side
     x, y = rng.randint(0, last), rng.randint(0, last)
     match rng.choice(("free", "free", "wall", "corner", "beside")):
