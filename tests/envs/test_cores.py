@@ -1,12 +1,15 @@
-"""Stepping many episodes by arrays is stepping them one after another, to the bit."""
+"""Cores step batches exactly as the rules step single scenes, bit for bit."""
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -33,6 +36,7 @@ from lilgym_mp.task import Task
 from tests.envs.alike import assert_alike
 from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower, triangle
 
+ROOT = Path(__file__).parents[2]
 COUNT = 9
 REMOVE_SHARE, STOP_SHARE, ANY_SHARE = 0.2, 0.05, 0.1
 COPIED = ("image", "task", "steps", "result", "invalid")
@@ -224,7 +228,7 @@ def test_touching_items__look_the_same_in_any_order() -> None:
 
 @pytest.fixture
 def fresh_choice() -> Iterator[None]:
-    """Has compiled cores and numba looked for again, in the test and after it."""
+    """Clears the cached choice of cores before and after the test."""
     for function in (cores._compiled, cores._warn_once):
         function.cache_clear()
     yield
@@ -239,7 +243,7 @@ def core_of(dynamics: Dynamics, count: int) -> type:
 
 
 @pytest.mark.parametrize(("appearance", "compiled"), [("tower", TowerCore), ("scatter", ScatterCore)])
-def test_make_core__compiles_from_so_many_environments_on(appearance: str, compiled: type) -> None:
+def test_make_core__is_compiled_from_eight_environments_on(appearance: str, compiled: type) -> None:
     dynamics = make_dynamics(make_appearance(appearance))
     few, many = FEWEST_COMPILED - 1, FEWEST_COMPILED
     assert [core_of(dynamics, few), core_of(dynamics, many)] == [ScalarCore, compiled]
@@ -263,7 +267,7 @@ def test_batch__without_numba_plays_the_same_and_warns_once() -> None:
     assert_alike(slow, singles, steps=14)
 
 
-def test_kernels__are_compiled_anew_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels__are_compiled_without_a_cache_where_none_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
     def njit(**options: bool) -> Callable[..., object]:
         def compiled(function: Callable[..., int]) -> object:
             if options.pop("cache", False):
@@ -276,8 +280,31 @@ def test_kernels__are_compiled_anew_where_nothing_can_be_kept(monkeypatch: pytes
     assert kernels._kernel(max) == ("compiled", max)
 
 
+WITHOUT_RUNTIME_OPTION = """
+from numba.core.options import DefaultOptions
+del DefaultOptions._nrt
+import gymnasium as gym, numpy as np, lilgym_mp
+from gymnasium.vector import SyncVectorEnv
+from lilgym_mp.envs.cores import kernels
+from tests.envs.alike import assert_alike
+env_id = "lilgym_mp/ScatterFlipIt-v0"
+batch = gym.make_vec(env_id, num_envs=8)
+singles = SyncVectorEnv([lambda: gym.make(env_id)] * 8, autoreset_mode=batch.metadata["autoreset_mode"])
+assert_alike(batch, singles, steps=14)
+print("options:", kernels._OPTIONS)
+"""
+
+
+@pytest.mark.long
+def test_batch__steps_the_same_with_a_numba_that_cannot_leave_out_its_runtime(tmp_path: Path) -> None:
+    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # the cache does not distinguish this option
+    command = [sys.executable, "-W", "ignore", "-c", WITHOUT_RUNTIME_OPTION]
+    done = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout == "options: {}\n", done.stderr
+
+
 @pytest.mark.parametrize("seconds", [0.0, 0.3])
-def test_compiling__says_so_when_it_takes_long(
+def test_compiling__logs_a_message_if_it_takes_long(
     seconds: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernels, "LONG_WAIT", 0.05)
@@ -291,7 +318,7 @@ def test_compiling__says_so_when_it_takes_long(
 
 
 @pytest.mark.parametrize("core", [ScalarCore, TowerCore])
-def test_waiting__spends_a_step_and_leaves_the_scene(core: Callable[..., Core]):
+def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]):
     dynamics = make_dynamics(make_appearance("tower"), horizon=2)
     tasks = task_set(random_starts("tower"))
     side = Side(core, dynamics, tasks)
