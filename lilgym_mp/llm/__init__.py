@@ -1,6 +1,6 @@
-"""Language models as agents: conversations over `TextObservation`, what they cost, and how far they get.
+"""Language models as agents: conversations over `TextObservation`, transcripts, token counts and progression.
 
-docs/language_models.md tells how to bring a model.
+docs/language_models.md explains how to plug in a model.
 """
 
 from lilgym_mp.llm.agents import AGENTS, Answer, ExpertAgent, HTTPAgent, LanguageAgent, RandomAgent, make_agent

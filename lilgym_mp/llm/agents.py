@@ -1,4 +1,4 @@
-"""Agents that read and write: the interface, and those that come with the package."""
+"""Text agents: the interface and the built-in ones."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lilgym_mp.wrappers import TextObservation
 
 Message = dict[str, str]  # {"role": "system" | "user" | "assistant", "content"}
 
-RETRIED_STATUSES = (408, 425, 429, 500, 502, 503, 504)
-FIRST_PAUSE_SECONDS = 1.0  # before a request is repeated; then twice as long each time
+RETRIED_STATUSES = (408, 425, 429, 500, 502, 503, 504)  # HTTP status codes
+FIRST_DELAY_SECONDS = 1.0  # before the first retry, doubled each time
 
 
 class AgentError(ValueError):
-    """An agent that cannot be had, or that gives no answer."""
+    """An unavailable agent, or one that gives no answer."""
 
 
 class Answer(NamedTuple):
-    """What an agent writes, and what it took if the agent knows."""
+    """An agent's reply, with token counts if known."""
 
     text: str
     prompt_tokens: int | None = None
@@ -37,29 +37,32 @@ class Answer(NamedTuple):
 
 
 class LanguageAgent(Protocol):
-    """Answers a conversation. One may also have `begin(env, seed)`, called before each episode with the
-    environment, which scripts may look into."""
+    """Replies to a conversation.
+
+    An agent may also define `begin(env, seed)`, called before each episode with the environment, for scripted agents
+    that use the state.
+    """
 
     def answer(self, messages: Sequence[Message]) -> Answer | str:
-        """The reply to messages, oldest first; the first is the system's, the last the user's."""
+        """The reply to messages, oldest first; the first is the system message, the last a user message."""
         ...
 
 
 class RandomAgent:
-    """Names a legal action, all equally likely."""
+    """Uniformly random legal actions."""
 
     def begin(self, env: TextObservation, seed: int) -> None:
         self._env = env
-        self._generator = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(seed)
 
     def answer(self, messages: Sequence[Message]) -> str:
         appearance = self._env.get_wrapper_attr("dynamics").appearance
-        number = int(self._generator.choice(np.flatnonzero(self._env.action_masks())))
-        return describe(appearance.decode(number))
+        index = int(self._rng.choice(np.flatnonzero(self._env.action_masks())))
+        return describe(appearance.decode(index))
 
 
 class ExpertAgent:
-    """Names the next action of a shortest solution; it looks at the program."""
+    """The next action of a shortest solution, found with the program."""
 
     def begin(self, env: TextObservation, seed: int) -> None:
         self._appearance = env.get_wrapper_attr("dynamics").appearance
@@ -70,7 +73,7 @@ class ExpertAgent:
 
 
 class HTTPAgent:
-    """A model behind an HTTP server that speaks OpenAI's chat protocol: POST `url`/chat/completions."""
+    """A model behind an OpenAI-compatible chat API: POST `url`/chat/completions."""
 
     def __init__(
         self,
@@ -83,8 +86,8 @@ class HTTPAgent:
         timeout_seconds: float = 60.0,
         retries: int = 3,
     ) -> None:
-        """`url`: such as "http://localhost:8000/v1". `key_variable`: the environment variable with the key, sent
-        where it is set. `retries`: repetitions of a request that met a busy or unreachable server."""
+        """`url`: such as "http://localhost:8000/v1". `key_variable`: environment variable with the API key, optional.
+        `retries`: of a request to a busy or unreachable server."""
         if not url.startswith(("http://", "https://")):
             raise AgentError(f"url must begin with http:// or https://, not {url!r}")
         self._url = url.rstrip("/") + "/chat/completions"
@@ -94,9 +97,9 @@ class HTTPAgent:
         self._retries = int(retries)
 
     def answer(self, messages: Sequence[Message]) -> Answer:
-        """Raises AgentError when the server refuses, stays out of reach, or says what is no answer."""
+        """Raises AgentError when the server refuses, is unreachable, or replies in another format."""
         body = json.dumps({**self._settings, "messages": list(messages)}).encode()
-        content = self._posted(body)
+        content = self._post(body)
         try:
             text = content["choices"][0]["message"]["content"]
             usage = content.get("usage") or {}
@@ -106,7 +109,7 @@ class HTTPAgent:
             ) from None
         return Answer("" if text is None else str(text), usage.get("prompt_tokens"), usage.get("completion_tokens"))
 
-    def _posted(self, body: bytes) -> Any:
+    def _post(self, body: bytes) -> Any:
         headers = {"Content-Type": "application/json"}
         if key := os.environ.get(self._key_variable):
             headers["Authorization"] = f"Bearer {key}"
@@ -120,10 +123,10 @@ class HTTPAgent:
                     error = f"HTTP {refusal.code} {refusal.reason}: {refusal.read(200).decode(errors='replace')}"
                 if refusal.code not in RETRIED_STATUSES:
                     raise AgentError(f"{self._url}: {error}") from None
-            except (OSError, ValueError) as broken:
-                error = str(broken)
+            except (OSError, ValueError) as failure:
+                error = str(failure)
             if attempt < self._retries:
-                time.sleep(FIRST_PAUSE_SECONDS * 2**attempt)
+                time.sleep(FIRST_DELAY_SECONDS * 2**attempt)
         raise AgentError(f"{self._url}: {error} ({self._retries + 1} attempts)")
 
 
@@ -142,15 +145,17 @@ AGENTS: Mapping[str, Callable[..., LanguageAgent]] = {
 
 
 def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageAgent:
-    """The agent called `name`, one of AGENTS or "module:Class", made with `options` as keywords.
+    """The agent called `name`, one of AGENTS or "module:Class", constructed with `options` as keyword arguments.
 
-    Raises AgentError for a module or class that is not there, or options that it does not take.
+    Raises AgentError for a missing module or class, or invalid options.
     """
     maker = _imported(name) if ":" in name else choose("agent", name, AGENTS)
     try:
         agent = maker(**(options or {}))
     except TypeError as error:
-        raise AgentError(f"agent {name!r} cannot be made with the options {dict(options or {})}: {error}") from None
+        raise AgentError(
+            f"agent {name!r} cannot be constructed with the options {dict(options or {})}: {error}"
+        ) from None
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")
     return agent

@@ -1,4 +1,4 @@
-"""A language model's episodes: what it is told, what it answers, and what comes of that."""
+"""Episodes of text agents."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 
-NOT_UNDERSTOOD = "That does not decide for one action. Write the name of one legal action on the last line."
+NOT_UNDERSTOOD = "That does not name exactly one action. Write the name of one legal action on the last line."
 
 
 @dataclass(frozen=True)
 class Turn:
-    """One answer."""
+    """One answer of the agent."""
 
     answer: str
     understood: bool
-    action: str | None  # its name, where the answer was acted upon
+    action: str | None  # the action taken; None if the agent was asked again
     seconds: float
     prompt_tokens: int | None
     completion_tokens: int | None
@@ -33,13 +33,13 @@ class Turn:
 
 @dataclass(frozen=True)
 class Episode:
-    """What an agent made of one task; `messages` is the whole conversation."""
+    """An episode with its complete conversation."""
 
     task: str
     statement: str
     target: bool
     outcome: str
-    reward: float  # the sum over the episode
+    reward: float  # sum over the episode
     progression: float
     actions: list[str]
     turns: list[Turn]
@@ -55,10 +55,10 @@ class Episode:
 
 @dataclass
 class Player:
-    """Plays the tasks of one configuration with an agent.
+    """Plays the tasks of one configuration with a text agent.
 
-    `history`: of how many past observations the agent is reminded (its conversation so far, shortened). `retries`:
-    how often it is asked again when an answer decides for no action; then the default, STOP, is taken.
+    `history`: past observations kept in the conversation. `retries`: further attempts after an answer that names no
+    action; then STOP is taken.
     """
 
     settings: Settings
@@ -73,7 +73,7 @@ class Player:
     dynamics: Dynamics = field(init=False)
 
     def __post_init__(self) -> None:
-        """Raises ValueError naming what is wrong with a setting."""
+        """Raises ValueError naming the invalid setting."""
         if self.retries < 0 or self.history < 0:
             raise ValueError(f"retries and history must be 0 or more, not {self.retries} and {self.history}")
         env = self.settings.make(self.split)
@@ -82,22 +82,22 @@ class Player:
         self._solver = Solver(env.dynamics)
 
     def task_ids(self) -> Sequence[str]:
-        """Every task of the split, in file order."""
+        """All task ids of the split, in file order."""
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
-        """One episode. Raises ValueError for an unknown task, and what the agent raises."""
+        """One episode. Raises ValueError for an unknown task; errors of the agent propagate."""
         text, _ = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
         if (begin := getattr(self.agent, "begin", None)) is not None:
             begin(self.env, seed)
-        talk: list[Message] = [{"role": "system", "content": self.env.instructions()}]
+        messages: list[Message] = [{"role": "system", "content": self.env.instructions()}]
         turns: list[Turn] = []
         actions: list[str] = []
         total, ended, info = 0.0, False, dict[str, Any]()
         while not ended:
-            talk.append({"role": "user", "content": text})
-            action = self._decided(talk, turns)
+            messages.append({"role": "user", "content": text})
+            action = self._choose_action(messages, turns)
             actions.append(describe(self.dynamics.appearance.decode(action)))
             text, reward, terminated, truncated, info = self.env.step(action)
             total, ended = total + float(reward), terminated or truncated
@@ -112,32 +112,32 @@ class Player:
             progression=progression(self._solver, start, self._state(), success=success),
             actions=actions,
             turns=turns,
-            messages=talk,
+            messages=messages,
         )
 
     def _state(self) -> State:
         return self.env.get_wrapper_attr("state")
 
-    def _decided(self, talk: list[Message], turns: list[Turn]) -> int:
-        """The action that the agent decides for, asked again up to `retries` times."""
+    def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int:
+        """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`."""
         for attempt in range(self.retries + 1):
-            began = time.perf_counter()
-            told = self.agent.answer(self._recent(talk))
-            seconds = time.perf_counter() - began
-            answer = Answer(told) if isinstance(told, str) else told
-            reply = self.env.parse_action(answer.text)
-            acts = reply.understood or attempt == self.retries
-            name = describe(self.dynamics.appearance.decode(reply.action)) if acts else None
+            start = time.perf_counter()
+            reply = self.agent.answer(self._recent(messages))
+            seconds = time.perf_counter() - start
+            answer = Answer(reply) if isinstance(reply, str) else reply
+            parsed = self.env.parse_action(answer.text)
+            acts = parsed.understood or attempt == self.retries
+            name = describe(self.dynamics.appearance.decode(parsed.action)) if acts else None
             tokens = answer.prompt_tokens, answer.completion_tokens
-            turns.append(Turn(answer.text, reply.understood, name, round(seconds, 6), *tokens))
-            talk.append({"role": "assistant", "content": answer.text})
+            turns.append(Turn(answer.text, parsed.understood, name, round(seconds, 6), *tokens))
+            messages.append({"role": "assistant", "content": answer.text})
             if acts:
-                return reply.action
-            talk.append({"role": "user", "content": NOT_UNDERSTOOD})
+                return parsed.action
+            messages.append({"role": "user", "content": NOT_UNDERSTOOD})
         raise AssertionError("the last attempt acts")
 
-    def _recent(self, talk: Sequence[Message]) -> list[Message]:
-        """The instructions, and the conversation from `history` questions before the last one on."""
-        asked = [place for place, message in enumerate(talk) if message["role"] == "user"]
-        first = asked[max(0, len(asked) - 1 - self.history)]
-        return [talk[0], *talk[first:]]
+    def _recent(self, messages: Sequence[Message]) -> list[Message]:
+        """The system message, and the last 1 + `history` user messages with the answers in between."""
+        user = [index for index, message in enumerate(messages) if message["role"] == "user"]
+        first = user[max(0, len(user) - 1 - self.history)]
+        return [messages[0], *messages[first:]]

@@ -1,4 +1,4 @@
-"""Recorded episodes of agents that read and write, with what each answered before its actions."""
+"""Recordings of text agents' episodes, with the answers before each action."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from lilgym_mp.task import Task
 
 
 def recording_name(agent: str) -> NamedPolicy:
-    """How recordings of the agent of that name are called."""
-    return NamedPolicy(f"text {agent}", _plays_through_text, "whatever the agent learnt from", mask=False)
+    """The name under which the agent's recordings are saved."""
+    return NamedPolicy(f"text {agent}", _no_policy, "whatever the agent learnt from", mask=False)
 
 
-def _plays_through_text(settings: Settings) -> Policy:
-    raise ValueError("an agent that reads and writes is played by lilgym-mp llm")
+def _no_policy(settings: Settings) -> Policy:
+    raise ValueError("text agents are played by lilgym-mp llm")
 
 
 def write_recording(
     directory: Path, player: Player, agent: str, episodes: Sequence[Episode], seed: int, *, judges: bool
 ) -> Path:
-    """Writes a file of episodes into the directory, as `lilgym-mp evaluate --record` does; gives the file.
+    """Writes a recording into the directory, as `lilgym-mp evaluate --record` does; returns the file.
 
-    `judges`: asks the expert in each step. Raises OutputError.
+    `judges`: record the expert's optimal actions in each step. Raises OutputError.
     """
     settings = player.settings
     plan = EvaluationPlan(settings, player.split, seed, record_decisions=True)
     seen = training_statements(settings)
     tasks, dynamics = player.tasks, player.dynamics
-    played = [evaluated(episode, tasks.by_id(episode.task), dynamics) for episode in episodes]
+    played = [to_evaluated_episode(episode, tasks.by_id(episode.task), dynamics) for episode in episodes]
     seconds = sum(turn.seconds for episode in episodes for turn in episode.turns)
     result = make_result(recording_name(agent), plan, played, seen, cpu_seconds=seconds, mask=False)
     return Recorder(settings, player.split, seen, judges_decisions=judges).write(directory, result)
 
 
-def evaluated(episode: Episode, task: Task, dynamics: Dynamics) -> EvaluatedEpisode:
-    """The episode as evaluations have it: each action was certain, and its decision keeps the answers before it."""
+def to_evaluated_episode(episode: Episode, task: Task, dynamics: Dynamics) -> EvaluatedEpisode:
+    """The episode in the evaluations' format; each decision has probability 1 and includes the preceding answers."""
     indices = tuple(dynamics.appearance.encode(named(action)) for action in episode.actions)
     state, kept, invalid = dynamics.start(task), list[Decision](), None
     for index, answers in zip(indices, _answers(episode.turns), strict=True):
@@ -72,7 +72,7 @@ def evaluated(episode: Episode, task: Task, dynamics: Dynamics) -> EvaluatedEpis
 
 
 def _answers(turns: Sequence[Turn]) -> Iterator[tuple[AgentAnswer, ...]]:
-    """Those before each action: the last one was acted upon."""
-    ends = [0, *(place + 1 for place, turn in enumerate(turns) if turn.action is not None)]
+    """The answers for each action; the last one chose it."""
+    ends = [0, *(index + 1 for index, turn in enumerate(turns) if turn.action is not None)]
     for first, end in pairwise(ends):
         yield tuple(AgentAnswer.truncated(turn.answer, understood=turn.understood) for turn in turns[first:end])

@@ -1,4 +1,4 @@
-"""What episodes of a language model come to."""
+"""Progression and summary statistics of text agents' episodes."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from lilgym_mp.solver import Solver
 if TYPE_CHECKING:
     from lilgym_mp.llm.player import Episode
 
-SURENESS = 1.959964  # standard deviations of a two-sided 95 % interval
+Z_95 = 1.959964  # normal quantile of a two-sided 95 % interval
 
 
 def progression(solver: Solver, start: State, last: State, *, success: bool) -> float:
-    """The share of the way to the goal, 0 to 1: BALROG's progression, by the expert's distance.
+    """Progress towards the goal, 0 to 1, as in BALROG: 1 - (distance from `last`) / (distance from `start`).
 
-    The way is what a shortest solution takes from the start, its STOP included; what it takes from the last scene is
-    what is left. 1 only of success; 0 where the expert finds no solution from the start or from the last scene.
+    The distance is the length of the expert's shortest solution, STOP included. 1 only on success; 0 if the expert
+    finds no solution from either state.
     """
     if success:
         return 1.0
-    whole, left = _actions_to_go(solver, start), _actions_to_go(solver, last)
-    return 0.0 if whole is None or left is None else max(0.0, 1 - left / whole)
+    total, left = _distance(solver, start), _distance(solver, last)
+    return 0.0 if total is None or left is None else max(0.0, 1 - left / total)
 
 
-def _actions_to_go(solver: Solver, state: State) -> int | None:
+def _distance(solver: Solver, state: State) -> int | None:
     solution = solver.solve_from(state._replace(steps=0))
     return solution.steps if solution.solved else None
 
 
 def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
-    """Bounds of the 95 % confidence interval of a share (Wilson 1927). Raises ValueError of no episodes."""
+    """The 95 % confidence interval of a success rate (Wilson 1927). Raises ValueError without episodes."""
     if episodes < 1 or not 0 <= successes <= episodes:
-        raise ValueError(f"{successes} successes in {episodes} episodes have no share")
-    share, squared = successes / episodes, SURENESS**2
-    centre = (share + squared / (2 * episodes)) / (1 + squared / episodes)
-    spread = math.sqrt(share * (1 - share) / episodes + squared / (4 * episodes**2)) * SURENESS
+        raise ValueError(f"no success rate from {successes} successes in {episodes} episodes")
+    rate, squared = successes / episodes, Z_95**2
+    centre = (rate + squared / (2 * episodes)) / (1 + squared / episodes)
+    spread = math.sqrt(rate * (1 - rate) / episodes + squared / (4 * episodes**2)) * Z_95
     half = spread / (1 + squared / episodes)
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
 @dataclass(frozen=True)
 class Summary:
-    """An agent on a split; tokens are None where the agent does not tell them."""
+    """Results of an agent on a split; token counts are None if unknown."""
 
     episodes: int
     successes: int
@@ -58,8 +58,8 @@ class Summary:
     mean_reward: float
     mean_actions: float
     answers: int
-    misunderstood: int  # answers that did not decide for an action
-    seconds: float  # that the agent took in all
+    misunderstood: int  # answers that named no action
+    seconds: float  # of the agent, in total
     prompt_tokens: int | None
     completion_tokens: int | None
     outcomes: dict[str, int]
@@ -69,12 +69,12 @@ class Summary:
 
 
 def summarise(episodes: Sequence[Episode]) -> Summary:
-    """Raises ValueError when there are no episodes."""
+    """Raises ValueError without episodes."""
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
     low, high = wilson_interval(successes, count)
-    ways = [episode.progression for episode in episodes]
-    mean = sum(ways) / count
-    variance = sum((way - mean) ** 2 for way in ways) / (count - 1) if count > 1 else 0.0
+    progressions = [episode.progression for episode in episodes]
+    mean = sum(progressions) / count
+    variance = sum((each - mean) ** 2 for each in progressions) / (count - 1) if count > 1 else 0.0
     turns = [turn for episode in episodes for turn in episode.turns]
     outcomes = [episode.outcome for episode in episodes]
     return Summary(
@@ -97,6 +97,6 @@ def summarise(episodes: Sequence[Episode]) -> Summary:
 
 
 def _total(numbers: Sequence[int | None]) -> int | None:
-    """The sum; None where a number is not known."""
+    """The sum; None if any number is unknown."""
     known = [number for number in numbers if number is not None]
     return sum(known) if known and len(known) == len(numbers) else None

@@ -1,4 +1,4 @@
-"""A causal language model of the transformers library, from a local directory."""
+"""A causal language model loaded by the transformers library from a local directory."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from lilgym_mp.llm.agents import AgentError, Answer, Message
 
 
 class TransformersAgent:
-    """Generates with the model and the tokenizer saved in a directory; nothing is downloaded."""
+    """Greedy generation with a model and tokenizer saved in a directory; nothing is downloaded."""
 
     def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu") -> None:
-        """Raises AgentError without the library, or for a directory that holds no model."""
+        """Raises AgentError without the library or for a directory without a model."""
         try:
             import transformers  # pyright: ignore[reportMissingImports]
         except ImportError:
@@ -39,19 +39,19 @@ class TransformersAgent:
         tokens = self._tokenizer(prompt, return_tensors="pt").to(self._device)
         count = int(tokens["input_ids"].shape[1])
         end = self._tokenizer.eos_token_id
-        written = self._model.generate(
+        generated = self._model.generate(
             input_ids=tokens["input_ids"],
             attention_mask=tokens["attention_mask"],
             max_new_tokens=self._max_new_tokens,
             do_sample=False,
             pad_token_id=self._tokenizer.pad_token_id if self._tokenizer.pad_token_id is not None else end,
         )[0, count:]
-        text = self._tokenizer.decode(written, skip_special_tokens=True)
-        return Answer(text, count, int(written.shape[0]))
+        text = self._tokenizer.decode(generated, skip_special_tokens=True)
+        return Answer(text, count, int(generated.shape[0]))
 
     def _prompt(self, messages: Sequence[Message]) -> str:
-        """By the tokenizer's chat template; without one, the messages one after another."""
+        """The tokenizer's chat template applied to the messages; without one, the messages concatenated."""
         if getattr(self._tokenizer, "chat_template", None):
             return self._tokenizer.apply_chat_template(list(messages), tokenize=False, add_generation_prompt=True)
-        told = [f"{message['role']}: {message['content']}" for message in messages]
-        return "\n\n".join([*told, "assistant:"])
+        lines = [f"{message['role']}: {message['content']}" for message in messages]
+        return "\n\n".join([*lines, "assistant:"])

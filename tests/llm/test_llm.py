@@ -1,4 +1,4 @@
-"""Language models as agents: who answers, what is kept of it, and how it is counted."""
+"""Text agents: built-in agents, episodes, transcripts and summaries."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ TOWER = Settings("TowerFlipIt")
 
 
 class Scripted:
-    """Gives these answers, then STOP."""
+    """Gives the scripted answers, then STOP."""
 
     def __init__(self, *answers: str) -> None:
         self.answers = list(answers)
-        self.heard: list[list[Message]] = []
+        self.received: list[list[Message]] = []
 
     def answer(self, messages: Sequence[Message]) -> Answer:
-        self.heard.append(list(messages))
+        self.received.append(list(messages))
         return Answer(self.answers.pop(0) if self.answers else "STOP", 10, 2)
 
 
@@ -44,7 +44,7 @@ def test_expert__succeeds_through_text(configuration: str, scene: str):
     assert all(episode.progression == 1 for episode in episodes)
 
 
-def test_random__plays_legal_actions_and_by_its_seed():
+def test_random__plays_legal_actions_reproducibly():
     player = Player(TOWER, make_agent("random"), legal_actions=False)
     task = player.task_ids()[0]
     first, again, other = player.play(task, 1), player.play(task, 1), player.play(task, 2)
@@ -53,25 +53,25 @@ def test_random__plays_legal_actions_and_by_its_seed():
     assert first.outcome != "invalid_action"
 
 
-def test_unclear_answers__are_asked_again_and_then_stop():
+def test_unparseable_answer__is_retried_and_then_counts_as_stop():
     agent = Scripted("hm", "ADD(LEFT, BLUE)", "what?", "whatever")
     player = Player(Settings("TowerScratch"), agent, retries=1)
     episode = player.play(player.task_ids()[0])
     assert [turn.understood for turn in episode.turns] == [False, True, False, False]
     assert [turn.action for turn in episode.turns] == [None, "ADD(LEFT, BLUE)", None, "STOP"]
     assert episode.actions == ["ADD(LEFT, BLUE)", "STOP"]
-    assert "Rewards: STOP +1" in agent.heard[0][0]["content"]
-    assert [message["role"] for message in agent.heard[1]] == ["system", "user", "assistant", "user"]
+    assert "Rewards: STOP +1" in agent.received[0][0]["content"]
+    assert [message["role"] for message in agent.received[1]] == ["system", "user", "assistant", "user"]
 
 
-def test_history__bounds_what_the_agent_is_told():
+def test_history__limits_the_messages_sent_to_the_agent():
     agent = Scripted(*["ADD(LEFT, BLUE)", "REMOVE(LEFT)"] * 3)
     player = Player(TOWER, agent, history=0)
     player.play(player.task_ids()[0])
-    assert {len(messages) for messages in agent.heard} == {2}
+    assert {len(messages) for messages in agent.received} == {2}
 
 
-def test_progression__is_the_share_of_the_experts_way():
+def test_progression__is_relative_to_the_experts_distance():
     player = Player(Settings("ScatterScratch"), make_agent("random"))
     solver = Solver(player.env.get_wrapper_attr("dynamics"))
     for task in player.task_ids():
@@ -90,11 +90,11 @@ def test_progression__is_the_share_of_the_experts_way():
     pytest.fail("no task needs three edits")
 
 
-def test_interval__is_wilsons():
+def test_wilson_interval__known_values():
     low, high = wilson_interval(8, 10)
     assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert wilson_interval(0, 5)[0] == 0
-    with pytest.raises(ValueError, match="0 successes in 0 episodes have no share"):
+    with pytest.raises(ValueError, match="no success rate from 0 successes in 0 episodes"):
         wilson_interval(0, 0)
 
 
@@ -111,7 +111,7 @@ def test_summary__counts_answers_tokens_and_outcomes():
 
 @contextmanager
 def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """A server of OpenAI's chat protocol on loopback; `reply` has the request and its number."""
+    """An OpenAI-compatible server on loopback; `reply` is called with the request and its number."""
     requests: list[dict[str, Any]] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -155,8 +155,8 @@ def test_http__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.M
     assert request["messages"] == [{"role": "user", "content": "Well?"}]
 
 
-def test_http__asks_a_busy_server_again(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(agents_module, "FIRST_PAUSE_SECONDS", 0.001)
+def test_http__retries_a_busy_server(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(agents_module, "FIRST_DELAY_SECONDS", 0.001)
     with served(lambda body, number: (200, chat("ok")) if number > 2 else (503, {})) as (url, requests):
         assert HTTPAgent(url, "tiny").answer([]) == Answer("ok", 7, 3)
     assert len(requests) == 3
@@ -170,8 +170,8 @@ def test_http__asks_a_busy_server_again(monkeypatch: pytest.MonkeyPatch):
         (200, b"<html>", "2 attempts"),
     ],
 )
-def test_http__tells_what_went_wrong(status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(agents_module, "FIRST_PAUSE_SECONDS", 0.001)
+def test_http__error_names_the_reason(status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(agents_module, "FIRST_DELAY_SECONDS", 0.001)
     with served(lambda body, number: (status, content)) as (url, _), pytest.raises(AgentError, match=message):
         HTTPAgent(url, "tiny", retries=1).answer([])
 
@@ -190,7 +190,7 @@ def test_command__plays_over_http_and_writes_transcripts(tmp_path: Path, capsys:
     assert "95 % interval" in capsys.readouterr().out
 
 
-def test_command__does_not_overwrite_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1", "--out", str(tmp_path)]
     assert main(command) == 0
     assert main(command) == 2
@@ -203,19 +203,21 @@ def test_command__does_not_overwrite_unasked(tmp_path: Path, capsys: pytest.Capt
     [
         (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, http, random, transformers"),
         (["--agent", "json:Nothing"], "json:Nothing"),
-        (["--agent", "http"], "cannot be made with the options"),
+        (["--agent", "http"], "cannot be constructed with the options"),
         (["--agent", "http", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
-        (["--agent", "json:loads"], "cannot be made with the options"),
+        (["--agent", "json:loads"], "cannot be constructed with the options"),
         (["--agent", "collections:OrderedDict"], "has no method answer"),
         (["--agent", "expert", "--episodes", "0"], "--episodes must be at least 1, not 0"),
     ],
 )
-def test_command__says_what_is_wrong(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
+def test_command__invalid_arguments_are_reported(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+):
     assert main(["llm", "TowerFlipIt", *arguments]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_own_agent__is_named_by_module_and_class(capsys: pytest.CaptureFixture[str]):
+def test_custom_agent__is_named_by_module_and_class(capsys: pytest.CaptureFixture[str]):
     assert main(["llm", "TowerFlipIt", "--agent", "lilgym_mp.llm.agents:ExpertAgent", "--episodes", "1"]) == 0
     assert "100.0%" in capsys.readouterr().out
 
@@ -264,14 +266,14 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
     assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
 
 
-def test_transformers__names_a_directory_that_is_not_there(tmp_path: Path):
+def test_transformers__missing_directory_is_reported(tmp_path: Path):
     pytest.importorskip("transformers", reason="needs the extra transformers")
     with pytest.raises(AgentError, match="no such directory"):
         make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
 
 
 class Hesitant:
-    """Says nothing useful, then what an expert says."""
+    """Gives one unparseable answer, then the expert's."""
 
     def __init__(self) -> None:
         self.expert = agents_module.ExpertAgent()
