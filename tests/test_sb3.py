@@ -145,9 +145,9 @@ def test_env_method__returns_rows_of_the_given_indices(made: Any) -> None:
 def test_options__set_each_environments_task(made: Any) -> None:
     env = made(TOWER, "batched", monitor=False)
     ids = env.venv.unwrapped.evaluation_tasks()
-    env.set_options([{"task": ids[number]} for number in (3, 1, 2, 0)])
+    env.set_options([{"task": ids[env_id]} for env_id in (3, 1, 2, 0)])
     env.reset()
-    assert [info["task"] for info in env.reset_infos] == [ids[number] for number in (3, 1, 2, 0)]
+    assert [info["task"] for info in env.reset_infos] == [ids[env_id] for env_id in (3, 1, 2, 0)]
 
 
 def test_batch__reports_sb3s_info_keys_at_the_end_of_an_episode(made: Any) -> None:
@@ -156,11 +156,11 @@ def test_batch__reports_sb3s_info_keys_at_the_end_of_an_episode(made: Any) -> No
     before = env.step(np.array([1] * COUNT))[0]
     observations, _, dones, infos = env.step(np.zeros(COUNT, np.int64))
     assert dones.all()
-    for number, info in enumerate(infos):
+    for env_id, info in enumerate(infos):
         assert info["is_success"] == (info["outcome"] == "success")
         assert info["TimeLimit.truncated"] is False
         assert info["episode"]["l"] == 2
-        assert np.array_equal(info["terminal_observation"]["image"], before["image"][number])
+        assert np.array_equal(info["terminal_observation"]["image"], before["image"][env_id])
     assert not np.array_equal(observations["image"], before["image"])
 
 
@@ -221,7 +221,7 @@ def test_infos__include_array_entries_of_wrappers(made: Any) -> None:
     env.reset()
     _, _, dones, infos = env.step(np.array([1, 0, 2, 0]))
     assert dones.tolist() == [False, True, False, True]
-    now = [env.reset_infos[number] if dones[number] else infos[number] for number in range(COUNT)]
+    now = [env.reset_infos[env_id] if dones[env_id] else infos[env_id] for env_id in range(COUNT)]
     assert_same([info["action_mask"] for info in now], list(masks_of(env).astype(np.int8)))
 
 

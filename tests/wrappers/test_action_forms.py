@@ -50,10 +50,10 @@ def test_every_array__decodes_to_its_index_ignoring_unused_slots(
 ):
     env = MultiDiscreteActions(make(f"{appearance}Scratch", grid=grid))
     actions = make_appearance(appearance.lower(), grid)
-    arrays = np.array([actions.to_array(actions.decode(number)) for number in range(actions.action_count)])
+    arrays = np.array([actions.to_array(actions.decode(index)) for index in range(actions.action_count)])
     arrays[arrays == -1] = unused
-    numbers, _ = env.transformation.actions(arrays, env._state)
-    assert numbers.tolist() == list(range(actions.action_count))
+    indices, _ = env.transformation.actions(arrays, env._state)
+    assert indices.tolist() == list(range(actions.action_count))
 
 
 @pytest.mark.parametrize(
@@ -84,8 +84,8 @@ def test_arrays__of_a_batch(corpus: Any):
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_every_name__decodes_to_its_action(appearance: str, grid: tuple[int, int]):
     actions = make_appearance(appearance, grid)
-    for number in range(actions.action_count):
-        assert actions.encode(named(describe(actions.decode(number)))) == number
+    for index in range(actions.action_count):
+        assert actions.encode(named(describe(actions.decode(index)))) == index
 
 
 def test_names__are_actions(make: Make):

@@ -30,12 +30,12 @@ STATEMENT = "Something round."
 HORIZON = 12
 
 
-def seen(env: gym.Env[Any, Any], task: str = "round-yes") -> Any:
+def observe(env: gym.Env[Any, Any], task: str = "round-yes") -> Any:
     return env.reset(options={"task": task})[0]
 
 
 def test_structured__lists_the_items_box_by_box(make: Make):
-    observation = seen(StructuredObservation(make("ScatterFlipIt")))
+    observation = observe(StructuredObservation(make("ScatterFlipIt")))
     assert observation["item_array"][1, :3].tolist() == [CIRCLE, TRIANGLE, [-1] * 5]
     assert observation["present"].sum(axis=1).tolist() == [0, 2, 0]
     assert set(observation) == {"item_array", "present", "statement", "target"}
@@ -64,11 +64,11 @@ def test_structured__space_contains_items_that_the_release_snaps_outside_a_box(m
 
 def test_keep_image__keeps_the_image(make: Make):
     for wrapper in (StructuredObservation, GridPlanes):
-        assert "image" in seen(wrapper(make("ScatterFlipIt"), keep_image=True))
+        assert "image" in observe(wrapper(make("ScatterFlipIt"), keep_image=True))
 
 
 def test_planes__count_items_at_centres_and_mark_occupied_cells(make: Make):
-    planes = seen(GridPlanes(make("ScatterFlipIt")))["planes"]
+    planes = observe(GridPlanes(make("ScatterFlipIt")))["planes"]
     circle, triangle = (4, 7), (0, 10)  # row and column of the centres, (155, 85) and (205, 10) on the image
     shown = [[tuple(cell) for cell in np.argwhere(plane).tolist()] for plane in planes]
     shapes, colours, sizes = shown[0:3], shown[3:6], shown[6:9]
@@ -101,34 +101,34 @@ def test_planes__put_each_block_of_a_tower_in_its_own_cell(make: Make):
 
 
 def test_channels_first__moves_the_channel_axis(make: Make):
-    plain, moved = (seen(env)["image"] for env in (make("ScatterFlipIt"), ChannelsFirst(make("ScatterFlipIt"))))
+    original, moved = (observe(env)["image"] for env in (make("ScatterFlipIt"), ChannelsFirst(make("ScatterFlipIt"))))
     assert moved.shape == (3, 50, 190)
-    assert np.array_equal(moved, plain.transpose(2, 0, 1))
+    assert np.array_equal(moved, original.transpose(2, 0, 1))
 
 
 def test_native_image__draws_the_scene(make: Make):
     env = NativeImage(make("ScatterFlipIt"))
-    assert np.array_equal(seen(env)["image"], draw(env.unwrapped.scene))  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.array_equal(observe(env)["image"], draw(env.unwrapped.scene))  # pyright: ignore[reportAttributeAccessIssue]
     assert env.observation_space["image"] == make("ScatterFlipIt", image_size="native").observation_space["image"]
 
 
 def test_steps_left__counts_down(make: Make):
     env = StepsLeft(make("TowerScratch"))
-    assert seen(env, "blue")["steps_left"] == HORIZON
+    assert observe(env, "blue")["steps_left"] == HORIZON
     assert [env.step(1)[0]["steps_left"], env.step(1)[0]["steps_left"]] == [HORIZON - 1, HORIZON - 2]
 
 
 def test_embedding__encodes_each_statement_once(make: Make):
-    asked: list[str] = []
+    encoded: list[str] = []
 
     def encoder(statement: str) -> list[float]:
-        asked.append(statement)
+        encoded.append(statement)
         return [len(statement), statement.count("o")]
 
     env = StatementEmbedding(make("ScatterFlipIt"), encoder)
     for _ in range(3):
-        assert seen(env)["statement"].tolist() == [len(STATEMENT), 2]
-    assert asked.count(STATEMENT) <= 2  # once for the space, once for the statement
+        assert observe(env)["statement"].tolist() == [len(STATEMENT), 2]
+    assert encoded.count(STATEMENT) <= 2  # once for the space, once for the statement
 
 
 def test_embedding__accepts_a_sentence_encoder(make: Make):
@@ -136,7 +136,7 @@ def test_embedding__accepts_a_sentence_encoder(make: Make):
         def encode(self, sentences: list[str]) -> np.ndarray[Any, Any]:
             return np.array([[len(sentence)] for sentence in sentences])
 
-    assert seen(StatementEmbedding(make("ScatterFlipIt"), Encoder()))["statement"].tolist() == [len(STATEMENT)]
+    assert observe(StatementEmbedding(make("ScatterFlipIt"), Encoder()))["statement"].tolist() == [len(STATEMENT)]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_embedding__accepts_a_sentence_encoder(make: Make):
 )
 def test_embedding__refuses_invalid_encoders(make: Make, encoder: Any, message: str):
     with pytest.raises(ValueError, match=message):
-        seen(StatementEmbedding(make("ScatterFlipIt"), encoder))
+        observe(StatementEmbedding(make("ScatterFlipIt"), encoder))
 
 
 def test_embedding__refuses_vectors_of_different_lengths(make: Make):
@@ -159,12 +159,12 @@ def test_embedding__refuses_vectors_of_different_lengths(make: Make):
     with pytest.raises(
         ValueError, match=r"encoder returned an array of shape \(3,\) for 'Something round.', not \(2,\)"
     ):
-        seen(env)
+        observe(env)
 
 
 def test_flat__concatenates_parts_in_alphabetical_order(make: Make):
     env = FlatObservation(StepsLeft(TokenizedStatement(StructuredObservation(make("ScatterFlipIt")), length=2)))
-    vector = seen(env)
+    vector = observe(env)
     items, present = vector[: 3 * 14 * 5], vector[3 * 14 * 5 : 3 * 14 * 6]
     assert items.reshape(3, 14, 5)[1, :2].tolist() == [CIRCLE, TRIANGLE]
     assert present.reshape(3, 14).sum(axis=1).tolist() == [0, 2, 0]

@@ -183,10 +183,10 @@ FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.
 @pytest.mark.parametrize("name", FACTORIES)
 def test_factory__refuses_another_packages_environment(name: str):
     arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}.get(name, {})
-    strangers = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
-    for stranger in strangers:
+    others = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
+    for other in others:
         with pytest.raises(WrongEnvironment):
-            FACTORIES[name](stranger, **arguments)
+            FACTORIES[name](other, **arguments)
 
 
 def test_factory__on_other_vector_environments_suggests_an_alternative(make: Make):

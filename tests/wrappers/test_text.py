@@ -70,7 +70,7 @@ def test_scatter__lists_exactly_the_legal_actions(make: Make):
         if line.startswith(("  ADD(column", "  REMOVE(column")):
             names |= set(_names(line.strip()))
     appearance = env.unwrapped.dynamics.appearance  # pyright: ignore[reportAttributeAccessIssue]
-    legal = {describe(appearance.decode(number)) for number in np.flatnonzero(env.action_masks()).tolist()}
+    legal = {describe(appearance.decode(index)) for index in np.flatnonzero(env.action_masks()).tolist()}
     assert names == legal
 
 
@@ -175,10 +175,10 @@ def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
 def test_reply__in_scatter_may_use_words(make: Make, reply: str):
     env = TextObservation(make("ScatterScratch"))
     env.reset(seed=0)
-    number = make_appearance("scatter", RELEASED_GRID).encode(
+    index = make_appearance("scatter", RELEASED_GRID).encode(
         env.unwrapped.dynamics.appearance.decode(env.parse_action(reply).action)  # pyright: ignore[reportAttributeAccessIssue]
     )
-    assert describe(make_appearance("scatter", RELEASED_GRID).decode(number)) == "ADD(3, 4, CIRCLE, BLUE, SMALL)"
+    assert describe(make_appearance("scatter", RELEASED_GRID).decode(index)) == "ADD(3, 4, CIRCLE, BLUE, SMALL)"
 
 
 @pytest.mark.parametrize(
@@ -199,8 +199,8 @@ def test_reply__before_the_first_reset_can_be_parsed(make: Make):
 @pytest.mark.parametrize("form", [describe, format_command])
 def test_reply__can_name_every_action(appearance: str, form: Callable[[Any], str]):
     known = make_appearance(appearance, RELEASED_GRID)
-    for number in range(0, known.action_count, 1 if known.action_count < 100 else 29):
-        assert parse_reply(form(known.decode(number)), known, -1) == Reply(number, understood=True)
+    for index in range(0, known.action_count, 1 if known.action_count < 100 else 29):
+        assert parse_reply(form(known.decode(index)), known, -1) == Reply(index, understood=True)
     assert parse_reply(form(STOP), known, -1) == Reply(0, understood=True)
 
 
@@ -228,7 +228,7 @@ def test_drawing__shows_shapes_colours_and_cells(make: Make):
     text, _ = env.reset(seed=0)
     text, *_ = env.step(env.parse_action("ADD(8, 3, SQUARE, BLUE, MEDIUM)").action)
     lines = text.splitlines()
-    rows = [number for number, line in enumerate(lines) if "BBBB" in line]
+    rows = [index for index, line in enumerate(lines) if "BBBB" in line]
     assert len(rows) == 2  # of 10 pixels each
     assert lines[rows[0]].index("BBBB") == lines[rows[0] - 8].index("8") == 29
     assert "Legal actions" not in text
@@ -242,11 +242,11 @@ def test_unknown_scene_style__is_refused(make: Make):
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
 def test_instructions__state_rewards_actions_and_answer_format(make: Make, configuration: str):
-    told = TextObservation(make(configuration)).instructions()
-    assert "Rewards: STOP +1" in told
-    assert "REMOVE(" in told
-    assert "Answer with one action" in told
-    assert ("separators" in told) is configuration.startswith("Scatter")
+    text = TextObservation(make(configuration)).instructions()
+    assert "Rewards: STOP +1" in text
+    assert "REMOVE(" in text
+    assert "Answer with one action" in text
+    assert ("separators" in text) is configuration.startswith("Scatter")
 
 
 def test_default__must_be_an_action(make: Make):

@@ -94,7 +94,7 @@ def test_supersuit__wraps_the_game(name: str, form: Callable[..., Any]):
     import supersuit
 
     if name == "black_death" and form is env:
-        pytest.skip("SuperSuit's black_death is for the form in which both act")
+        pytest.skip("SuperSuit's black_death needs a parallel environment")
     wrapped = SUPERSUIT[name](supersuit, form(observations="image" if name == "color_reduction" else "vector"))
     (_play_parallel if form is parallel_env else _play_aec)(wrapped)
 

@@ -59,25 +59,25 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
     singles = [parallel_env(**settings) for _ in range(GAMES)]
     rng = np.random.default_rng(0)
     observations, infos = batch.reset(seed=SEED)
-    expected = [single.reset(seed=SEED + number)[0] for number, single in enumerate(singles)]
+    expected = [single.reset(seed=SEED + index)[0] for index, single in enumerate(singles)]
     endings = 0
     for _ in range(STEPS):
-        for number, single in enumerate(singles):
-            assert data_equivalence(row(observations, number), expected[number])
-            assert infos["turns"][number].tolist() == [role in single.engine.state.movers for role in (0, 1)]
+        for index, single in enumerate(singles):
+            assert data_equivalence(row(observations, index), expected[index])
+            assert infos["turns"][index].tolist() == [role in single.engine.state.movers for role in (0, 1)]
         masks = {agent: observation["action_mask"] for agent, observation in observations.items()}
         actions = {agent: np.array([an_action(mask, rng) for mask in masks[agent]]) for agent in AGENTS}
         observations, rewards, terminated, truncated, infos = batch.step(actions)
-        for number, single in enumerate(singles):
-            last, reward, ends, cuts, info = single.step({agent: actions[agent][number] for agent in AGENTS})
-            assert {agent: rewards[agent][number] for agent in AGENTS} == reward
-            assert (terminated[number], truncated[number]) == (ends[PROPOSER], cuts[PROPOSER])
-            expected[number] = last
+        for index, single in enumerate(singles):
+            last, reward, ends, cuts, info = single.step({agent: actions[agent][index] for agent in AGENTS})
+            assert {agent: rewards[agent][index] for agent in AGENTS} == reward
+            assert (terminated[index], truncated[index]) == (ends[PROPOSER], cuts[PROPOSER])
+            expected[index] = last
             if not single.agents:
                 endings += 1
-                assert data_equivalence(infos["final_observation"][number], last)
-                assert infos["final_info"][number] == info
-                expected[number], _ = single.reset()
+                assert data_equivalence(infos["final_observation"][index], last)
+                assert infos["final_info"][index] == info
+                expected[index], _ = single.reset()
     assert endings > 0
 
 
@@ -105,11 +105,11 @@ def test_reset__without_a_seed_continues_the_generators_as_single_games_do(rewar
     batch = BatchedGames(GAMES, rewards=rewards)
     singles = [parallel_env(rewards=rewards) for _ in range(GAMES)]
     batch.reset(seed=SEED)
-    for number, single in enumerate(singles):
-        single.reset(seed=SEED + number)
+    for index, single in enumerate(singles):
+        single.reset(seed=SEED + index)
     observations, _ = batch.reset()
-    for number, single in enumerate(singles):
-        assert data_equivalence(row(observations, number), single.reset()[0])
+    for index, single in enumerate(singles):
+        assert data_equivalence(row(observations, index), single.reset()[0])
 
 
 def test_reset__options_set_task_and_intent_of_all_games():
@@ -117,7 +117,7 @@ def test_reset__options_set_task_and_intent_of_all_games():
     options = {"task": single.tasks.ids[3], "intent": "sneaky"}
     observations, _ = batch.reset(options=options)
     expected, _ = single.reset(options=options)
-    assert all(data_equivalence(row(observations, number), expected) for number in range(GAMES))
+    assert all(data_equivalence(row(observations, index), expected) for index in range(GAMES))
     assert observations[PROPOSER]["observation"]["intent"].tolist() == [1] * GAMES
     with pytest.raises(ValueError, match="no task 'nothing'"):
         batch.reset(options={"task": "nothing"})

@@ -145,13 +145,13 @@ def test_single_agent_view__is_reproducible():
     def episode(seed: int) -> list[Any]:
         view = SingleAgentView(env(rewards="hidden"), VERIFIER, "by_intent")
         observation, _ = view.reset(seed=seed)
-        seen: list[Any] = [observation["image"].sum()]
+        results: list[Any] = [observation["image"].sum()]
         ended = False
         while not ended:
             observation, reward, terminated, truncated, info = view.step(ACCEPT)
             ended = terminated or truncated
-            seen.append((observation["image"].sum(), reward, info))
-        return seen
+            results.append((observation["image"].sum(), reward, info))
+        return results
 
     assert episode(4) == episode(4)
     assert any(episode(4) != episode(seed) for seed in (5, 6, 7))
@@ -197,14 +197,14 @@ def test_single_agent_view__after_the_end_needs_a_reset():
 
 
 def test_partner_turn__can_be_indexed_like_the_observation():
-    seen: list[Any] = []
+    results: list[Any] = []
 
     def partner(turn: PartnerTurn) -> int:
-        seen.append((turn["action_mask"], turn["observation"]["target"], turn.observation["target"]))
+        results.append((turn["action_mask"], turn["observation"]["target"], turn.observation["target"]))
         return int(np.flatnonzero(turn["action_mask"])[0])
 
     SingleAgentView(env(ending="verifier"), VERIFIER, partner).reset(seed=0)
-    mask, target, same = seen[0]
+    mask, target, same = results[0]
     assert mask.dtype == np.int8
     assert target == same
 

@@ -92,18 +92,18 @@ def test_seed_tests__pass(protocol: str):
 def rollout(game: Any, seed: int, turns: int) -> list[Any]:
     """All results of a parallel game over several episodes, with random legal actions."""
     rng = np.random.default_rng(seed)
-    seen: list[Any] = []
+    results: list[Any] = []
     observations, infos = game.reset(seed=seed)
     for _ in range(turns):
-        seen.append((observations, infos))
+        results.append((observations, infos))
         if not game.agents:
             observations, infos = game.reset()
             continue
         legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
-        actions = {agent: rng.choice(numbers) for agent, numbers in legal.items()}
+        actions = {agent: rng.choice(indices) for agent, indices in legal.items()}
         observations, *rest, infos = game.step(actions)
-        seen.append((actions, *rest))
-    return seen
+        results.append((actions, *rest))
+    return results
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -125,7 +125,7 @@ def test_aec_and_parallel__play_the_same_game(protocol: str):
         observations, _ = parallel.reset(seed=episode)
         while parallel.agents:
             legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
-            actions = {agent: int(rng.choice(numbers)) for agent, numbers in legal.items()}
+            actions = {agent: int(rng.choice(indices)) for agent, indices in legal.items()}
             movers = len(turns.engine.state.movers)
             observations, rewards, terminations, truncations, infos = parallel.step(actions)
             for _ in range(movers):
