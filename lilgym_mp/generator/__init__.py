@@ -1,8 +1,10 @@
-"""Statements, programs and start scenes made by rule: the endless corpus, and most of the builtin one.
+"""Generates statements with programs and start scenes: the generated corpora, and most of the builtin corpus.
 
-A random `meanings` tree of some level (`levels`) becomes a program (`sources`) and a statement (`wording`); the
-statement is read back by a grammar of its own (`reading`) and judged scene by scene (`interpretation`) before
-`entries` lets it pass. docs/corpus.md tells what each level holds and what is checked.
+The stages, each in its module: `meaning_sampling` draws a meaning (`semantics`) of some difficulty level;
+`program_realisation` and `sentence_realisation` turn it into a program and an English statement; `statement_grammar`
+parses the statement back, and `validation` keeps it only if every parse, evaluated by `interpretation`, agrees with the
+program on scenes of a pool (`scene_sampling`); `start_selection` selects start scenes. `training_pairs` uses separate
+templates for a stream of more varied statements without scenes. See docs/corpus.md.
 """
 
 from lilgym_mp.generator.generated_corpus import CorpusSpec, generated_entries, generated_tasks

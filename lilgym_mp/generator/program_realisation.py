@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.generator.program_text import ALL_ITEMS, items_in_box, quantity_test
+from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.semantics import (
     ANYTHING,
     SOME,
@@ -77,10 +77,9 @@ def program_source(clause: Clause) -> str:
         case PartitiveCount(quantity, noun, partitive, predicate):
             return _partitive(ALL_ITEMS, quantity, noun, partitive, predicate)
         case BoxCount(quantity, conditions, towers):
-            return quantity_test(quantity, f"filter_obj(all_boxes, lambda b: {_box('b', conditions, towers)})")
+            return quantity_test(quantity, boxes_where(_box(BOX, conditions, towers)))
         case EveryTower(conditions):
-            towers = "filter_obj(all_boxes, lambda b: b.is_tower())"
-            return f"All({towers}, lambda b: {_box('b', conditions, towers=False)})"
+            return f"All({TOWERS}, lambda {BOX}: {_box(BOX, conditions, towers=False)})"
         case NamedBox(index, conditions, towers):
             return _box(f"all_boxes[{index}]", conditions, towers)
         case EveryItem(noun, predicate):
@@ -101,9 +100,9 @@ def program_source(clause: Clause) -> str:
         case Parity(noun, even):
             return f"{_count(_items(ALL_ITEMS, noun, 0))} % 2 == {0 if even else 1}"
         case LargestBox(noun, conditions):
-            count, other_count = (_count(_items(items_in_box(box), noun, 0)) for box in "bc")
+            count, other_count = (_count(_items(items_in_box(box), noun, 0)) for box in (BOX, "c"))
             is_largest = f"count(filter_obj(all_boxes, lambda c: {other_count} >= {count})) == 1"
-            return f"exist(filter_obj(all_boxes, lambda b: {is_largest} and {_box('b', conditions, towers=False)}))"
+            return f"exist({boxes_where(f'{is_largest} and {_box(BOX, conditions, towers=False)}')})"
         case Compound(conjunctive, clauses):
             return (" and " if conjunctive else " or ").join(f"({program_source(part)})" for part in clauses)
 

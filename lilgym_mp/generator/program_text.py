@@ -5,10 +5,17 @@ from __future__ import annotations
 from lilgym_mp.generator.semantics import Quantity
 
 ALL_ITEMS = "all_items"
+BOX = "b"  # lambda variable for a box
+TOWERS = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
 
 
 def items_in_box(box: str) -> str:
     return f"{box}.all_items_in_box()"
+
+
+def boxes_where(test: str) -> str:
+    """The boxes that pass a test of the variable BOX."""
+    return f"filter_obj(all_boxes, lambda {BOX}: {test})"
 
 
 def quantity_test(quantity: Quantity, collection: str) -> str:

@@ -215,8 +215,8 @@ class SentenceRealiser(PhraseRealiser):
             named = self.quantified(quantity, noun)
             picture = f"the {self.style.picture} has {named.text}"
             text = {"there": self.there_is(named), "picture": picture, "see": f"we see {named.text}"}[opening]
-            joint = self.pick(", and", " and", ", and")
-            return f"{text}{joint} {self.partitive(partitive, quantity, predicate, 'them')}"
+            conjunction = self.pick(", and", " and", ", and")
+            return f"{text}{conjunction} {self.partitive(partitive, quantity, predicate, 'them')}"
 
         if quantity == exactly(1) and partitive is Partitive.ALL:
             singular = self.noun(noun, plural=False)
@@ -321,7 +321,7 @@ class SentenceRealiser(PhraseRealiser):
     def box_count_templates(self, clause: BoxCount) -> list[Template]:
         quantity, conditions, towers = clause.quantity, clause.conditions, clause.towers
         word = self.style.tower if towers else "box"
-        several = pluralised(word)
+        nouns = pluralised(word)
 
         def boxes_with_modifier() -> str:
             named = self.described_boxes(quantity, conditions, towers)
@@ -337,9 +337,9 @@ class SentenceRealiser(PhraseRealiser):
             return [boxes_as_subject]
         templates: list[Template] = [boxes_with_modifier, boxes_with_modifier, boxes_as_subject]
         if (quantity.low == quantity.high and quantity.low) or (quantity.low and quantity.high is None):
-            templates.append(lambda: self.partitive_boxes(quantity, several, conditions))
+            templates.append(lambda: self.partitive_boxes(quantity, nouns, conditions))
         if quantity == NONE:
-            templates.append(lambda: f"none of the {several} {self.box_verb_phrase(conditions, False)}")
+            templates.append(lambda: f"none of the {nouns} {self.box_verb_phrase(conditions, False)}")
         match conditions:
             case (Contains(contained, noun),) if quantity == SOME and contained.low:
                 templates.append(
@@ -350,21 +350,19 @@ class SentenceRealiser(PhraseRealiser):
         return templates
 
     def box_subject(self, quantity: Quantity, word: str) -> Phrase:
-        several = pluralised(word)
+        nouns = pluralised(word)
         if quantity == EACH_BOX:
-            text = self.pick(
-                f"every {word}", f"each {word}", f"all {several}", f"all three {several}", f"all the {several}"
-            )
+            text = self.pick(f"every {word}", f"each {word}", f"all {nouns}", f"all three {nouns}", f"all the {nouns}")
             return Phrase(text, text.startswith("all"))
         determiner = self.determiner(quantity)
-        return Phrase(f"{determiner.text} {several if determiner.plural else word}", determiner.plural)
+        return Phrase(f"{determiner.text} {nouns if determiner.plural else word}", determiner.plural)
 
-    def partitive_boxes(self, quantity: Quantity, several: str, conditions: BoxConditions) -> str:
+    def partitive_boxes(self, quantity: Quantity, nouns: str, conditions: BoxConditions) -> str:
         if quantity.high is None:
             number = f"at least {self.number(quantity.low)}"
         else:
             number = f"{self.pick('exactly', 'only', 'just')} {self.number(quantity.low)}"
-        return f"{number} of the {several} {self.box_verb_phrase(conditions, quantity.low > 1)}"
+        return f"{number} of the {nouns} {self.box_verb_phrase(conditions, quantity.low > 1)}"
 
     def described_boxes(self, quantity: Quantity, conditions: BoxConditions, towers: bool) -> Phrase:
         """ "two towers with a blue top"; a height or a single colour may come before the noun: "a blue tower"."""
@@ -544,11 +542,13 @@ class SentenceRealiser(PhraseRealiser):
             texts = [self.noun(part.noun, True) for part in counts]
             return f"there are {self.pick(f'neither {texts[0]} nor {texts[1]}', f'no {texts[0]} and no {texts[1]}')}"
         phrases = [self.quantified(part.quantity, part.noun) for part in counts]
-        joint = "or" if not conjunctive else "but" if _is_negative(counts[0]) != _is_negative(counts[-1]) else "and"
-        text = listed([phrase.text for phrase in phrases], joint)
-        if joint == "and" and self.chance(0.2) and len(counts) == 2:
+        conjunction = (
+            "or" if not conjunctive else "but" if _is_negative(counts[0]) != _is_negative(counts[-1]) else "and"
+        )
+        text = listed([phrase.text for phrase in phrases], conjunction)
+        if conjunction == "and" and self.chance(0.2) and len(counts) == 2:
             text = f"both {text}"
-        elif joint == "or" and self.chance(0.4) and len(counts) == 2:
+        elif conjunction == "or" and self.chance(0.4) and len(counts) == 2:
             text = f"either {text}"
         opening = self.pick(f"there {self.be(phrases[0].plural)}", f"the {self.style.picture} has", "we see")
         return f"{opening} {text}"

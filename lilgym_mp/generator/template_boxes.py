@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Phrase, pluralised
-from lilgym_mp.generator.program_text import quantity_test
+from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, quantity_test
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, exactly
-from lilgym_mp.generator.template_conditions import BOX, BOX_WORDS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.template_conditions import BOX_WORDS, ConditionTemplate, WeightedTemplate
 from lilgym_mp.generator.template_items import ItemTemplates
 from lilgym_mp.generator.template_phrases import NounTemplate, TrainingPair, box_items
 
@@ -56,15 +56,13 @@ class StatementTemplates(ItemTemplates):
             quantity = SOME
         word = self.box_word()
         tests = self.box_tests(word, conditions)
-        boxes = f"filter_obj(all_boxes, lambda {BOX}: {tests})"
         if quantity == exactly(3):
             text = self.every_box(word, conditions)
             if word == self.style.tower and not {"three", "3"} & set(text.split(f" {pluralised(word)} ")[0].split()):
                 condition_tests = " and ".join(condition.test(BOX) for condition in conditions)
-                towers = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())"
-                return TrainingPair(text, f"All({towers}, lambda {BOX}: {condition_tests})")
+                return TrainingPair(text, f"All({TOWERS}, lambda {BOX}: {condition_tests})")
             return TrainingPair(text, f"All(all_boxes, lambda {BOX}: {tests})")
-        return TrainingPair(self.box_text(quantity, word, conditions), quantity_test(quantity, boxes))
+        return TrainingPair(self.box_text(quantity, word, conditions), quantity_test(quantity, boxes_where(tests)))
 
     def box_tests(self, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         tests = [condition.test(BOX) for condition in conditions]
@@ -72,10 +70,10 @@ class StatementTemplates(ItemTemplates):
 
     def box_text(self, quantity: Quantity, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         draw = self.rng.random()
-        several = pluralised(word)
+        nouns = pluralised(word)
         if quantity == NONE and draw < 0.4:
             none = self.pick("none of the", "no one of the", "not one of the")
-            return f"{none} {several} {self.box_verb_phrase(conditions, plural=self.chance(0.5))}"
+            return f"{none} {nouns} {self.box_verb_phrase(conditions, plural=self.chance(0.5))}"
         if quantity.low >= 1 and draw < 0.22:
             of_the = self.partitive_boxes(quantity)
             if of_the.startswith("in "):
@@ -83,8 +81,8 @@ class StatementTemplates(ItemTemplates):
                 if None in contents or any(condition.negative for condition in conditions):
                     of_the = "one of the"
                 else:
-                    return f"in one of the {several} there is {self.conjoined([text for text in contents if text], ())}"
-            return f"{of_the} {several} {self.box_verb_phrase(conditions, quantity.low > 1)}"
+                    return f"in one of the {nouns} there is {self.conjoined([text for text in contents if text], ())}"
+            return f"{of_the} {nouns} {self.box_verb_phrase(conditions, quantity.low > 1)}"
         words = self.determiner(quantity)
         plural = words.plural
         noun = pluralised(word) if plural else word
@@ -93,7 +91,7 @@ class StatementTemplates(ItemTemplates):
         only = conditions[0].contents if alone else None
         if quantity == SOME and only is not None and draw < 0.34:
             place = self.pick(
-                f"in a {word}", f"in one of the {several}", f"in one {word}", f"in the same {word}", f"inside a {word}",
+                f"in a {word}", f"in one of the {nouns}", f"in one {word}", f"in the same {word}", f"inside a {word}",
                 f"in a {word}", f"in any {word}",
             )  # fmt: skip
             plural = not only.startswith(("a ", "an ", "one ", "1 ", "exactly one", "exactly 1", "only one", "no "))
@@ -120,14 +118,14 @@ class StatementTemplates(ItemTemplates):
         return f"{self.number(quantity.low)} of the" if words.endswith(" of") else f"{words} of the"
 
     def every_box(self, word: str, conditions: Sequence[ConditionTemplate]) -> str:
-        several = pluralised(word)
+        nouns = pluralised(word)
         only = conditions[0].contents if len(conditions) == 1 and conditions[0].kind == "contains" else None
         if only is not None and only.startswith(("a ", "an ")) and self.chance(0.12):
-            return f"there {self.pick(f'is no {word}', f'are no {several}')} without {only}"
+            return f"there {self.pick(f'is no {word}', f'are no {nouns}')} without {only}"
         subject, plural = self.pick(
-            (f"each {word}", False), (f"every {word}", False), (f"all {several}", True), (f"all the {several}", True),
-            (f"all three {several}", True), (f"all the three {several}", True), (f"each of the {several}", False),
-            (f"all of the {several}", True), (f"the three {several}", True), (f"all 3 {several}", True),
+            (f"each {word}", False), (f"every {word}", False), (f"all {nouns}", True), (f"all the {nouns}", True),
+            (f"all three {nouns}", True), (f"all the three {nouns}", True), (f"each of the {nouns}", False),
+            (f"all of the {nouns}", True), (f"the three {nouns}", True), (f"all 3 {nouns}", True),
         )  # fmt: skip
         return f"{subject} {self.box_verb_phrase(conditions, plural)}"
 
@@ -159,14 +157,14 @@ class StatementTemplates(ItemTemplates):
         if one.contents is None or one.negative or other.negative:
             return self.box_count()
         test = one.test(BOX) if word != self.style.tower else f"{BOX}.is_tower() and {one.test(BOX)}"
-        program = f"All(filter_obj(all_boxes, lambda {BOX}: {test}), lambda {BOX}: {other.test(BOX)})"
-        several = pluralised(word)
+        program = f"All({boxes_where(test)}, lambda {BOX}: {other.test(BOX)})"
+        nouns = pluralised(word)
         also = self.pick("", "", " too", " as well")
         text = self.pick(
             f"every {word} with {one.contents} {self.box_verb_phrase([other], False)}{also}",
             f"each {word} with {one.contents} {self.box_verb_phrase([other], False)}{also}",
-            f"all {several} with {one.contents} {self.box_verb_phrase([other], True)}{also}",
-            f"all the {several} with {one.contents} {self.box_verb_phrase([other], True)}",
+            f"all {nouns} with {one.contents} {self.box_verb_phrase([other], True)}{also}",
+            f"all the {nouns} with {one.contents} {self.box_verb_phrase([other], True)}",
         )
         return TrainingPair(text, program)
 
@@ -182,7 +180,7 @@ class StatementTemplates(ItemTemplates):
         the = self.pick("the", "the", "the", f"one of the {pluralised(word)}", "a")
         subject = the if the.startswith("one") else f"{the} {word}"
         text = f"{subject} with {one.contents} {self.box_verb_phrase([other], plural=False)}"
-        return TrainingPair(text, quantity_test(SOME, f"filter_obj(all_boxes, lambda {BOX}: {tests})"))
+        return TrainingPair(text, quantity_test(SOME, boxes_where(tests)))
 
     def two_adjacent_boxes(self) -> TrainingPair:
         """ "the first two towers have a yellow base" """
@@ -201,31 +199,31 @@ class StatementTemplates(ItemTemplates):
         """ "all boxes have the same number of blue items" """
         noun = NounTemplate() if self.chance(0.4) else NounTemplate(self.attributes())
         word = self.box_word()
-        several = pluralised(word)
+        nouns = pluralised(word)
         named = self.noun(noun, plural=True)
         counts = f"lambda {BOX}: count({box_items(noun, BOX)})"
-        boxes = f"filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower())" if word == self.style.tower else "all_boxes"
+        boxes = TOWERS if word == self.style.tower else "all_boxes"
         if self.chance(0.6):
             text = self.pick(
-                f"all {several} have the same number of {named}", f"all the {several} have the same number of {named}",
-                f"each {word} has the same number of {named}", f"all three {several} have an equal number of {named}",
+                f"all {nouns} have the same number of {named}", f"all the {nouns} have the same number of {named}",
+                f"each {word} has the same number of {named}", f"all three {nouns} have an equal number of {named}",
                 f"there are the same number of {named} in each {word}",
                 f"every {word} contains the same number of {named}",
-                f"the number of {named} is the same in all {several}",
+                f"the number of {named} is the same in all {nouns}",
             )  # fmt: skip
             return TrainingPair(text, f"all_same_attribute({boxes}, {counts})")
         pairs = f"combinations({boxes}, 2)"
         first, second = (f"count({box_items(noun, f'p[{index}]')})" for index in (0, 1))
         if self.chance(0.5):
             text = self.pick(
-                f"there are two {several} with the same number of {named}",
-                f"two {several} have the same number of {named}",
-                f"at least two {several} have the same number of {named}",
+                f"there are two {nouns} with the same number of {named}",
+                f"two {nouns} have the same number of {named}",
+                f"at least two {nouns} have the same number of {named}",
             )  # fmt: skip
             return TrainingPair(text, f"exist(filter_obj({pairs}, lambda p: {first} == {second}))")
         text = self.pick(
-            f"all {several} have a different number of {named}", f"each {word} has a different number of {named}",
-            f"no two {several} have the same number of {named}",
+            f"all {nouns} have a different number of {named}", f"each {word} has a different number of {named}",
+            f"no two {nouns} have the same number of {named}",
         )  # fmt: skip
         return TrainingPair(text, f"All({pairs}, lambda p: {first} != {second})")
 
@@ -241,7 +239,7 @@ class StatementTemplates(ItemTemplates):
             else ("the fewest", "the least", "the least number of")
         )
         words = self.choice(superlatives)
-        mine, others = (f"count({box_items(noun, box)})" for box in (BOX, "c"))
-        extreme = f"count(filter_obj(all_boxes, lambda c: {others} {'>=' if most else '<='} {mine})) == 1"
+        count, other_count = (f"count({box_items(noun, box)})" for box in (BOX, "c"))
+        is_extreme = f"count(filter_obj(all_boxes, lambda c: {other_count} {'>=' if most else '<='} {count})) == 1"
         text = f"the {word} with {words} {self.noun(noun, True)} {self.box_verb_phrase([condition], plural=False)}"
-        return TrainingPair(text, f"exist(filter_obj(all_boxes, lambda {BOX}: {extreme} and {condition.test(BOX)}))")
+        return TrainingPair(text, quantity_test(SOME, boxes_where(f"{is_extreme} and {condition.test(BOX)}")))

@@ -23,7 +23,6 @@ from lilgym_mp.generator.template_phrases import (
     item_set,
 )
 
-BOX = "b"
 TRIES = 12  # to find compatible conditions
 BOX_WORDS = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
 ATTRIBUTES = ("color", "shape", "size")
@@ -211,12 +210,12 @@ class BoxConditionTemplates(PhraseTemplates):
         for index, part in enumerate(parts[1:], start=1):
             negative = index < len(conditions) and conditions[index].negative
             if negative:
-                joint = self.pick(" but ", " and ", ", but ")
+                conjunction = self.pick(" but ", " and ", ", but ")
             elif index < len(parts) - 1:
-                joint = self.pick(", ", " and ")
+                conjunction = self.pick(", ", " and ")
             else:
-                joint = self.pick(" and ", " and ", " and ", ", and ", " and also ", " as well as ")
-            text += joint + part
+                conjunction = self.pick(" and ", " and ", " and ", ", and ", " and also ", " as well as ")
+            text += conjunction + part
         return text
 
     def contains_some(self, attributes: AttributeWords | None = None) -> ConditionTemplate:
@@ -263,8 +262,8 @@ class BoxConditionTemplates(PhraseTemplates):
     def contains_only(self) -> ConditionTemplate:
         attributes = self.attributes()
         predicate = self.attribute_predicate(attributes)
-        several = self.described_noun(attributes, plural=True)
-        contents = self.pick(f"only {several}", f"only {several}", f"nothing but {several}", f"only {several} in it")
+        nouns = self.described_noun(attributes, plural=True)
+        contents = self.pick(f"only {nouns}", f"only {nouns}", f"nothing but {nouns}", f"only {nouns} in it")
         modifier = None
         verb_forms = None
         if attributes.shape is None and attributes.size is None:
@@ -276,11 +275,11 @@ class BoxConditionTemplates(PhraseTemplates):
                 f"only {predicate.complement} color",
             )
             modifier = self.pick(
-                None, f"made up of only {several}",
+                None, f"made up of only {nouns}",
                 f"where all {pluralised(self.style.item)} are {predicate.complement}",
-                f"that is all {predicate.complement}", f"consisting of only {several}",
+                f"that is all {predicate.complement}", f"consisting of only {nouns}",
             )  # fmt: skip
-            verb_forms = self.pick(None, (f"is made of only {several}", f"are made of only {several}"))
+            verb_forms = self.pick(None, (f"is made of only {nouns}", f"are made of only {nouns}"))
         return ConditionTemplate(
             lambda box: f"All({items_in_box(box)}, lambda x: {predicate.signed_test('x')})",
             contents,
@@ -294,14 +293,14 @@ class BoxConditionTemplates(PhraseTemplates):
         words, quantity = self.variety_words(attribute, number), exactly(number)
         if self.chance(0.2):
             words, quantity = self.bounded_variety_words(attribute)
-        several = pluralised(self.style.item)
-        contents = f"{several} {self.pick('of', 'of', 'in', 'with')} {words}"
+        nouns = pluralised(self.style.item)
+        contents = f"{nouns} {self.pick('of', 'of', 'in', 'with')} {words}"
         if quantity.low > 1 and (attribute != "shape" or "different" in words) and self.chance(0.4):
             contents = words
         if quantity == exactly(1) and self.chance(0.4):
             contents = self.pick(
-                f"all {several} of the same {attribute}", f"all {several} in the same {attribute}",
-                f"only one {attribute}", f"{several} of same {attribute}",
+                f"all {nouns} of the same {attribute}", f"all {nouns} in the same {attribute}",
+                f"only one {attribute}", f"{nouns} of same {attribute}",
             )  # fmt: skip
         return ConditionTemplate(
             lambda box: quantity_test(quantity, f"get_set_{attribute}s({items_in_box(box)})"), contents, kind="variety",
@@ -349,8 +348,8 @@ class BoxConditionTemplates(PhraseTemplates):
         """ "all circles touching a wall" """
         noun = self.pick(ANYTHING, NounTemplate(self.attributes()), NounTemplate(self.attributes()))
         predicate = self.predicate_within_box()
-        several = self.noun(noun, plural=True)
-        contents = f"{self.pick('all', 'all the', 'all its')} {several} {self.signed_complement(predicate)}"
+        nouns = self.noun(noun, plural=True)
+        contents = f"{self.pick('all', 'all the', 'all its')} {nouns} {self.signed_complement(predicate)}"
         return ConditionTemplate(
             lambda box: f"All({box_items(noun, box)}, lambda x: {predicate.signed_test('x')})",
             contents,
@@ -426,10 +425,10 @@ class BoxConditionTemplates(PhraseTemplates):
             self.indefinite(noun) if quantity == SOME else f"{count}{self.number(number)} {self.noun(noun, number > 1)}"
         )
         names = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}[attribute]
-        nouns = [NounTemplate(_with_value(noun.attributes, attribute, name)) for name in names]
+        noun_templates = [NounTemplate(_with_value(noun.attributes, attribute, name)) for name in names]
 
         def test(box: str) -> str:
-            return " and ".join(quantity_test(quantity, box_items(attributes, box)) for attributes in nouns)
+            return " and ".join(quantity_test(quantity, box_items(noun, box)) for noun in noun_templates)
 
         return ConditionTemplate(test, f"{named} of {each}", kind="variety", min_items=3 * number)
 
@@ -437,12 +436,12 @@ class BoxConditionTemplates(PhraseTemplates):
         """ "only a circle and two squares": nothing else."""
         one, other = self.two_disjoint_attributes()
         numbers = self.pick(1, 1, 2, 2, 3), self.pick(1, 1, 2)
-        nouns = NounTemplate(one), NounTemplate(other)
+        noun_templates = NounTemplate(one), NounTemplate(other)
         named = [
             self.indefinite(noun)
             if number == 1 and self.chance(0.4)
             else f"{self.number(number)} {self.noun(noun, number > 1)}"
-            for noun, number in zip(nouns, numbers, strict=True)
+            for noun, number in zip(noun_templates, numbers, strict=True)
         ]
         total = sum(numbers)
         item = f"{self.number(total)} {self.noun(ANYTHING, True)}"
@@ -454,7 +453,10 @@ class BoxConditionTemplates(PhraseTemplates):
         )  # fmt: skip
 
         def test(box: str) -> str:
-            counts = (f"count({box_items(noun, box)}) == {number}" for noun, number in zip(nouns, numbers, strict=True))
+            counts = (
+                f"count({box_items(noun, box)}) == {number}"
+                for noun, number in zip(noun_templates, numbers, strict=True)
+            )
             return f"count({items_in_box(box)}) == {total} and {' and '.join(counts)}"
 
         return ConditionTemplate(test, text, kind="total", min_items=total, max_items=total)
@@ -475,12 +477,12 @@ class BoxConditionTemplates(PhraseTemplates):
         rest = AttributeWords(self.colour())
         while rest == attributes:
             rest = AttributeWords(self.colour())
-        several = self.pick(
+        the_rest = self.pick(
             "the rest", "the others", f"all the other {pluralised(self.style.item)}",
             f"all other {pluralised(self.style.item)}", "all the others",
         )  # fmt: skip
         rest_name = self.described_noun(rest, plural=True) if self.chance(0.2) else rest.colours[0]
-        text = f"{first} and {several} {self.pick('are ', '', 'are ')}{rest_name}"
+        text = f"{first} and {the_rest} {self.pick('are ', '', 'are ')}{rest_name}"
         either = AttributeWords((*attributes.colours, *rest.colours)).tests()[0]
 
         def test(box: str) -> str:
@@ -492,10 +494,10 @@ class BoxConditionTemplates(PhraseTemplates):
     def all_different(self) -> ConditionTemplate:
         """ "no two items of the same color" """
         attribute = self.attribute_name()
-        several = pluralised(self.style.item)
+        nouns = pluralised(self.style.item)
         text = self.pick(
-            f"no two {several} of the same {attribute}", f"no {several} of the same {attribute}",
-            f"{several} all of different {attribute}s", f"all {several} of different {attribute}s",
+            f"no two {nouns} of the same {attribute}", f"no {nouns} of the same {attribute}",
+            f"{nouns} all of different {attribute}s", f"all {nouns} of different {attribute}s",
         )  # fmt: skip
 
         def test(box: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lilgym_mp.generator.lexicon import Phrase, pluralised
-from lilgym_mp.generator.program_text import ALL_ITEMS, quantity_test
+from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, boxes_where, quantity_test
 from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.generator.template_conditions import BoxConditionTemplates
 from lilgym_mp.generator.template_phrases import (
@@ -106,8 +106,8 @@ class ItemTemplates(BoxConditionTemplates):
             return TrainingPair(self.existential(self.quantified(quantity, noun)), program)
         if draw < 0.63 and quantity == SOME:
             there = self.existential(Phrase(self.indefinite(subject_noun), plural=False))
-            joint = self.pick(" and it", ", and it", " and that", f" and the {self.style.item}", ". it")
-            return TrainingPair(f"{there}{joint} {self.verb_phrase(last, plural=False)}", program)
+            conjunction = self.pick(" and it", ", and it", " and that", f" and the {self.style.item}", ". it")
+            return TrainingPair(f"{there}{conjunction} {self.verb_phrase(last, plural=False)}", program)
         if quantity == NONE and draw < 0.85:
             none = self.pick("none of the", "none of the", "not one of the", "no one of the")
             text = f"{none} {self.noun(subject_noun, plural=True)} {self.verb_phrase(last, plural=self.chance(0.4))}"
@@ -170,10 +170,10 @@ class ItemTemplates(BoxConditionTemplates):
         noun, predicate = NounTemplate(self.attributes()), self.predicate()
         total = self.pick(2, 2, 3, 3, 4)
         part = self.pick("all", "none", *(exactly(n) for n in range(1, total)))
-        number = f"count({item_set(noun)}) == {total}"
+        total_test = f"count({item_set(noun)}) == {total}"
         named = self.quantified(exactly(total), noun).text
-        joint = self.pick(" and", ",", ", and", " of which", " out of which")
-        of_them = "" if "which" in joint else " of them"
+        conjunction = self.pick(" and", ",", ", and", " of which", " out of which")
+        of_them = "" if "which" in conjunction else " of them"
         if part == "all":
             words = self.pick("both", "all") if total == 2 else self.pick("all", "all", f"all {self.number(total)}")
             subject, plural = f"{words}{of_them}", True
@@ -185,9 +185,9 @@ class ItemTemplates(BoxConditionTemplates):
             assert isinstance(part, Quantity)
             words = self.pick("", "exactly ", "only ") + self.number(part.low)
             subject, plural, quantity = f"{words}{of_them}", part.low > 1, part
-        having = quantity_test(quantity, item_set(noun.such_that(predicate)))
-        text = f"there {self.be(True)} {named}{joint} {subject} {self.verb_phrase(predicate, plural)}"
-        return TrainingPair(text, f"{number} and {having}")
+        part_test = quantity_test(quantity, item_set(noun.such_that(predicate)))
+        text = f"there {self.be(True)} {named}{conjunction} {subject} {self.verb_phrase(predicate, plural)}"
+        return TrainingPair(text, f"{total_test} and {part_test}")
 
     def every_item(self) -> TrainingPair:
         """There are such items, and all satisfy the predicate."""
@@ -196,19 +196,19 @@ class ItemTemplates(BoxConditionTemplates):
             noun, predicate = self.noun_with_predicates(), self.attribute_predicate(AttributeWords(self.colour()))
             noun = NounTemplate(AttributeWords(shape=noun.attributes.shape, size=noun.attributes.size), noun.predicates)
         program = f"All({item_set(noun)}, lambda x: {predicate.signed_test('x')})"
-        several, single = self.noun(noun, plural=True), self.noun(noun, plural=False)
-        the_several = f"all the {several}" if several == single else f"the {several}"
+        nouns, singular = self.noun(noun, plural=True), self.noun(noun, plural=False)
+        the_nouns = f"all the {nouns}" if nouns == singular else f"the {nouns}"
         text = self.pick(
-            f"all {several} {self.verb_phrase(predicate, plural=True)}",
-            f"all the {several} {self.verb_phrase(predicate, plural=True)}",
-            f"all of the {several} {self.verb_phrase(predicate, plural=True)}",
-            f"every {single} {self.verb_phrase(predicate, plural=False)}",
-            f"each {single} {self.verb_phrase(predicate, plural=False)}",
-            f"each of the {several} {self.verb_phrase(predicate, plural=False)}",
-            f"{the_several} {self.verb_phrase(predicate, plural=True)}",
-            f"{the_several} {self.be(True)} all {predicate.main_complement or predicate.complement}"
+            f"all {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"all the {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"all of the {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"every {singular} {self.verb_phrase(predicate, plural=False)}",
+            f"each {singular} {self.verb_phrase(predicate, plural=False)}",
+            f"each of the {nouns} {self.verb_phrase(predicate, plural=False)}",
+            f"{the_nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"{the_nouns} {self.be(True)} all {predicate.main_complement or predicate.complement}"
             if predicate.positive
-            else f"the {several} {self.verb_phrase(predicate, plural=True)}",
+            else f"the {nouns} {self.verb_phrase(predicate, plural=True)}",
         )
         return TrainingPair(text, program)
 
@@ -217,13 +217,13 @@ class ItemTemplates(BoxConditionTemplates):
         if not predicate.positive:
             predicate = replace(predicate, positive=True)
         program = f"exist({item_set(noun.such_that(replace(predicate, positive=False)))})"
-        several, single = self.noun(noun, plural=True), self.noun(noun, plural=False)
+        nouns, singular = self.noun(noun, plural=True), self.noun(noun, plural=False)
         text = self.pick(
-            f"not all {several} {self.verb_phrase(predicate, plural=True)}",
-            f"not all the {several} {self.verb_phrase(predicate, plural=True)}",
-            f"not all of the {several} {self.verb_phrase(predicate, plural=True)}",
-            f"not every {single} {self.verb_phrase(predicate, plural=False)}",
-            f"at least one {single} {self.verb_phrase(replace(predicate, positive=False), plural=False)}",
+            f"not all {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"not all the {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"not all of the {nouns} {self.verb_phrase(predicate, plural=True)}",
+            f"not every {singular} {self.verb_phrase(predicate, plural=False)}",
+            f"at least one {singular} {self.verb_phrase(replace(predicate, positive=False), plural=False)}",
         )
         return TrainingPair(text, program)
 
@@ -235,14 +235,14 @@ class ItemTemplates(BoxConditionTemplates):
         program = (
             f"All({item_set(NounTemplate(predicates=(predicate,)))}, lambda x: {attribute_predicate.signed_test('x')})"
         )
-        several = self.described_noun(attributes, plural=True)
+        nouns = self.described_noun(attributes, plural=True)
         text = self.pick(
-            f"only {several} {verb_phrase}",
-            f"only the {several} {verb_phrase}",
+            f"only {nouns} {verb_phrase}",
+            f"only the {nouns} {verb_phrase}",
             f"every {self.style.item} {self.modifier(predicate, False)} is {attribute_predicate.complement}",
             f"all {pluralised(self.style.item)} {self.modifier(predicate, True)} are "
-            f"{several if attributes.shape else attribute_predicate.complement}",
-            f"no {self.style.item} other than {several} {self.verb_phrase(predicate, False)}",
+            f"{nouns if attributes.shape else attribute_predicate.complement}",
+            f"no {self.style.item} other than {nouns} {self.verb_phrase(predicate, False)}",
         )
         return TrainingPair(text, program)
 
@@ -252,26 +252,26 @@ class ItemTemplates(BoxConditionTemplates):
         noun = NounTemplate(self.attributes_without(attribute))
         if self.chance(0.3):
             noun = noun.such_that(replace(self.predicate(), positive=True))
-        several = self.noun(noun, plural=True)
+        nouns = self.noun(noun, plural=True)
         program = f"all_same_{attribute}({item_set(noun)})"
         if self.chance(0.3):
             text = self.pick(
-                f"not all {several} {self.have_same(attribute)}",
-                f"not all of the {several} {self.have_same(attribute)}",
-                f"there are {several} of different {attribute}s",
-                f"the {several} have different {attribute}s",
-                f"the {several} {self.pick('are not', 'do not have')} the same {attribute}".replace(
+                f"not all {nouns} {self.have_same(attribute)}",
+                f"not all of the {nouns} {self.have_same(attribute)}",
+                f"there are {nouns} of different {attribute}s",
+                f"the {nouns} have different {attribute}s",
+                f"the {nouns} {self.pick('are not', 'do not have')} the same {attribute}".replace(
                     "are not the same", "are not of the same"
                 ),
             )
             values = f"get_set_{attribute}s({item_set(noun)})"
             return TrainingPair(text, f"ge(count({values}), 2)")
         text = self.pick(
-            f"all {several} {self.have_same(attribute)}",
-            f"all the {several} {self.have_same(attribute)}",
-            f"all of the {several} {self.have_same(attribute)}",
-            f"the {several} {self.have_same(attribute)}",
-            f"the {several} all {self.have_same(attribute)}",
+            f"all {nouns} {self.have_same(attribute)}",
+            f"all the {nouns} {self.have_same(attribute)}",
+            f"all of the {nouns} {self.have_same(attribute)}",
+            f"the {nouns} {self.have_same(attribute)}",
+            f"the {nouns} all {self.have_same(attribute)}",
             f"every {self.noun(noun, plural=False)} has the same {attribute}",
         )
         return TrainingPair(text, program)
@@ -282,14 +282,14 @@ class ItemTemplates(BoxConditionTemplates):
         number = self.pick(1, 2, 2, 3, 3)
         values = f"get_set_{attribute}s({ALL_ITEMS})"
         words = self.variety_words(attribute, number)
-        several = pluralised(self.style.item)
+        nouns = pluralised(self.style.item)
         there = self.pick(
-            f"there are {several}", several, f"the {self.style.picture} has {several}",
-            f"the {pluralised(self.style.box)} have {several}", f"there is {several}",
+            f"there are {nouns}", nouns, f"the {self.style.picture} has {nouns}",
+            f"the {pluralised(self.style.box)} have {nouns}", f"there is {nouns}",
         )  # fmt: skip
         named = f"there {self.be(number > 1)} {words} in the {self.style.picture}"
         if attribute == "shape" and "different" not in words:
-            named = f"{several} of {words} are in the {self.style.picture}"
+            named = f"{nouns} of {words} are in the {self.style.picture}"
         text = self.pick(f"{there} {self.pick('of', 'of', 'with', 'in')} {words}", named)
         return TrainingPair(text, f"count({values}) == {number}")
 
@@ -342,12 +342,14 @@ class ItemTemplates(BoxConditionTemplates):
         """ "there are two circles and one black square" """
         one, other = self.two_disjoint_attributes()
         first, second = self.quantity(4, none=0), self.quantity(4, none=0.2)
-        nouns = NounTemplate(one), NounTemplate(other)
-        opening = self.existential(self.quantified(first, nouns[0]))
-        joint = "but" if second == NONE and self.chance(0.6) else self.pick("and", "and", "and", ", and", "as well as")
-        text = f"{opening} {joint} {self.quantified(second, nouns[1]).text}".replace(" ,", ",")
+        first_noun, second_noun = NounTemplate(one), NounTemplate(other)
+        opening = self.existential(self.quantified(first, first_noun))
+        conjunction = (
+            "but" if second == NONE and self.chance(0.6) else self.pick("and", "and", "and", ", and", "as well as")
+        )
+        text = f"{opening} {conjunction} {self.quantified(second, second_noun).text}".replace(" ,", ",")
         return TrainingPair(
-            text, f"({quantity_test(first, item_set(nouns[0]))}) and ({quantity_test(second, item_set(nouns[1]))})"
+            text, f"({quantity_test(first, item_set(first_noun))}) and ({quantity_test(second, item_set(second_noun))})"
         )
 
     # Boxes
@@ -355,15 +357,15 @@ class ItemTemplates(BoxConditionTemplates):
     def both_items(self) -> TrainingPair:
         """ "both black triangles touch a wall" """
         noun, predicate = NounTemplate(self.attributes()), self.predicate()
-        several = self.noun(noun, plural=True)
+        nouns = self.noun(noun, plural=True)
         negative = self.chance(0.2)
         predicate = replace(predicate, positive=True) if negative else predicate
         if negative:
-            text = f"neither of the {self.pick('two ', '')}{several} {self.verb_phrase(predicate, plural=False)}"
+            text = f"neither of the {self.pick('two ', '')}{nouns} {self.verb_phrase(predicate, plural=False)}"
             predicate = replace(predicate, positive=False)
         else:
             both = self.pick("both", "both the", "both of the", "the two")
-            text = f"{both} {several} {self.verb_phrase(predicate, plural=True)}"
+            text = f"{both} {nouns} {self.verb_phrase(predicate, plural=True)}"
         every = f"All({item_set(noun)}, lambda x: {predicate.signed_test('x')})"
         return TrainingPair(text, f"count({item_set(noun)}) == 2 and {every}")
 
@@ -376,12 +378,12 @@ class ItemTemplates(BoxConditionTemplates):
             else replace(self.predicate(), positive=True)
         )
         number = self.pick(1, 1, 1, 2)
-        several, count = self.noun(noun, plural=True), self.number(number)
+        nouns, count = self.noun(noun, plural=True), self.number(number)
         verb_phrase = self.verb_phrase(predicate, plural=True)
         text = self.pick(
-            f"all {several} except {count} {verb_phrase}", f"all the {several} but {count} {verb_phrase}",
-            f"all but {count} of the {several} {verb_phrase}", f"all {several} {verb_phrase} except {count}",
-            f"all except {count} of the {several} {verb_phrase}", f"all the {several} {verb_phrase} except for {count}",
+            f"all {nouns} except {count} {verb_phrase}", f"all the {nouns} but {count} {verb_phrase}",
+            f"all but {count} of the {nouns} {verb_phrase}", f"all {nouns} {verb_phrase} except {count}",
+            f"all except {count} of the {nouns} {verb_phrase}", f"all the {nouns} {verb_phrase} except for {count}",
         )  # fmt: skip
         others = item_set(noun.such_that(replace(predicate, positive=False)))
         return TrainingPair(text, f"exist({item_set(noun.such_that(predicate))}) and count({others}) == {number}")
@@ -392,10 +394,10 @@ class ItemTemplates(BoxConditionTemplates):
         if self.chance(0.5):
             predicate = self.attribute_predicate(AttributeWords(self.colour()))
             noun = NounTemplate(AttributeWords(shape=noun.attributes.shape))
-        several = self.noun(noun, plural=True)
+        nouns = self.noun(noun, plural=True)
         verb_phrase = self.verb_phrase(predicate, plural=True)
         most = self.pick("most of the", "most", "most of", "a majority of the", "more than half of the")
-        text = f"{most} {several} {verb_phrase}"
+        text = f"{most} {nouns} {verb_phrase}"
         others = item_set(noun.such_that(replace(predicate, positive=False)))
         return TrainingPair(text, f"count({item_set(noun.such_that(predicate))}) > count({others})")
 
@@ -403,11 +405,11 @@ class ItemTemplates(BoxConditionTemplates):
         """ "no two items are the same color" """
         attribute = self.attribute_name()
         noun = NounTemplate(self.attributes_without(attribute))
-        several = self.noun(noun, plural=True)
+        nouns = self.noun(noun, plural=True)
         text = self.pick(
-            f"no two {several} {self.have_same(attribute)}", f"no two {several} have the same {attribute}",
-            f"all the {several} have different {attribute}s", f"all {several} are of different {attribute}s",
-            f"there are no two {several} of the same {attribute}",
+            f"no two {nouns} {self.have_same(attribute)}", f"no two {nouns} have the same {attribute}",
+            f"all the {nouns} have different {attribute}s", f"all {nouns} are of different {attribute}s",
+            f"there are no two {nouns} of the same {attribute}",
         )  # fmt: skip
         values = f"get_set_{attribute}s({item_set(noun)})"
         return TrainingPair(text, f"exist({item_set(noun)}) and count({item_set(noun)}) == count({values})")
@@ -418,22 +420,21 @@ class ItemTemplates(BoxConditionTemplates):
         same = self.pick(f"in the same {box}", f"in one {box}", f"in the same {box}", f"in a single {box}")
         if self.chance(0.5):
             noun = NounTemplate(self.attributes())
-            several = self.noun(noun, plural=True)
+            nouns = self.noun(noun, plural=True)
             text = self.pick(
-                f"all {several} are {same}", f"all the {several} are {same}", f"the {several} are all {same}",
-                f"all of the {several} are {same}", f"only one {box} has {several}",
+                f"all {nouns} are {same}", f"all the {nouns} are {same}", f"the {nouns} are all {same}",
+                f"all of the {nouns} are {same}", f"only one {box} has {nouns}",
             )  # fmt: skip
-            contents = f"exist({box_items(noun, 'b')})"
-            return TrainingPair(text, f"count(filter_obj(all_boxes, lambda b: {contents})) == 1")
+            boxes = boxes_where(f"exist({box_items(noun, BOX)})")
+            return TrainingPair(text, quantity_test(exactly(1), boxes))
         one, other = self.two_disjoint_attributes()
         first, second = self.quantity_in_box(3), self.quantity_in_box(3)
-        nouns = NounTemplate(one), NounTemplate(other)
-        things = f"{self.quantified(first, nouns[0]).text} and {self.quantified(second, nouns[1]).text}"
+        first_noun, second_noun = NounTemplate(one), NounTemplate(other)
+        things = f"{self.quantified(first, first_noun).text} and {self.quantified(second, second_noun).text}"
         text = self.pick(f"there are {things} {same}", f"{things} are {same}", f"there is {things} {same}")
-        tests = (
-            f"{quantity_test(first, box_items(nouns[0], 'b'))} and {quantity_test(second, box_items(nouns[1], 'b'))}"
-        )
-        return TrainingPair(text, f"exist(filter_obj(all_boxes, lambda b: {tests}))")
+        first_test = quantity_test(first, box_items(first_noun, BOX))
+        second_test = quantity_test(second, box_items(second_noun, BOX))
+        return TrainingPair(text, quantity_test(SOME, boxes_where(f"{first_test} and {second_test}")))
 
     def box_word(self) -> str:
         raise NotImplementedError

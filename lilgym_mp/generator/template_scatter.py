@@ -220,10 +220,10 @@ class ScatterTemplates(StatementTemplates):
 
     def specific_corner(self, of_box: str, positive: bool) -> PredicateTemplate:
         vertical, horizontal = self.pick("TOP", "BOTTOM"), self.pick("LEFT", "RIGHT")
-        joint = self.pick(" ", "-", " ", " hand ")
+        separator = self.pick(" ", "-", " ", " hand ")
         first = self.choice(SIDES[vertical])
-        side = horizontal.lower() + (" hand" if joint == " hand " else "")
-        name = f"the {first}{' ' if joint == ' hand ' else joint}{side} corner{of_box}"
+        side = horizontal.lower() + (" hand" if separator == " hand " else "")
+        name = f"the {first}{' ' if separator == ' hand ' else separator}{side} corner{of_box}"
         touching = self.pick("in", "touching", "closely touching", "near", "at")
         return PredicateTemplate(
             f"{touching} {name}",
@@ -289,9 +289,9 @@ class ScatterTemplates(StatementTemplates):
         """ "both black and yellow items" """
         one, other = self.pick(*TWO_COLOURS)
         shape = self.choice((None, None, *SHAPES))
-        several = self.described_noun(AttributeWords(shape=shape), plural=True)
+        nouns = self.described_noun(AttributeWords(shape=shape), plural=True)
         text = self.pick(
-            f"both {one} and {other} {several}", f"{one} and {other} {several}", f"{several} in {one} and {other}",
+            f"both {one} and {other} {nouns}", f"{one} and {other} {nouns}", f"{nouns} in {one} and {other}",
         )  # fmt: skip
         first, second = NounTemplate(AttributeWords((one,), shape)), NounTemplate(AttributeWords((other,), shape))
 
@@ -309,21 +309,21 @@ class ScatterTemplates(StatementTemplates):
         """ "two black circles touching each other" """
         attributes = self.attributes()
         noun = NounTemplate(attributes)
-        several = self.noun(noun, plural=True)
-        joint, close = self.pick(
+        nouns = self.noun(noun, plural=True)
+        relation, close = self.pick(
             ("touching each other", False), ("touching one another", False), ("in contact with each other", False),
             ("closely touching each other", True), ("nearly touching each other", True), ("close to each other", True),
             ("next to each other", False),
         )  # fmt: skip
         function = "get_closely_touching" if close else "get_touching"
-        predicate = PredicateTemplate(joint, lambda v: f"exist({item_set(noun, f'{function}({v})', 'y')})")
+        predicate = PredicateTemplate(relation, lambda v: f"exist({item_set(noun, f'{function}({v})', 'y')})")
         there = self.pick(
             "there are two", "there are 2", "two", f"there is a {self.style.box} with two", "there are at least two"
         )
         if self.chance(0.2):
             there = self.pick("there are no", "no")
-            return TrainingPair(f"{there} {several} {joint}", f"NOT(exist({item_set(noun.such_that(predicate))}))")
-        return TrainingPair(f"{there} {several} {joint}", f"exist({item_set(noun.such_that(predicate))})")
+            return TrainingPair(f"{there} {nouns} {relation}", f"NOT(exist({item_set(noun.such_that(predicate))}))")
+        return TrainingPair(f"{there} {nouns} {relation}", f"exist({item_set(noun.such_that(predicate))})")
 
     def item_in_box(self) -> TrainingPair:
         """ "there is a blue circle in a box with two squares" """

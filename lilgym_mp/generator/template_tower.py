@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Phrase, Style, pluralised
-from lilgym_mp.generator.program_text import items_in_box, quantity_test
+from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.semantics import NONE, SOME, at_least, at_most, exactly
 from lilgym_mp.generator.template_boxes import StatementTemplates
-from lilgym_mp.generator.template_conditions import BOX, TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.template_conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
 from lilgym_mp.generator.template_phrases import (
     ANYTHING,
     AttributeWords,
@@ -34,6 +34,11 @@ BESIDE = ("touching", "touching", "attached to", "adjacent to", "next to", "conn
 FAR_ABOVE = ("somewhere above", "higher than", "anywhere above")
 FAR_BELOW = ("somewhere below", "lower than", "anywhere below")
 POSITION_TESTS = {"top": "is_top", "bottom": "is_bottom", "second": "is_second", "third": "is_third"}
+
+
+def some_tower(test: str) -> str:
+    """Program text: some tower passes a test of the variable BOX."""
+    return quantity_test(SOME, boxes_where(f"{BOX}.is_tower() and {test}"))
 
 
 def random_tower_style(rng: random.Random) -> Style:
@@ -246,16 +251,16 @@ class TowerTemplates(StatementTemplates):
         modifier = None
         verb_forms = None
         if quantity == exactly(number):
-            several = f"{number_text} {self.noun(ANYTHING, number > 1)}"
+            nouns = f"{number_text} {self.noun(ANYTHING, number > 1)}"
             modifier = self.pick(
-                None, None, f"of {several}", f"of {number_text}", f"made of {several}", f"made up of {several}",
-                f"consisting of {several}", f"of height {number_text}",
-                f"that is {several} {self.pick('high', 'tall')}", f"built of {several}",
+                None, None, f"of {nouns}", f"of {number_text}", f"made of {nouns}", f"made up of {nouns}",
+                f"consisting of {nouns}", f"of height {number_text}",
+                f"that is {nouns} {self.pick('high', 'tall')}", f"built of {nouns}",
             )  # fmt: skip
             verb_forms = self.pick(
-                None, (f"is {several} high", f"are {several} high"), (f"is {several} tall", f"are {several} tall"),
-                (f"is made up of {several}", f"are made up of {several}"),
-                (f"consists of {several}", f"consist of {several}"),
+                None, (f"is {nouns} high", f"are {nouns} high"), (f"is {nouns} tall", f"are {nouns} tall"),
+                (f"is made up of {nouns}", f"are made up of {nouns}"),
+                (f"consists of {nouns}", f"consist of {nouns}"),
             )  # fmt: skip
         return ConditionTemplate(
             lambda box: quantity_test(quantity, items_in_box(box)), text, modifier, verb_forms, kind="total",
@@ -355,8 +360,8 @@ class TowerTemplates(StatementTemplates):
             "the top and the base", "a top and a base", "top and base", "base and top", "the base and the top",
             "the top and bottom blocks",
         )  # fmt: skip
-        what = self.pick("of the same color", "in the same color", "with the same color") if same else self.pick(
-            "of different colors", "in different colors")  # fmt: skip
+        same_words = ("of the same color", "in the same color", "with the same color")
+        what = self.choice(same_words if same else ("of different colors", "in different colors"))
         colours = "the same color" if same else "different colors"
         at_ends = f"{colours} at the top and the base"
         verb_forms = (f"has {at_ends}", f"have {at_ends}") if self.chance(0.3) else None
@@ -396,17 +401,20 @@ class TowerTemplates(StatementTemplates):
         quantity = self.pick(SOME, SOME, exactly(1), exactly(2), exactly(2), at_least(2), NONE)
         above = self.chance(0.8)
         it = self.pick("it", "it", "it", "that", f"that {self.style.item}")
-        words = self.pick(
-            f"on top of {it}", f"on top of {it}", f"above {it}", f"over {it}", f"on {it}", f"directly above {it}",
-        ) if above else self.pick(f"below {it}", f"under {it}", f"beneath {it}", f"underneath {it}")  # fmt: skip
-        joint = "but" if quantity == NONE and self.chance(0.3) else "and"
-        text = f"{self.indefinite(first)} {joint} {self.quantified(quantity, other).text} {words}"
+        prepositions = (
+            ("on top of", "on top of", "above", "over", "on", "directly above")
+            if above
+            else ("below", "under", "beneath", "underneath")
+        )
+        words = f"{self.choice(prepositions)} {it}"
+        conjunction = "but" if quantity == NONE and self.chance(0.3) else "and"
+        text = f"{self.indefinite(first)} {conjunction} {self.quantified(quantity, other).text} {words}"
         direct = words.startswith("directly")
         related = ("get_above" if direct else "get_box_all_above") if above else "get_box_all_below"
         more = quantity_test(quantity, item_set(other, f"{related}(x)", "y"))
 
         def test(box: str) -> str:
-            own = " and ".join(test("x") for test in first.tests())
+            own = " and ".join(item_test("x") for item_test in first.tests())
             return f"exist(filter_obj({items_in_box(box)}, lambda x: {own} and {more}))"
 
         return ConditionTemplate(test, text, kind="stack", min_items=2)
@@ -414,10 +422,10 @@ class TowerTemplates(StatementTemplates):
     def between_alike(self) -> ConditionTemplate:
         """ "a black item between two items of the same color" """
         noun = self.coloured_block()
-        several = pluralised(self.style.item)
+        nouns = pluralised(self.style.item)
         between = self.pick("between", "in between", "sandwiched between")
         same = self.pick("the same", "the same", "same")
-        text = f"{self.indefinite(noun)} {between} {self.number(2)} {several} of {same} color"
+        text = f"{self.indefinite(noun)} {between} {self.number(2)} {nouns} of {same} color"
         more, more_text = self.pick(("", ""), ("", ""), (" and NOT(exist(get_above(y)))", "top"))
         neighbours = (
             "exist(filter_obj(get_above(x), lambda y: exist(filter_obj(get_below(x), lambda z: z.color == y.color))"
@@ -438,10 +446,8 @@ class TowerTemplates(StatementTemplates):
     def item_in_tower(self) -> TrainingPair:
         """ "there is a black block at the base of a tower with four blocks" """
         position = self.pick("top", "top", "bottom", "bottom", "any", "second")
-        attributes, condition = (
-            AttributeWords(self.colour()),
-            self.pick(self.height, self.height, self.position_colour, self.contains_only, self.contains_some)(),
-        )
+        attributes = AttributeWords(self.colour())
+        condition = self.pick(self.height, self.height, self.position_colour, self.contains_only, self.contains_some)()
         if condition.contents is None:
             condition = self.height()
         tower = self.a(self.style.tower)
@@ -464,10 +470,8 @@ class TowerTemplates(StatementTemplates):
     def end_colour(self) -> TrainingPair:
         """ "the base of the tower with two blocks is yellow" """
         position = self.pick("top", "bottom", "bottom", "middle")
-        attributes, condition = (
-            AttributeWords(self.colour()),
-            self.height() if self.chance(0.8) else self.contains_some(),
-        )
+        attributes = AttributeWords(self.colour())
+        condition = self.height() if self.chance(0.8) else self.contains_some()
         tower, colour = self.style.tower, attributes.colours[0]
         if position == "middle":
             one = self.middle_colour(attributes)
@@ -478,11 +482,13 @@ class TowerTemplates(StatementTemplates):
                 f"the middle {self.style.item} of {self.a(tower)} is {colour}",
                 f"the {self.style.item} in the middle of {self.a(tower)} is {colour}",
             )  # fmt: skip
-            return TrainingPair(
-                text, f"exist(filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower() and {one.test(BOX)}))"
-            )
-        name = self.pick("top", "top block", "block on top") if position == "top" else self.pick(
-            "base", "base", "bottom", "bottom block", "base block")  # fmt: skip
+            return TrainingPair(text, some_tower(one.test(BOX)))
+        names = (
+            ("top", "top block", "block on top")
+            if position == "top"
+            else ("base", "base", "bottom", "bottom block", "base block")
+        )
+        name = self.choice(names)
         every = self.chance(0.25)
         attribute_test = quantity_test(SOME, self.items_at_position(BOX, position, attributes))
         if every:
@@ -495,9 +501,7 @@ class TowerTemplates(StatementTemplates):
                 f"all {plural} are {colour}",
                 f"every {tower} has {self.indefinite(NounTemplate(attributes))} {self.end_position_words(position)}",
             )
-            return TrainingPair(
-                text, f"All(filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower()), lambda {BOX}: {attribute_test})"
-            )
+            return TrainingPair(text, f"All({TOWERS}, lambda {BOX}: {attribute_test})")
         if condition.contents is None:
             condition = self.height()
         block, described = NounTemplate(attributes), self.box_modifier([condition], plural=False)
@@ -507,8 +511,7 @@ class TowerTemplates(StatementTemplates):
             f"{the} {tower} {described} has {self.a(colour)} {name}",
             f"{the} {tower} {described} has {self.indefinite(block)} {self.end_position_words(position)}",
         )
-        tests = f"{BOX}.is_tower() and {condition.test(BOX)} and {attribute_test}"
-        return TrainingPair(text, f"exist(filter_obj(all_boxes, lambda {BOX}: {tests}))")
+        return TrainingPair(text, some_tower(f"{condition.test(BOX)} and {attribute_test}"))
 
     def colour_sequence(self) -> TrainingPair:
         """The colours of a whole tower, or of consecutive blocks in one."""
@@ -516,9 +519,9 @@ class TowerTemplates(StatementTemplates):
         colours = [self.colour()[0] for _ in range(number)]
         if self.chance(0.5):
             return self.whole_tower_colours(colours)
-        nouns = [NounTemplate(AttributeWords((colour,))) for colour in colours]
-        lowest = nouns[-1]
-        for noun in reversed(nouns[:-1]):
+        blocks = [NounTemplate(AttributeWords((colour,))) for colour in colours]
+        lowest = blocks[-1]
+        for noun in reversed(blocks[:-1]):
             lowest = noun.such_that(self.relation_predicate(ON, "get_below", lowest))
         return self.with_main_predicate(self.pick(SOME, SOME, SOME, exactly(1), NONE), lowest)
 
@@ -544,17 +547,16 @@ class TowerTemplates(StatementTemplates):
         tests = [f"count({items_in_box(BOX)}) == {len(colours)}"]
         for position, colour in zip(positions, reversed(colours), strict=True):
             tests.append(quantity_test(SOME, self.items_at_position(BOX, position, AttributeWords((colour,)))))
-        program = f"exist(filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower() and {' and '.join(tests)}))"
-        if "there is one " in text:
-            program = program.replace("exist(filter_obj(all_boxes", "count(filter_obj(all_boxes", 1) + " == 1"
-        return TrainingPair(text, program)
+        quantity = exactly(1) if "there is one " in text else SOME
+        boxes = boxes_where(" and ".join([f"{BOX}.is_tower()", *tests]))
+        return TrainingPair(text, quantity_test(quantity, boxes))
 
     def towers_alike(self) -> TrainingPair:
         """Towers with the same height, top colour or base colour."""
-        several = pluralised(self.style.tower)
+        nouns = pluralised(self.style.tower)
         what = self.pick("height", "height", "top", "base", "base")
         if self.chance(0.5):
-            return self.all_towers_alike(what, several)
+            return self.all_towers_alike(what, nouns)
         two = self.pick("two", "2", "at least two", "at least 2", "exactly two", "exactly 2", "only two")
         words = {
             "height": ("of the same height", "with the same height", "that have the same height",
@@ -564,7 +566,7 @@ class TowerTemplates(StatementTemplates):
             "base": ("with the same color base", "with the same base color", "with bases of the same color",
                      "with the same color at the base", "that have the same color at the bottom"),
         }[what]  # fmt: skip
-        text = f"there {self.be(True)} {two} {several} {self.choice(words)}"
+        text = f"there {self.be(True)} {two} {nouns} {self.choice(words)}"
         return TrainingPair(text, self.pairs_alike(what, exact=two.startswith(("exactly", "only"))))
 
     def pairs_alike(self, what: str, *, exact: bool) -> str:
@@ -575,15 +577,15 @@ class TowerTemplates(StatementTemplates):
             test = POSITION_TESTS["top" if what == "top" else "bottom"]
             ends = (f"filter_obj({items_in_box(f'p[{index}]')}, lambda x: {test}(x))" for index in (0, 1))
             same = " == ".join(f"query_color({end})" for end in ends)
-        pairs = f"filter_obj(combinations(filter_obj(all_boxes, lambda b: b.is_tower()), 2), lambda p: {same})"
+        pairs = f"filter_obj(combinations({TOWERS}, 2), lambda p: {same})"
         return f"count({pairs}) == 1" if exact else f"exist({pairs})"
 
-    def all_towers_alike(self, what: str, several: str) -> TrainingPair:
+    def all_towers_alike(self, what: str, nouns: str) -> TrainingPair:
         tower = self.style.tower
         same = self.chance(0.75)
         subject = self.pick(
-            f"all {several}", f"all the {several}", f"all three {several}", f"the {several}", f"the three {several}",
-            f"every {tower}", f"each of the {several}",
+            f"all {nouns}", f"all the {nouns}", f"all three {nouns}", f"the {nouns}", f"the three {nouns}",
+            f"every {tower}", f"each of the {nouns}",
         )  # fmt: skip
         plural = not subject.startswith(("every", "each"))
         name = {"height": self.pick("height", f"number of {pluralised(self.style.item)}"),
@@ -591,14 +593,14 @@ class TowerTemplates(StatementTemplates):
                 "base": self.pick("color at the base", "base color", "color base",
                     "color at the bottom")}[what]  # fmt: skip
         if not same:
-            subject = self.pick(f"not all {several}", f"not all the {several}", f"not all of the {several}")
+            subject = self.pick(f"not all {nouns}", f"not all the {nouns}", f"not all of the {nouns}")
             plural = True
         text = f"{subject} {self.verb('has', plural)} {self.pick('the same', 'the same', 'same')} {name}"
         if what != "height":
             ends = f"filter_obj(all_items, lambda x: {POSITION_TESTS['top' if what == 'top' else 'bottom']}(x))"
             return TrainingPair(text, f"all_same_color({ends})" if same else f"ge(count(get_set_colors({ends})), 2)")
         three = same and "three" in subject
-        towers = "all_boxes" if three else "filter_obj(all_boxes, lambda b: b.is_tower())"
+        towers = "all_boxes" if three else TOWERS
         test = f"all_same_attribute({towers}, lambda b: count(b.all_items_in_box()))"
         if three:
             return TrainingPair(text, f"All(all_boxes, lambda b: b.is_tower()) and {test}")
@@ -607,15 +609,15 @@ class TowerTemplates(StatementTemplates):
     def touching_pair(self) -> TrainingPair:
         """ "two black blocks touching each other" """
         attributes = AttributeWords(self.colour())
-        joint = self.pick(
+        conjunction = self.pick(
             "touching each other", "stacked together", "on top of each other", "touching one another",
             "next to each other", "stacked on top of each other", "attached to each other", "one above the other",
             "stacked directly on each other",
         )  # fmt: skip
-        several, attribute_test = self.noun(NounTemplate(attributes), True), attributes.tests()[0]
+        nouns, attribute_test = self.noun(NounTemplate(attributes), True), attributes.tests()[0]
         draw = self.rng.random()
         if draw > 0.75:
-            text = self.existential_words(f"two {pluralised(self.style.item)} of the same color {joint}")
+            text = self.existential_words(f"two {pluralised(self.style.item)} of the same color {conjunction}")
             same = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
             return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {same}))")
         below = f"exist({item_set(NounTemplate(attributes), 'get_below(x)', 'y')})"
@@ -624,7 +626,7 @@ class TowerTemplates(StatementTemplates):
             number = self.pick("three", "3")
             lower = f"exist({item_set(NounTemplate(attributes), 'get_below(y)', 'z')})"
             below = f"exist(filter_obj(get_below(x), lambda y: {attribute_test('y')} and {lower}))"
-        text = self.existential_words(f"{number} {several} {joint}")
+        text = self.existential_words(f"{number} {nouns} {conjunction}")
         return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {attribute_test('x')} and {below}))")
 
     def existential_words(self, text: str) -> str:
@@ -676,10 +678,8 @@ class TowerTemplates(StatementTemplates):
                 f"one of the {pluralised(tower)} is {self.pick('all ', 'only ', 'completely ', '')}{colour}", False
             )
             test = f"{BOX}.is_tower() and All({items_in_box(BOX)}, lambda x: is_{colour}(x))"
-            return TrainingPair(named.text, f"exist(filter_obj(all_boxes, lambda {BOX}: {test}))")
-        return TrainingPair(
-            self.existential(named), quantity_test(quantity, f"filter_obj(all_boxes, lambda {BOX}: {test})")
-        )
+            return TrainingPair(named.text, quantity_test(SOME, boxes_where(test)))
+        return TrainingPair(self.existential(named), quantity_test(quantity, boxes_where(test)))
 
     def colours_by_position(self) -> TrainingPair:
         """ "the second block of a tower is black", "the first block is yellow and the second is blue" """
@@ -691,21 +691,20 @@ class TowerTemplates(StatementTemplates):
         number = self.pick(1, 1, 2)
         chosen = sorted(self.rng.sample(range(4), number))
         from_base = self.pick("", " from the bottom", " from the base")
-        told: list[str] = []
+        clauses: list[str] = []
         tests: list[str] = []
         for index in chosen:
             position, names = places[index]
             attributes = AttributeWords(self.colour())
             modifier = from_base if position in ("second", "third") else ""
-            told.append(f"the {self.choice(names)} {item}{modifier} is {attributes.colours[0]}")
+            clauses.append(f"the {self.choice(names)} {item}{modifier} is {attributes.colours[0]}")
             tests.append(quantity_test(SOME, self.items_at_position(BOX, position, attributes)))
         somewhere = self.pick(f"in a {tower}", f"in one of the {pluralised(tower)}", f"in one {tower}")
-        text = f"{somewhere} {' and '.join(told)}"
+        text = f"{somewhere} {' and '.join(clauses)}"
         if number == 1 and self.chance(0.6):
-            first = told[0].rsplit(" is ", 1)
+            first = clauses[0].rsplit(" is ", 1)
             of_tower = self.pick(
                 f"of a {tower}", f"in a {tower}", f"of one of the {pluralised(tower)}", f"of one {tower}"
             )
             text = f"{first[0]} {of_tower} is {first[1]}"
-        program = f"exist(filter_obj(all_boxes, lambda {BOX}: {BOX}.is_tower() and {' and '.join(tests)}))"
-        return TrainingPair(text, program)
+        return TrainingPair(text, some_tower(" and ".join(tests)))
