@@ -28,7 +28,7 @@ PLACEMENT = RULE_SETS["paper"].placement
 
 
 @pytest.mark.parametrize("grid", LEGAL, ids=str)
-def test_grid__every_one_of_the_specification_tiles_the_picture(grid: tuple[int, int]):
+def test_grid__every_documented_one_tiles_the_image(grid: tuple[int, int]):
     columns, rows = grid
     scatter = Scatter(grid)
     width, height = scatter.cell
@@ -57,7 +57,7 @@ def test_grid__native_is_a_name_of_380_x_100():
 
 
 @pytest.mark.parametrize("grid", [[19, 5], (np.int64(19), np.int32(5))], ids=str)
-def test_grid__lists_and_numpy_numbers_do(grid: Any):
+def test_grid__accepts_lists_and_numpy_integers(grid: Any):
     assert checked_grid(grid) == (19, 5)
     assert Scatter(grid).grid == (19, 5)
 
@@ -81,7 +81,7 @@ def test_grid__rows_that_do_not_divide_the_height_are_refused_with_the_choices(r
 @pytest.mark.parametrize(
     "grid", [None, 19, "pixels", (19,), (19, 5, 1), (19.0, 5), ("19", "5"), (0, 5), (-19, 5), (19, True), {19, 5}]
 )
-def test_grid__what_is_no_pair_of_numbers_is_refused(grid: Any):
+def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
     with pytest.raises(GridError) as fault:
         make_appearance("scatter", grid)
     assert str(fault.value).startswith("grid must be 'native' or a pair (columns, rows) of positive whole numbers, not")

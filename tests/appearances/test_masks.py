@@ -50,7 +50,7 @@ def test_scatter_mask__is_exact_for_every_action_of_some_scenes(rules: str):
 
 
 @BY_RULES
-def test_scatter_mask__is_exact_for_every_cell_and_kind_of_many_scenes(rules: str):
+def test_scatter_mask__is_exact_for_every_cell_and_footprint_of_many_scenes(rules: str):
     """Validity hangs on the box alone and not on the colour, which the test above holds for every action.
 
     So each different box of the scenes is tried once, where it was met first: every cell with every shape and
@@ -121,7 +121,7 @@ def test_native_mask__counts_the_pixels_of_a_small_scene():
     ("appearance", "reasons"),
     [("tower", {"full_tower", "empty_tower"}), ("scatter", set(InvalidReason) - {"full_tower", "empty_tower"})],
 )
-def test_scenes_tried__meet_every_reason_to_be_invalid(appearance: str, reasons: set[InvalidReason], rules: str):
+def test_scenes_tried__include_every_invalid_reason(appearance: str, reasons: set[InvalidReason], rules: str):
     dynamics = dynamics_of(appearance, rules)
     decode, apply = dynamics.appearance.decode, dynamics.appearance.apply
     actions = [decode(number) for number in range(1, dynamics.appearance.action_count)]

@@ -127,7 +127,7 @@ def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tupl
     return np.array(new), np.array(older)
 
 
-def test_random_places__overlap_distance_and_move_equal_shapelys_in_every_box():
+def test_random_positions__overlap_distance_and_move_equal_shapelys_in_every_box():
     tables, placements = placement_tables(), random_placements()
     codes = np.array([tables.closest(footprint, x, y, (older,))[0] for footprint, x, y, older in placements])
     near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
@@ -157,7 +157,7 @@ def shipped() -> dict[str, NDArray[Any]]:
 
 
 @pytest.mark.parametrize("footprint", [0, 4, 8])
-def test_shipped_file__is_what_the_script_builds(shipped: dict[str, NDArray[Any]], footprint: int):
+def test_shipped_file__equals_what_the_script_builds(shipped: dict[str, NDArray[Any]], footprint: int):
     other = (footprint + 3) % 9
     codes = script.clearance_codes(footprint, other)
     assert np.array_equal(shipped["clearance"].reshape(9, 9, -1)[footprint, other], codes)
@@ -169,7 +169,7 @@ def test_shipped_file__is_what_the_script_builds(shipped: dict[str, NDArray[Any]
 
 
 @pytest.mark.parametrize("footprint", [0, 4, 8])
-def test_shipped_ties__are_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], footprint: int):
+def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], footprint: int):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
     ends = shipped["tie_counts"].cumsum(dtype=int)
@@ -181,9 +181,7 @@ def test_shipped_ties__are_those_that_the_script_finds(shipped: dict[str, NDArra
 
 @pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
 @pytest.mark.parametrize(("grid", "plays"), [((19, 5), 15), ((38, 10), 10), ((19, 1), 2)], ids=str)
-def test_random_play__every_edit_is_the_one_that_shapely_gives(
-    grid: tuple[int, int], plays: int, rules: PlacementRules
-):
+def test_random_play__every_edit_equals_shapelys(grid: tuple[int, int], plays: int, rules: PlacementRules):
     scatter, chance, tried = Scatter(grid), random.Random(0), 0
     for _ in range(plays):
         box_index = chance.randrange(3)

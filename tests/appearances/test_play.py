@@ -94,7 +94,7 @@ def test_paper_play__every_scene_survives_its_json_form(play: Play):
 
 @pytest.mark.parametrize("rules", [PAPER, RELEASE], ids=["paper", "release"])
 @given(play=plays())
-def test_play__a_valid_edit_adds_one_item_at_the_end_or_takes_one_away(rules: PlacementRules, play: Play):
+def test_play__a_valid_edit_appends_or_removes_one_item(rules: PlacementRules, play: Play):
     scene = play.start
     for action in play.actions:
         after, invalid = play.appearance.apply(scene, action, rules)

@@ -78,7 +78,7 @@ def test_add__crossing_the_right_or_bottom_border_is_invalid(x: int, y: int, rul
 
 
 @BOTH
-def test_add__crossing_a_border_is_not_mended_by_the_search(rules: PlacementRules):
+def test_add__the_search_does_not_help_an_item_that_crosses_a_border(rules: PlacementRules):
     assert put(square(80, 0, LARGE), [square(80, 0, SMALL)], rules) is InvalidReason.OUT_OF_BOX
 
 
@@ -150,22 +150,22 @@ def test_search__does_not_leave_the_cell():
     assert put(square(0, 0, SMALL), [square(0, 0)], PAPER) is InvalidReason.OVERLAP
 
 
-def test_search__places_lie_inside_the_box():
+def test_search__positions_lie_inside_the_box():
     # In the cell at (80, 0) a medium item has room at x = 80 only; row 20 is no longer in the cell.
     assert put(square(80, 0), [square(85, 0, SMALL), square(80, 19, SMALL)], PAPER) is InvalidReason.OVERLAP
 
 
-def test_search__a_found_place_is_snapped_too():
+def test_search__a_found_position_is_snapped_too():
     # Found is (20, 61), a fraction of a pixel from the square; the nearest points round to one pixel in x.
     assert put(circle(20, 60), [square(34, 51, SMALL)], PAPER) == circle(21, 61)
 
 
-def test_search__snaps_to_what_is_nearest_to_the_found_place():
+def test_search__snaps_to_the_item_nearest_to_the_found_position():
     below, blocker = circle(21, 52, LARGE), circle(28, 12, LARGE)
     assert put(square(40, 40, SMALL), [below, blocker], PAPER) == square(39, 42, SMALL)  # found at (40, 42)
 
 
-def test_search__looks_at_all_items_of_the_box():
+def test_search__considers_all_items_of_the_box():
     others = [square(0, 0, SMALL), square(0, 10, SMALL), square(10, 0, SMALL)]
     assert put(square(0, 0, SMALL), others, PAPER) == square(10, 10, SMALL)
 
@@ -222,7 +222,7 @@ def test_snap_into_another__is_refused_under_paper_and_made_under_release():
     assert put(square(60, 20, SMALL), [circle(40, 25)], RELEASE) == square(58, 20, SMALL)
 
 
-def test_snap__after_a_refusal_no_second_is_tried():
+def test_snap__is_not_tried_again_after_a_refusal():
     nearest, second = triangle(65, 68, SMALL), square(29, 31, LARGE)
     assert put(circle(60, 60, SMALL), [second], PAPER) == circle(59, 59, SMALL)
     assert put(circle(60, 60, SMALL), [nearest, second], PAPER) == circle(60, 60, SMALL)
@@ -250,7 +250,7 @@ def test_snap__remove_in_the_same_cell_need_not_restore_the_scene(rules: Placeme
 
 
 @BOTH
-def test_remove__takes_what_covers_most_of_the_cell(rules: PlacementRules):
+def test_remove__removes_the_item_that_covers_most_of_the_cell(rules: PlacementRules):
     large, small = square(0, 0, LARGE), square(35, 20, SMALL)  # 100 and 50 square pixels of the cell at (20, 20)
     for items in ([large, small], [small, large]):
         assert left_after_remove((1, 1), items, rules=rules) == [small]
@@ -265,7 +265,7 @@ def test_remove__the_true_area_counts_not_the_bounding_square(rules: PlacementRu
 
 
 @BOTH
-def test_remove__takes_the_first_of_equal_areas(rules: PlacementRules):
+def test_remove__removes_the_first_of_equal_areas(rules: PlacementRules):
     one, other = circle(10, 0), circle(30, 0)  # their right and left halves lie in the cell at (20, 0)
     assert left_after_remove((1, 0), [one, other], rules=rules) == [other]
     assert left_after_remove((1, 0), [other, one], rules=rules) == [one]
@@ -328,7 +328,7 @@ def test_native_remove__is_by_the_pixel(rules: PlacementRules):
 
 
 @BOTH
-def test_coarse_grid__one_cell_a_column(rules: PlacementRules):
+def test_coarse_grid__has_one_cell_per_column(rules: PlacementRules):
     coarse = Scatter((19, 1))
     after = coarse.apply(scene(), AddItem(9, 0, Shape.CIRCLE, B, LARGE), rules).scene
     assert after == scene([], [circle(40, 0, LARGE, B)])
@@ -361,12 +361,12 @@ def test_check_scene__scatter_scenes_pass_unchanged():
         ([circle(0, 0), circle(50, 50), square(60, 60)], r"item 2 at \(60, 60\) overlaps an earlier item of its box"),
     ],
 )
-def test_check_scene__items_outside_or_overlapping_are_refused_by_box_and_item(items: list[Item], message: str):
+def test_check_scene__items_outside_or_overlapping_are_refused_naming_box_and_item(items: list[Item], message: str):
     with pytest.raises(SceneError, match=f"^box 1: {message}$"):
         SCATTER.check_scene(scene([circle(0, 0)], items))
 
 
 @pytest.mark.parametrize("action", [STOP, AddBlock(0, B)])
-def test_apply__what_is_no_edit_of_scatter_is_the_callers_mistake(action: Action):
+def test_apply__anything_but_an_edit_of_scatter_raises_action_error(action: Action):
     with pytest.raises(ActionError, match=r"is not an edit of scatter"):
         SCATTER.apply(scene(), action, PAPER)

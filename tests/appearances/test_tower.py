@@ -30,7 +30,7 @@ def test_remove__takes_the_top_block():
 
 
 @pytest.mark.parametrize("action", [AddBlock(1, B), RemoveBlock(1)])
-def test_edit__other_boxes_stay(action: AddBlock | RemoveBlock):
+def test_edit__keeps_the_other_boxes(action: AddBlock | RemoveBlock):
     before = scene(tower(Y), tower(K), tower(B, B))
     after = TOWER.apply(before, action, PLACEMENT).scene
     assert (after.boxes[0], after.boxes[2]) == (before.boxes[0], before.boxes[2])
@@ -52,7 +52,7 @@ def test_remove__an_empty_box_is_invalid():
     assert edit.scene is before
 
 
-def test_play__every_one_of_the_121_stacks_can_be_built_and_taken_down():
+def test_play__each_of_the_121_stacks_can_be_built_and_removed():
     stacks = [stack for height in range(5) for stack in itertools.product(Colour, repeat=height)]
     assert len(stacks) == 121
     for stack in stacks:
@@ -65,7 +65,7 @@ def test_play__every_one_of_the_121_stacks_can_be_built_and_taken_down():
         assert built == Scene.empty()
 
 
-def test_legal_mask__full_box_takes_no_block_and_empty_box_gives_none():
+def test_legal_mask__a_full_box_cannot_be_added_to_and_an_empty_one_not_removed_from():
     mask = TOWER.legal_mask(scene(tower(Y, Y, Y, Y), [], tower(K)), PLACEMENT)
     assert mask.tolist() == [
         True,
@@ -76,7 +76,7 @@ def test_legal_mask__full_box_takes_no_block_and_empty_box_gives_none():
     ]
 
 
-def test_apply__what_is_no_edit_of_tower_is_the_callers_mistake():
+def test_apply__anything_but_an_edit_of_tower_raises_action_error():
     for action in (STOP, AddItem(0, 0, Shape.SQUARE, B, Size.MEDIUM)):
         with pytest.raises(ActionError, match=r"is not an edit of tower"):
             TOWER.apply(scene(), action, PLACEMENT)
@@ -100,6 +100,6 @@ def test_check_scene__towers_pass_unchanged():
         (tower(Y, K)[::-1], r"item 0 must be .* not a medium square at \(40, 59\)"),
     ],
 )
-def test_check_scene__what_is_no_tower_is_refused_by_box_and_item(items: list[Item], message: str):
+def test_check_scene__anything_but_a_tower_is_refused_naming_box_and_item(items: list[Item], message: str):
     with pytest.raises(SceneError, match=f"^box 2: {message}"):
         TOWER.check_scene(scene([], tower(Y), items))

@@ -35,7 +35,7 @@ def batch(id: str, count: int, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **
 @pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("id", IDS)
-def test_batched__equals_single_environments_to_the_bit(id: str, mode: AutoresetMode, rules: str) -> None:
+def test_batched__equals_single_environments_bit_for_bit(id: str, mode: AutoresetMode, rules: str) -> None:
     assert_alike(batch(id, 5, mode, rules=rules), singles(id, 5, mode, rules=rules), steps=40)
 
 
@@ -61,7 +61,7 @@ def test_batched__plays_recorded_official_tasks_as_single_environments_do(offici
 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_copy__observations_are_the_callers_to_keep(id: str) -> None:
+def test_copy__later_steps_do_not_change_returned_observations(id: str) -> None:
     env = batch(id, 4)
     first, _ = env.reset(seed=0)
     kept = first["image"].copy()
@@ -74,7 +74,7 @@ def test_copy__observations_are_the_callers_to_keep(id: str) -> None:
     assert np.array_equal(env.reset(seed=0)[0]["image"], kept)
 
 
-def test_no_copy__the_image_is_one_array_that_is_drawn_over() -> None:
+def test_no_copy__every_step_returns_the_same_image_buffer() -> None:
     env = batch(TOWER, 2, copy=False)
     first = env.reset(seed=0)[0]["image"]
     before = first.copy()
@@ -84,11 +84,11 @@ def test_no_copy__the_image_is_one_array_that_is_drawn_over() -> None:
 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_no_copy__shows_the_same(id: str) -> None:
+def test_no_copy__returns_the_same_values(id: str) -> None:
     assert_alike(batch(id, 3, copy=False), batch(id, 3), steps=30)
 
 
-def test_reset__with_a_mask_leaves_the_others_where_they_are() -> None:
+def test_reset__with_a_mask_keeps_the_other_episodes() -> None:
     env = batch(TOWER, 3, AutoresetMode.DISABLED)
     env.reset(seed=1)
     env.step(np.array([1, 2, 3]))
@@ -100,7 +100,7 @@ def test_reset__with_a_mask_leaves_the_others_where_they_are() -> None:
     assert infos["_task"].tolist() == [False, True, False]
 
 
-def test_reset__takes_one_task_for_all_or_one_each() -> None:
+def test_reset__accepts_one_task_for_all_environments_or_one_each() -> None:
     env = batch(SCATTER, 3)
     ids = env.evaluation_tasks()
     env.reset(options={"task": ids[4]})
@@ -116,7 +116,7 @@ def test_seeds__a_list_gives_each_environment_its_own() -> None:
     assert env.np_random_seed == (8, 9, 10)
 
 
-def test_seeds__an_array_is_a_list_of_them() -> None:
+def test_seeds__an_array_works_like_a_list() -> None:
     env, other = batch(TOWER, 4), batch(TOWER, 4)
     assert_same(env.reset(seed=np.arange(4)), other.reset(seed=[0, 1, 2, 3]))
     assert_same(env.reset(seed=np.int64(3)), other.reset(seed=3))
@@ -124,7 +124,7 @@ def test_seeds__an_array_is_a_list_of_them() -> None:
 
 
 @pytest.mark.parametrize("seed", [-1, [1.5] * 4, ["a"] * 4, [0, 1, 2, -3], 1.5, True, "abcd", [[1], 2, 3, 4]])
-def test_seeds__a_bad_one_changes_nothing_and_starts_nothing(seed: object) -> None:
+def test_seeds__an_invalid_one_changes_no_state(seed: object) -> None:
     env, other = batch(TOWER, 4), batch(TOWER, 4)
     with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
         env.reset(seed=seed)
@@ -142,14 +142,14 @@ def test_seeds__a_bad_one_changes_nothing_and_starts_nothing(seed: object) -> No
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_copies__are_refused_since_their_arrays_would_part(id: str, copied: Callable[[object], object]) -> None:
+def test_copy_and_pickle__are_refused(id: str, copied: Callable[[object], object]) -> None:
     env = batch(id, 3)
     env.reset(seed=0)
     with pytest.raises(TypeError, match="a BatchedEnv cannot be pickled or copied"):
         copied(env)
 
 
-def test_close__ends_all_play() -> None:
+def test_close__later_calls_raise() -> None:
     env = batch(TOWER, 2)
     env.reset(seed=0)
     env.close()
@@ -160,7 +160,7 @@ def test_close__ends_all_play() -> None:
             call()
 
 
-def test_seeds__generators_go_on_without_a_seed() -> None:
+def test_seeds__generators_are_kept_without_a_seed() -> None:
     env = batch(TOWER, 4)
     env.reset(seed=3)
     first = env.task_indices
@@ -186,7 +186,7 @@ def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> 
     assert sorted(visited) == sorted(env.evaluation_tasks())
 
 
-def test_evaluation__begins_anew_with_a_reset_of_all() -> None:
+def test_evaluation__restarts_if_all_environments_are_reset() -> None:
     env = batch(TOWER, 2, split="dev", evaluation=True)
     first = env.reset()[1]["task"].tolist()
     env.step(np.zeros(2, np.int64))
@@ -210,9 +210,7 @@ def test_scene_array__holds_the_items_of_each_box() -> None:
         (SCATTER, [[0] + [-1] * 5, [1, 3, 4, 2, 1, 0], [2, 8, 0, -1, -1, -1]]),
     ],
 )
-def test_encode_actions__numbers_the_released_array_form_as_a_single_environment_does(
-    id: str, arrays: list[list[int]]
-) -> None:
+def test_encode_actions__equals_encode_action_of_single_environments(id: str, arrays: list[list[int]]) -> None:
     single = gym.make(id).unwrapped
     assert batch(id, 3).encode_actions(arrays).tolist() == [single.encode_action(array) for array in arrays]
     with pytest.raises(ActionError, match="an action array must be"):
@@ -221,7 +219,7 @@ def test_encode_actions__numbers_the_released_array_form_as_a_single_environment
         batch(id, 3).encode_actions(5)
 
 
-def test_render__shows_each_environment_as_a_single_one_does() -> None:
+def test_render__equals_frames_of_single_environments() -> None:
     mode = AutoresetMode.DISABLED
     ours = batch(TOWER, 2, mode, render_mode="rgb_array")
     theirs = singles(TOWER, 2, mode, render_mode="rgb_array")
@@ -244,7 +242,7 @@ def test_render__shows_each_environment_as_a_single_one_does() -> None:
         ("STOP", "not <U4 of shape \\(\\)"),
     ],
 )
-def test_step__refuses_what_is_no_array_of_actions(actions: object, message: str) -> None:
+def test_step__invalid_actions_are_refused(actions: object, message: str) -> None:
     env = batch(TOWER, 3)
     env.reset(seed=0)
     before = env.states()
@@ -261,7 +259,7 @@ def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
     assert (rewards[0], terminated[0], infos["_task"].tolist()) == (0.0, False, [True, False])
 
 
-def test_observation_space__is_gymnasiums_but_its_bounds_take_no_room_for_each_environment() -> None:
+def test_observation_space__equals_gymnasiums_in_constant_memory() -> None:
     env = BatchedEnv(5, appearance="tower", start="scratch")
     image = env.observation_space["image"]
     assert image == batch_space(env.single_observation_space["image"], 5)
@@ -277,7 +275,7 @@ def test_step__needs_a_reset_first() -> None:
             call()
 
 
-def test_step__without_autoreset_names_who_has_ended() -> None:
+def test_step__without_autoreset_names_the_ended_environments() -> None:
     env = batch(TOWER, 3, AutoresetMode.DISABLED)
     env.reset(seed=0)
     env.step(np.array([1, 0, 0]))
@@ -330,7 +328,7 @@ def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) 
 
 
 @pytest.mark.parametrize("count", [16, 64])
-def test_batched__memory_stays_the_same_over_a_long_run(count: int, own_corpus: Path) -> None:
+def test_batched__does_not_leak_memory_over_a_long_run(count: int, own_corpus: Path) -> None:
     env = batch(SCATTER, count, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)
     generator = np.random.default_rng(0)
@@ -351,7 +349,7 @@ def test_batched__memory_stays_the_same_over_a_long_run(count: int, own_corpus: 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
 @pytest.mark.parametrize("count", [4, 64])
-def test_step__asks_no_enum_for_attributes_since_numpy_would_lose_an_interrupt_there(id: str, count: int) -> None:
+def test_step__reads_no_enum_attributes_so_that_numpy_cannot_swallow_an_interrupt(id: str, count: int) -> None:
     env = batch(id, count)
     env.reset(seed=0)
     generator = np.random.default_rng(0)

@@ -137,7 +137,7 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_tower_core__equal_the_loop_over_long_runs(rules: str) -> None:
+def test_tower_core__equals_the_scalar_core_over_long_runs(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("tower"), rules)
     tasks = task_set(random_starts("tower"))
     play(Side(ScalarCore, dynamics, tasks), Side(TowerCore, dynamics, tasks), dynamics, len(tasks), 300)
@@ -155,7 +155,7 @@ def test_tower_core__equal_the_loop_over_long_runs(rules: str) -> None:
     ],
     ids=str,
 )
-def test_scatter_core__equal_the_loop_over_long_runs(
+def test_scatter_core__equals_the_scalar_core_over_long_runs(
     grid: tuple[int, int], image_size: str, steps: int, rules: str
 ) -> None:
     dynamics = make_dynamics(make_appearance("scatter", grid), rules)
@@ -168,13 +168,13 @@ def test_scatter_core__equal_the_loop_over_long_runs(
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_scatter_core__equal_the_loop_at_native_resolution(rules: str) -> None:
+def test_scatter_core__equals_the_scalar_core_at_native_resolution(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("scatter", (380, 100)), rules)
     tasks = task_set(random_starts("scatter"))
     play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 3)
 
 
-def test_scatter_core__equal_the_loop_at_a_horizon_of_one() -> None:
+def test_scatter_core__equals_the_scalar_core_at_a_horizon_of_one() -> None:
     for rules in ("paper", "release"):
         dynamics = make_dynamics(make_appearance("scatter"), rules, 1)
         tasks = task_set(random_starts("scatter"))
@@ -189,7 +189,7 @@ def test_scatter_core__equal_the_loop_at_a_horizon_of_one() -> None:
     ],
     ids=["above", "left"],
 )
-def test_scatter_core__a_release_snap_out_of_the_box_is_followed_and_drawn(there: Item, action: AddItem) -> None:
+def test_scatter_core__falls_back_after_a_release_snap_out_of_the_box(there: Item, action: AddItem) -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     start = scene([there])
     tasks = task_set([start])
@@ -205,19 +205,19 @@ def test_scatter_core__a_release_snap_out_of_the_box_is_followed_and_drawn(there
     assert np.array_equal(arrays.buffers.image[0], draw(arrays.core.state(0).scene, "half"))
 
 
-def test_scatter_core__play_on_from_items_that_overlap() -> None:
+def test_scatter_core__falls_back_if_items_overlap() -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     tasks = task_set([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
     play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 30)
 
 
 @given(box=scatter_boxes())
-def test_items_that_do_not_overlap__look_the_same_in_any_order(box: Box) -> None:
+def test_images__of_items_that_do_not_overlap_do_not_depend_on_their_order(box: Box) -> None:
     """The arrays' pictures rest on it."""
     assert np.array_equal(draw(scene(box.items)), draw(scene(box.items[::-1])))
 
 
-def test_touching_items__look_the_same_in_any_order() -> None:
+def test_images__of_touching_items_do_not_depend_on_their_order() -> None:
     for new, other in product([circle, square, triangle], repeat=2):
         there = other(35, 35, LARGE, K)
         for x, y in product(range(14, 67), repeat=2):
@@ -258,7 +258,7 @@ def without_numba(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_numba")
-def test_batch__without_numba_plays_the_same_and_warns_once() -> None:
+def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
     env_id = "lilgym_mp/ScatterFlipIt-v0"
     with pytest.warns(RuntimeWarning, match="several times slower .* numba cannot be imported"):
         slow = gym.make_vec(env_id, num_envs=FEWEST_COMPILED)
@@ -296,7 +296,7 @@ print("options:", kernels._OPTIONS)
 
 
 @pytest.mark.long
-def test_batch__steps_the_same_with_a_numba_that_cannot_leave_out_its_runtime(tmp_path: Path) -> None:
+def test_batch__gives_the_same_results_with_the_runtime_of_numba(tmp_path: Path) -> None:
     environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # the cache does not distinguish this option
     command = [sys.executable, "-W", "ignore", "-c", WITHOUT_RUNTIME_OPTION]
     done = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -69,7 +69,7 @@ def play(core: Core, chance: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("corpus", ["builtin", "lilgym"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__are_those_of_every_program_of_a_corpus(
+def test_goals__equal_the_values_of_every_program_of_a_corpus(
     corpus: str, appearance: str, request: pytest.FixtureRequest
 ) -> None:
     if corpus == "lilgym":
@@ -117,7 +117,7 @@ OPERATIONS = {
 
 @pytest.mark.parametrize("source", OPERATIONS)
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__are_those_of_each_operation(appearance: str, source: str) -> None:
+def test_goals__equal_the_values_of_programs_with_each_operation(appearance: str, source: str) -> None:
     boxes = StackBoxLowering(tower_tables().boxes) if appearance == "tower" else ItemBoxLowering()
     written = instructions(compile_program(source).tree, boxes.lower_box_function)
     assert written is not None
@@ -138,11 +138,11 @@ def test_goals__are_those_of_each_operation(appearance: str, source: str) -> Non
         ("exist(filter_obj(all_items, lambda x: exist(get_touching(x))))", MIXED, False),  # no instructions
     ],
 )
-def test_goals__ask_the_program_where_compiled_code_cannot_tell(source: str, start: Scene, truth: bool) -> None:
+def test_goals__call_the_program_if_compiled_code_returns_unknown(source: str, start: Scene, truth: bool) -> None:
     assert goals("scatter", [Task("own", "It is so.", source, truth, start)]) == [True]
 
 
-def test_goals__count_scenes_without_a_value_as_the_program_does() -> None:
+def test_goals__are_those_of_the_program_if_it_raises() -> None:
     source = "is_blue(unique(all_items))"
     program = compile_program(source)
     program.errors.clear()
@@ -152,14 +152,14 @@ def test_goals__count_scenes_without_a_value_as_the_program_does() -> None:
     assert sum(program.errors.values()) == 1
 
 
-def test_goals__of_boxes_too_large_for_generated_code_are_the_programs() -> None:
+def test_goals__call_the_program_for_boxes_of_too_many_items() -> None:
     small = [circle(11 * column, 11 * row, SMALL, B) for row in range(4) for column in range(7)]
     assert len(small) > MAX_BOX_ITEMS
     tasks = [Task("own", "It is so.", f"count(all_items) == {n}", True, scene(small)) for n in (len(small), 1)]
     assert goals("scatter", tasks) == [True, False]
 
 
-def test_goals__of_tasks_that_judge_otherwise_are_theirs() -> None:
+def test_goals__use_an_overridden_solved_by() -> None:
     class Never(Task):
         def solved_by(self, scene: Scene) -> bool:
             return False
@@ -171,7 +171,7 @@ def test_goals__of_tasks_that_judge_otherwise_are_theirs() -> None:
 @pytest.mark.parametrize(
     "name", [name for name, word in WORDS.items() if word.depends_on in ("attributes", "position")]
 )
-def test_word__depends_on_nothing_else(name: str) -> None:
+def test_word__its_value_depends_only_on_what_it_declares(name: str) -> None:
     word = WORDS[name]
     for side in Side if len(word.parameters) > 1 else (None,):
         constants = () if side is None else (side,) * (len(word.parameters) - 1)
@@ -192,7 +192,7 @@ def test_word__depends_on_nothing_else(name: str) -> None:
                     assert {test.passes(square(x, y, size, K)), test.passes(square(1, 1, size, K))} in ({True}, {False})
 
 
-def test_place_tests__beyond_what_a_number_holds_are_the_programs() -> None:
+def test_position_tests__call_the_program_if_they_exceed_a_bitmask() -> None:
     boxes = ItemBoxLowering()
     boxes._place_tests = {lambda box, n=n: n: n for n in range(62)}
     source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"

@@ -50,12 +50,12 @@ def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules
 
 @BY_RULES
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_masks__are_exact_of_literal_boxes(grid: tuple[int, int], rules: str) -> None:
+def test_masks__are_exact_for_literal_boxes(grid: tuple[int, int], rules: str) -> None:
     items = (circle(40, 40), square(0, 0, LARGE), triangle(70, 70, LARGE), square(90, 0, SMALL), circle(13, 57, SMALL))
     assert_masks_are_exact([scene([], items[:count], []) for count in (5, 3, 4, 0, 1)], grid, rules)
 
 
-def test_masks__are_exact_where_those_of_starts_would_take_too_much_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_masks__are_exact_without_the_cache_of_start_masks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scatter, "MAX_START_MASK_BYTES", 1)
     assert_masks_are_exact([scene([square(0, 0, LARGE)]), scene()], (19, 5), "paper")
 
@@ -67,19 +67,19 @@ def test_masks__are_exact_where_those_of_starts_would_take_too_much_memory(monke
     boxes=st.lists(scatter_boxes(), min_size=4, max_size=4),
     loose=loose_boxes,
 )
-def test_masks__are_exact_of_any_scenes(grid: tuple[int, int], rules: str, boxes: list[Box], loose: Box) -> None:
+def test_masks__are_exact_for_random_scenes(grid: tuple[int, int], rules: str, boxes: list[Box], loose: Box) -> None:
     one, two, three, four = boxes
     scenes = [Scene((one, two, three)), Scene((loose, two, three)), Scene((one, loose, four)), Scene((four, two, one))]
     assert_masks_are_exact(scenes, grid, rules)
 
 
-def test_masks__stay_as_they_are_when_an_item_lies_wholly_outside() -> None:
+def test_masks__ignore_items_outside_the_box() -> None:
     outside: list[Item] = [circle(0, -10, SMALL), square(100, 50), triangle(-40, -40)]
     assert_masks_are_exact([scene(), *(scene([item]) for item in outside), scene()], (19, 5), "release")
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_cell_places__has_a_bit_for_each_place_that_stays_free_and_each_part_uncovered(grid: tuple[int, int]) -> None:
+def test_cell_places__bits_equal_the_free_positions_and_uncovered_parts(grid: tuple[int, int]) -> None:
     cell = Scatter(grid).cell
     places = cell_places(*cell, searches=True)
     there = square(37, 44, LARGE)

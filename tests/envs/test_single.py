@@ -115,7 +115,7 @@ def test_play__every_observation_is_in_the_space_and_every_value_of_its_plain_ty
 
 
 @EVERY
-def test_make__gymnasiums_passive_checker_has_nothing_to_say(name: str):
+def test_make__gymnasiums_passive_checker_finds_nothing(name: str):
     env = gym.make(name)
     env.action_space.seed(0)
     for seed in range(5):
@@ -190,7 +190,7 @@ def test_make__an_unknown_configuration_is_refused():
         gym.make("lilgym_mp/TowerScratched-v0")
 
 
-def test_settings__the_official_corpus_where_it_is_not_is_refused_with_help(
+def test_settings__a_missing_official_corpus_is_refused_with_instructions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
@@ -214,7 +214,7 @@ def test_seed__another_seed_gives_other_tasks():
     assert tasks[0] != tasks[1]
 
 
-def test_seed__environments_do_not_share_a_generator_nor_use_the_global_one():
+def test_seed__environments_neither_share_a_generator_nor_use_the_global_one():
     alone = make(TOWER)
     alone.reset(seed=5)
     expected = [alone.reset()[1]["task"] for _ in range(10)]
@@ -259,7 +259,7 @@ def test_evaluation_tasks__are_every_entry_once_in_file_order(name: str):
         assert np.array_equal(observation["image"], draw(task.start, "half"))
 
 
-def test_reset__draws_what_the_generator_gives_one_by_one():
+def test_reset__draws_equal_single_draws_of_the_generator():
     env = make(TOWER)
     generator, _ = gym.utils.seeding.np_random(3)
     drawn = [env.reset(seed=None if number else 3)[1]["task"] for number in range(40)]
@@ -267,7 +267,7 @@ def test_reset__draws_what_the_generator_gives_one_by_one():
     assert drawn == [ids[generator.integers(len(ids))] for _ in drawn]
 
 
-def test_reset__draws_by_a_generator_put_in_its_place():
+def test_reset__uses_a_replaced_generator():
     env = make(TOWER)
     env.reset(seed=3)
     env.np_random = np.random.default_rng(4)
@@ -329,7 +329,7 @@ def test_reset__a_bad_seed_is_refused_and_the_episode_goes_on(seed: Any):
     assert env.reset(seed=np.int64(3))[1] == env.reset(seed=3)[1]
 
 
-def test_reset__an_episode_may_be_left_before_its_end(own_corpus: Path):
+def test_reset__can_interrupt_an_episode(own_corpus: Path):
     env = make(TOWER, corpus=own_corpus)
     env.reset(seed=0)
     env.step(1)
@@ -394,7 +394,7 @@ def test_episode__full_tower_wrong_stop_and_horizon(own_corpus: Path):
 
 
 @EVERY
-def test_goal_reached__is_whether_stop_succeeds(name: str):
+def test_goal_reached__tells_whether_stop_succeeds(name: str):
     env, met = make(name), set()
     for seed in range(40):
         played(env, seed, steps=3)
@@ -430,7 +430,7 @@ def test_encode_action__undoes_decode_action():
 # What must not be done
 
 
-def test_before_reset__everything_about_a_state_asks_for_a_reset():
+def test_before_reset__access_to_the_state_raises_reset_needed():
     env = make(TOWER)
     uses: list[Callable[[], Any]] = [
         lambda: env.step(0),
@@ -448,14 +448,14 @@ def test_before_reset__everything_about_a_state_asks_for_a_reset():
 
 
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
-def test_before_reset__rendering_asks_for_a_reset(mode: str):
+def test_before_reset__rendering_raises_reset_needed(mode: str):
     with pytest.raises(gym.error.ResetNeeded):
         make(TOWER, render_mode=mode).render()
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize("last", [STOP, 10])
-def test_after_the_end__step_asks_for_a_reset(rules: str, last: int):
+def test_after_the_end__step_raises_reset_needed(rules: str, last: int):
     env = make(TOWER, rules=rules)
     env.reset(seed=0)
     env.step(last)
@@ -471,7 +471,7 @@ def test_after_the_end__step_asks_for_a_reset(rules: str, last: int):
     [1.0, True, False, "1", None, -1, 13, 2**70, [1], (1,), np.float32(1), np.bool_(True), np.array([1, 2]), math.nan],
     ids=repr,
 )
-def test_step__what_is_no_action_number_is_refused_and_nothing_happens(action: Any):
+def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action: Any):
     env = make(TOWER)
     env.reset(seed=0)
     before = env.state
@@ -481,7 +481,7 @@ def test_step__what_is_no_action_number_is_refused_and_nothing_happens(action: A
 
 
 @pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.int32(1), np.array(1)], ids=repr)
-def test_step__numpys_whole_numbers_do(action: Any):
+def test_step__accepts_numpy_integers(action: Any):
     env = make(TOWER)
     env.reset(seed=0)
     assert env.step(action)[1] == -0.1
@@ -492,7 +492,7 @@ def test_step__numpys_whole_numbers_do(action: Any):
 
 @EVERY
 @DUPLICATES
-def test_copy__goes_on_from_the_middle_of_an_episode_by_itself(name: str, duplicate: Callable[[Any], Any]):
+def test_copy__continues_an_episode_independently(name: str, duplicate: Callable[[Any], Any]):
     env = make(name)
     env.reset(seed=4)
     env.step(1)
@@ -525,7 +525,7 @@ def test_observations__are_not_changed_by_later_steps(name: str):
     assert not any(np.shares_memory(one, other) for one, other in pairwise(record))
 
 
-def test_observations__writing_into_one_changes_nothing(own_corpus: Path):
+def test_observations__are_copies(own_corpus: Path):
     env = make(TOWER, corpus=own_corpus)
     observation, _ = env.reset(seed=0)
     observation["image"][:] = 0
@@ -544,7 +544,7 @@ def test_render__none_without_a_mode():
     assert env.render() is None
 
 
-def test_render__text_tells_statement_target_and_last_outcome(own_corpus: Path):
+def test_render__text_shows_statement_target_and_last_outcome(own_corpus: Path):
     env = make(TOWER, corpus=own_corpus, render_mode="ansi")
     env.reset(seed=0)
     assert env.render().splitlines()[-2:] == ["Blue is here.", "Make it True.  Action 0 of 12."]
@@ -592,7 +592,7 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_screen")
 @DUPLICATES
-def test_copy__an_environment_with_a_window_gets_one_of_its_own(duplicate: Callable[[Any], Any]):
+def test_copy__opens_its_own_window(duplicate: Callable[[Any], Any]):
     env = make(TOWER, render_mode="human")
     env.reset(seed=0)
     other = duplicate(env)
@@ -615,7 +615,7 @@ def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypat
     env.close()
 
 
-def test_close__ends_all_play():
+def test_close__later_calls_raise():
     env = make(TOWER)
     env.reset(seed=0)
     env.close()
@@ -624,7 +624,7 @@ def test_close__ends_all_play():
             call()
 
 
-def test_render__a_window_without_pygame_tells_what_to_install(monkeypatch: pytest.MonkeyPatch):
+def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = make(TOWER, render_mode="human")
     with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "pygame>=.*the extra human'):

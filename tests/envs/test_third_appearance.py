@@ -94,7 +94,7 @@ def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_third_appearance__plays_alike_single_and_batched(corpus: str, start: str):
+def test_third_appearance__gives_equal_results_single_and_batched(corpus: str, start: str):
     single = LilGymEnv(appearance=NAME, start=start, corpus=corpus)
     batch = BatchedEnv(num_envs=16, appearance=NAME, start=start, corpus=corpus)  # so many as are compiled elsewhere
     rng = np.random.default_rng(0)
@@ -121,7 +121,7 @@ def test_third_appearance__plays_alike_single_and_batched(corpus: str, start: st
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_third_appearance__plays_the_game(corpus: str, protocol: str):
+def test_third_appearance__works_in_the_two_agent_game(corpus: str, protocol: str):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     from lilgym_mp.envs.proposer_verifier import parallel_env
 
@@ -147,7 +147,7 @@ def test_third_appearance__is_refused_by_expert_and_generator():
             load_tasks("generated:1", NAME, start, "train")
 
 
-def test_third_appearance__is_unknown_without_being_made_known(monkeypatch: pytest.MonkeyPatch):
+def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(appearances.BUILDERS, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         gym.make("lilgym_mp/TowerScratch-v0", appearance=NAME)

@@ -92,7 +92,7 @@ def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(sta
 
 
 @pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
-def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> None:
+def test_workers__exit_if_their_wake_pipe_is_closed(start_method: str) -> None:
     env = make(start_method=start_method)
     pids = env.worker_pids
     env._finalizer.detach()  # nothing tells them to end
@@ -101,7 +101,7 @@ def test_workers__end_when_nobody_can_ring_them_any_more(start_method: str) -> N
     assert_gone(pids)
 
 
-def test_copies__are_refused_since_processes_are_shared() -> None:
+def test_copy_and_pickle__are_refused() -> None:
     env = make()
     for copied in (copy.copy, copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match="a WorkerVectorEnv cannot be pickled or copied"):
@@ -139,7 +139,7 @@ def test_threads__may_each_start_workers_at_the_same_time() -> None:
     assert (done.stdout.strip(), done.returncode) == ("4", 0), done.stderr
 
 
-def test_a_fork_of_the_caller__keeps_no_worker_alive() -> None:
+def test_a_fork_of_the_caller__does_not_keep_workers_alive() -> None:
     with subprocess.Popen([sys.executable, "-c", FORKS], stdout=subprocess.PIPE, text=True) as caller:
         assert caller.stdout is not None
         child, *pids = map(int, caller.stdout.readline().split())
@@ -227,7 +227,7 @@ def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch: pytest
     ("start_method", "seconds"),
     [("fork", 0.4), ("spawn", 0.6), *(pytest.param(*each, marks=pytest.mark.long) for each in LONG_INTERRUPTS)],
 )
-def test_an_interrupt_while_workers_are_started__gives_no_traceback_of_theirs(
+def test_an_interrupt_while_workers_are_started__prints_no_traceback_of_theirs(
     start_method: str, seconds: float
 ) -> None:
     command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
@@ -250,7 +250,7 @@ def _make_in_daemon(num_workers: int | str, answers: Connection) -> None:
 
 
 @pytest.mark.parametrize(("num_workers", "answer"), [(2, "WorkerError: a daemonic process cannot"), ("auto", "1")])
-def test_a_daemonic_process__is_told_that_it_may_start_none(num_workers: int | str, answer: str) -> None:
+def test_a_daemonic_process__cannot_start_workers(num_workers: int | str, answer: str) -> None:
     answers, theirs = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")
     daemon = context.Process(target=_make_in_daemon, args=(num_workers, theirs), daemon=True)
@@ -263,7 +263,7 @@ def test_a_daemonic_process__is_told_that_it_may_start_none(num_workers: int | s
 @pytest.mark.parametrize(
     ("start_method", "spare"), [("fork", 2), ("spawn", 30), pytest.param("fork", 30, marks=pytest.mark.long)]
 )
-def test_too_few_descriptors__are_told_and_none_is_lost(start_method: str, spare: int) -> None:
+def test_too_few_descriptors__are_reported_and_none_leaks(start_method: str, spare: int) -> None:
     program = f"""
 import os, resource
 from lilgym_mp.envs.shared_memory import SharedMemoryError
@@ -286,7 +286,7 @@ if __name__ == "__main__":
     assert done.stdout.strip().endswith("True")
 
 
-def test_close__is_over_in_a_moment_and_may_come_twice() -> None:
+def test_close__is_fast_and_can_be_called_twice() -> None:
     env = make()
     begun = time.monotonic()
     env.close()

@@ -91,7 +91,7 @@ def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
         (AutoresetMode.SAME_STEP, "spawn"),
     ],
 )
-def test_workers__equal_one_batch_to_the_bit(mode: AutoresetMode, start_method: str) -> None:
+def test_workers__equal_one_batch_bit_for_bit(mode: AutoresetMode, start_method: str) -> None:
     ours = WorkerVectorEnv(SCATTER, 5, 2, start_method=start_method, autoreset_mode=mode)
     assert_alike(ours, batch(SCATTER, 5, mode), steps=40)
 
@@ -114,7 +114,7 @@ def test_workers__equal_one_batch_without_copies_and_alone() -> None:
     assert_alike(alone, batch(TOWER, 4, mode), steps=30)
 
 
-def test_copies__are_the_callers_to_keep_however_many() -> None:
+def test_copies__any_number_can_be_kept() -> None:
     env = WorkerVectorEnv(SCATTER, 4, 2, start_method="fork")
     kept = [env.reset(seed=0)[0]["image"]]
     parts: list[np.ndarray] = []  # views of images that nobody else holds
@@ -133,7 +133,7 @@ def test_copies__are_the_callers_to_keep_however_many() -> None:
     assert np.array_equal(kept[1], expected[1])
 
 
-def test_workers__tell_states_items_and_tasks_of_all_environments() -> None:
+def test_workers__give_states_items_and_tasks_of_all_environments() -> None:
     ours = WorkerVectorEnv(SCATTER, 5, 3, start_method="fork")
     theirs = batch(SCATTER, 5, AutoresetMode.NEXT_STEP)
     for env in (ours, theirs):
@@ -168,7 +168,7 @@ def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None
 
 
 @pytest.mark.long
-def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None:
+def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEnv) -> None:
     pids = workers.worker_pids
     os.kill(pids[0], signal.SIGSTOP)
     begun = time.monotonic()
@@ -178,7 +178,7 @@ def test_a_worker_that_hangs__is_named_in_time(workers: WorkerVectorEnv) -> None
     assert_gone(pids)
 
 
-def test_a_worker_that_raises__hands_on_its_traceback(workers: WorkerVectorEnv) -> None:
+def test_a_worker_that_raises__passes_on_its_traceback(workers: WorkerVectorEnv) -> None:
     pids = workers.worker_pids
     no_such_task = len(workers.tasks)
     workers._buffers.action[:] = 0
@@ -245,7 +245,7 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
         assert complaint.strip().splitlines()[-1].startswith({"Ctrl-C": "KeyboardInterrupt"}.get(how, "OSError"))
 
 
-def test_workers__serve_an_interactive_session() -> None:
+def test_workers__work_in_an_interactive_session() -> None:
     session = f"""
 from lilgym_mp.envs.workers import WorkerVectorEnv
 env = WorkerVectorEnv({TOWER!r}, 4, 2, start_method="spawn")
@@ -256,7 +256,7 @@ env.close()
     assert "(4, 50, 190, 3)" in done.stdout, done.stderr
 
 
-def test_workers__take_a_corpus_by_any_path(own_corpus: Path) -> None:
+def test_workers__accept_a_corpus_by_any_path(own_corpus: Path) -> None:
     class Here(os.PathLike):
         def __fspath__(self) -> str:
             return str(own_corpus)
@@ -266,12 +266,12 @@ def test_workers__take_a_corpus_by_any_path(own_corpus: Path) -> None:
     env.close()
 
 
-def test_memory__that_does_not_exist_is_refused_at_once() -> None:
+def test_memory__more_than_the_machine_has_is_refused() -> None:
     with pytest.raises(SharedMemoryError, match=r"MB to share, and this machine has [\d,.]+ MB of memory"):
         WorkerVectorEnv(TOWER, 50_000_000, 2)
 
 
-def test_memory__on_a_full_disk_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory__on_a_full_disk_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -283,13 +283,13 @@ def test_memory__on_a_full_disk_is_refused_at_once(monkeypatch: pytest.MonkeyPat
     assert len(os.listdir("/proc/self/fd")) == descriptors
 
 
-def test_memory__in_a_file_serves_where_there_is_no_anonymous_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory__is_a_temporary_file_without_memfd(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(shared_memory.os, "memfd_create", raising=False)
     ours = WorkerVectorEnv(TOWER, 4, 2, start_method="fork")
     assert_alike(ours, batch(TOWER, 4, AutoresetMode.NEXT_STEP), steps=10)
 
 
-def test_workers__give_back_their_descriptors() -> None:
+def test_workers__release_their_descriptors() -> None:
     def descriptors_after_use() -> int:
         env = WorkerVectorEnv(TOWER, 4, 3, start_method="fork")
         env.reset(seed=0)
@@ -323,13 +323,13 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
         WorkerVectorEnv(**{"id": TOWER, "num_envs": 4, "num_workers": 2, **settings})
 
 
-def test_auto__keeps_few_environments_in_one_process() -> None:
+def test_auto__uses_one_process_for_few_environments() -> None:
     assert checked_worker_count("auto", 1) == 1
     assert checked_worker_count("auto", 64) == 1
     assert checked_worker_count("auto", 100_000) == usable_cores()
 
 
-def test_close__of_what_could_not_be_made_does_nothing():
+def test_close__after_a_failed_constructor_does_nothing():
     """Gymnasium before 1.3 closes whatever is collected."""
     env = WorkerVectorEnv.__new__(WorkerVectorEnv)
     with pytest.raises(ValueError, match="unknown split 'tran'"):
