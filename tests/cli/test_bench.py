@@ -1,4 +1,4 @@
-"""`lilgym-mp bench`: that it measures what it says. How fast things are is no test's business."""
+"""`lilgym-mp bench` measures what it claims to; the speeds themselves are not tested."""
 
 from __future__ import annotations
 
@@ -54,40 +54,40 @@ def workload(request: pytest.FixtureRequest) -> Workload:
 
 @pytest.fixture
 def release(tmp_path: Path) -> Path:
-    """A checkout that looks like the release, of an environment that ends after five steps."""
+    """A stand-in for a checkout of the release, with an environment whose episodes end after five steps."""
     package = tmp_path / "release" / "lilgym"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text(RELEASE)
     return package.parent
 
 
-def test_script__is_random_legal_edits_and_a_stop_the_same_each_time(workload: Workload) -> None:
+def test_script__is_deterministic_random_legal_edits_and_a_stop(workload: Workload) -> None:
     (script,) = workload.scripts(1)
     assert [len(episode.actions) for episode in script.episodes] == [1] + [EPISODE_ACTIONS] * 9
     assert all(episode.actions[-1] == 0 and 0 not in episode.actions[:-1] for episode in script.episodes)
     assert Workload(workload.configuration, actions=110).scripts(1) == [script]
 
 
-def test_scripts__end_their_first_episodes_after_different_numbers_of_steps(workload: Workload) -> None:
+def test_scripts__have_first_episodes_of_different_lengths(workload: Workload) -> None:
     firsts = [len(script.episodes[0].actions) for script in workload.scripts(16)]
     assert sorted(set(firsts)) == list(range(1, EPISODE_ACTIONS + 1))
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_trace__is_played_by_a_batch_without_a_single_invalid_action(workload: Workload, mode: AutoresetMode) -> None:
+def test_trace__contains_no_invalid_action(workload: Workload, mode: AutoresetMode) -> None:
     env: Any = gym.make_vec(workload.environment_id, num_envs=12, autoreset_mode=mode, **workload.arguments)
     trace = vector_trace(workload.scripts(12), mode)
     env.reset(seed=0)
     ends = 0
     for row in trace.rows:
         _, _, terminated, truncated, infos = env.step(row)
-        told = infos.get("final_info", infos)
-        assert "invalid_reason" not in told
+        final_infos = infos.get("final_info", infos)
+        assert "invalid_reason" not in final_infos
         ends += int((terminated | truncated).sum())
     assert ends == trace.ends
 
 
-def test_trace__counts_actions_but_not_the_calls_that_begin_an_episode() -> None:
+def test_trace__does_not_count_actions_ignored_by_autoreset() -> None:
     scripts = [
         Script(0, (Episode("a", (5, 0)), Episode("b", (6, 0)))),
         Script(1, (Episode("c", (0,)), Episode("d", (7, 8, 9, 0)))),
@@ -100,7 +100,7 @@ def test_trace__counts_actions_but_not_the_calls_that_begin_an_episode() -> None
     assert (same_step.actions, same_step.ends) == (8, 3)
 
 
-def test_games__take_each_action_of_the_script() -> None:
+def test_games__play_every_action_of_the_script() -> None:
     workload = Workload("TowerFlipIt", actions=110)
     with players.parallel_game(workload) as play:
         rounds = play().steps
@@ -108,17 +108,17 @@ def test_games__take_each_action_of_the_script() -> None:
         assert play().steps == 2 * rounds == 2 * sum(len(e.actions) for e in workload.scripts(1)[0].episodes)
 
 
-def _subject_names() -> list[str]:
+def _case_names() -> list[str]:
     return [f"{case.name} {case.num_envs}" for case in benchmark_cases()]
 
 
 def test_cases__have_unique_names_and_lines_in_the_chart() -> None:
-    assert len(set(_subject_names())) == len(_subject_names())
+    assert len(set(_case_names())) == len(_case_names())
     assert COLOURS.keys() <= {case.name for case in benchmark_cases()}
 
 
 @pytest.mark.parametrize("goal", goals.GOALS, ids=lambda goal: goal.what)
-def test_goal__is_about_something_that_is_measured(goal: goals.Goal) -> None:
+def test_goals__refer_to_measured_cases(goal: goals.Goal) -> None:
     bench = Bench(SHORT)
     bench.measure(Workload("ScatterFlipIt", actions=11), [_fake(case) for case in benchmark_cases()], lambda: None)
     assert goal.value(bench, "ScatterFlipIt") == pytest.approx(_expected(goal))
@@ -129,17 +129,17 @@ def _expected(goal: goals.Goal) -> float:
 
 
 def _fake(case: BenchmarkCase, rate: float = 1000.0) -> BenchmarkCase:
-    """The subject, as fast as said."""
-    return BenchmarkCase(case.group, case.name, case.num_envs, partial(_pretend, rate=rate), case.is_part)
+    """The case with a fixed rate."""
+    return BenchmarkCase(case.group, case.name, case.num_envs, partial(_fake_player, rate=rate), case.is_part)
 
 
 @contextmanager
-def _pretend(workload: Workload, rate: float) -> Iterator[Play]:
+def _fake_player(workload: Workload, rate: float) -> Iterator[Play]:
     yield lambda: Timing(int(rate), 1.0)
 
 
 @pytest.mark.parametrize(("rate", "verdict"), [(300e3, "aim met"), (200e3, "must met"), (100e3, "missed")])
-def test_goals__verdict_is_the_bound_that_was_met(rate: float, verdict: str) -> None:
+def test_goals__verdict_names_the_bound_that_was_met(rate: float, verdict: str) -> None:
     bench = Bench(SHORT)
     chosen = [_fake(case, rate) for case in benchmark_cases(["single"])]
     bench.measure(Workload("TowerScratch", actions=11), chosen, lambda: None)
@@ -148,12 +148,15 @@ def test_goals__verdict_is_the_bound_that_was_met(rate: float, verdict: str) -> 
     ]
 
 
-def test_ratio__is_to_copying_in_the_same_round() -> None:
-    copies, steps = iter([8, 4, 9, 2]), iter([7, 4, 6, 1])  # the first of each turn warms up, and does not count
+def test_ratio_to_copying__is_computed_by_round() -> None:
+    copies, steps = iter([8, 4, 9, 2]), iter([7, 4, 6, 1])  # the first of each round is the warm-up
     bench = Bench(Effort(2, 0.5))
     bench.measure(
         Workload("TowerScratch", actions=11),
-        [_counted(COPY_GROUP, "memory copy", lambda: next(copies)), _counted("single", "single", lambda: next(steps))],
+        [
+            _case_with_steps(COPY_GROUP, "memory copy", lambda: next(copies)),
+            _case_with_steps("single", "single", lambda: next(steps)),
+        ],
         lambda: None,
     )
     ours = bench.results[1]
@@ -161,7 +164,7 @@ def test_ratio__is_to_copying_in_the_same_round() -> None:
     assert bench.ratio_to_copying(ours) == (4 / 4 + 1 / 2) / 2
 
 
-def _counted(group: str, name: str, count: Callable[[], int]) -> BenchmarkCase:
+def _case_with_steps(group: str, name: str, count: Callable[[], int]) -> BenchmarkCase:
     @contextmanager
     def open_case(workload: Workload) -> Iterator[Play]:
         yield lambda: Timing(count(), 1.0)
@@ -169,7 +172,7 @@ def _counted(group: str, name: str, count: Callable[[], int]) -> BenchmarkCase:
     return BenchmarkCase(group, name, 1, open_case)
 
 
-def test_missing_package__is_noted_and_the_rest_measured() -> None:
+def test_missing_package__skips_its_cases_with_a_note() -> None:
     @contextmanager
     def open_case(workload: Workload) -> Iterator[Play]:
         raise ModuleNotFoundError("no SB3", name="stable_baselines3.common")
@@ -182,7 +185,7 @@ def test_missing_package__is_noted_and_the_rest_measured() -> None:
     assert [measurement.case for measurement in bench.results] == [rest]
 
 
-def test_interrupted__keeps_the_rounds_that_are_done() -> None:
+def test_interrupt__keeps_completed_rounds() -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
@@ -193,7 +196,7 @@ def test_interrupted__keeps_the_rounds_that_are_done() -> None:
     assert "Interrupted" in report_text(bench)
 
 
-def test_chart__has_a_panel_for_each_configuration() -> None:
+def test_chart__has_a_panel_per_configuration() -> None:
     bench = Bench(SHORT)
     for name in ("TowerScratch", "TowerFlipIt", "ScatterScratch"):
         bench.measure(Workload(name, actions=11), [_fake(case) for case in benchmark_cases(["batched"])], lambda: None)
@@ -207,16 +210,16 @@ def test_chart__has_a_panel_for_each_configuration() -> None:
     ]
 
 
-def test_document__holds_the_new_tables_where_the_old_were() -> None:
+def test_insert_tables__replaces_the_old_tables() -> None:
     assert insert_tables(f"Before\n{BEGIN}\nold\n{END}\nafter\n", "new") == f"Before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
     with pytest.raises(DocumentError, match="begin"):
         insert_tables("no marks", "new")
 
 
-def test_release__is_played_in_its_own_process(release: Path) -> None:
+def test_release__runs_in_a_subprocess(release: Path) -> None:
     workload = Workload("TowerFlipIt", actions=33)
     with release_case(release, {"horizon": 3}).open(workload) as play:
-        assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that this release ends early
+        assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that end early
 
 
 @pytest.mark.parametrize(
@@ -226,7 +229,7 @@ def test_release__is_played_in_its_own_process(release: Path) -> None:
         ("TowerFlipIt", {"speed": 9}, "speed"),
     ],
 )
-def test_release__says_why_it_cannot_be_played(
+def test_release__errors_name_the_cause(
     release: Path, configuration: str, options: dict[str, int], message: str
 ) -> None:
     case = release_case(release, options)
@@ -234,7 +237,7 @@ def test_release__says_why_it_cannot_be_played(
         pass
 
 
-def test_release__that_does_not_run_is_told_of(release: Path) -> None:
+def test_release__that_exits_is_an_error(release: Path) -> None:
     (release / "lilgym" / "__init__.py").write_text("raise SystemExit(3)")
     case = release_case(release, {})
     with pytest.raises(ReleaseError, match="exit code 3"), case.open(Workload("TowerFlipIt", actions=11)):
@@ -243,7 +246,7 @@ def test_release__that_does_not_run_is_told_of(release: Path) -> None:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The quick effort, quicker still."""
+    """An even shorter quick effort."""
     monkeypatch.setattr("lilgym_mp.benchmark.EFFORTS", {"quick": SHORT})
 
 
@@ -255,8 +258,8 @@ def test_bench__writes_tables_json_chart_and_document(tmp_path: Path, capsys: py
     output = tmp_path / "out"
     command = ["bench", "--quick", "--only", "single", "batched", "parts", "--configurations", "TowerScratch"]
     assert main([*command, "--output", str(output), "--write-docs", str(document)]) == 0
-    printed, told = capsys.readouterr()
-    assert "2 of 2 rounds, TowerScratch, " in told
+    printed, progress = capsys.readouterr()
+    assert "2 of 2 rounds, TowerScratch, " in progress
     assert "### TowerScratch" in printed
     assert "batched 64, copied, Tower" in printed
     assert printed.strip() in document.read_text()
@@ -270,7 +273,7 @@ def test_bench__writes_tables_json_chart_and_document(tmp_path: Path, capsys: py
 
 
 @pytest.mark.usefixtures("short")
-def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench__ctrl_c_writes_results_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rate = Bench._rate
     calls = iter(range(100))
 
@@ -300,7 +303,7 @@ def test_bench__after_ctrl_c_writes_what_there_is(tmp_path: Path, monkeypatch: p
         (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),
     ],
 )
-def test_bench__refuses_what_it_cannot_do(
+def test_bench__rejects_invalid_options(
     arguments: list[str],
     message: str,
     tmp_path: Path,

@@ -1,4 +1,4 @@
-"""Damaged run directories: one clear line."""
+"""Damaged run directories are reported in one line."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ DAMAGES = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("words", [["evaluate"], ["train", "ppo", "--resume", "--out"]])
-def test_damaged_description__is_told_in_one_line(
+def test_damaged_run__is_reported_in_one_line(
     damage: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "run.json").write_text(DAMAGES[damage], encoding="utf-8")
     assert main([*words, str(tmp_path)]) == USAGE_ERROR
-    said = capsys.readouterr().err
-    assert str(tmp_path) in said
-    assert said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert str(tmp_path) in output
+    assert output.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What a user gets wrong: one clear line, exit code 2, no traceback; and the help of every command."""
+"""Usage errors print one line and exit with code 2, without traceback; and the help of every command."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main
 
-MISTAKES = {
+CASES = {
     "no command": ([], "lilgym-mp: the following arguments are required: COMMAND"),
     "unknown command": (["trian"], "invalid choice: 'trian'"),
     "unknown option": (["train", "ppo", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
@@ -21,8 +21,8 @@ MISTAKES = {
     ),
     "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
     "unknown learner": (["train", "TowerScratch"], "invalid choice: 'TowerScratch' (choose from"),
-    "unknown configuration to imitate in": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
-    "no time to imitate in": (
+    "unknown configuration to imitate": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
+    "no time for imitation": (
         ["train", "imitation", "TowerScratch", "--minutes", "0"],
         "--minutes must be above 0, not 0",
     ),
@@ -30,7 +30,7 @@ MISTAKES = {
         ["train", "parse-and-plan", "--device", "tpu"],
         "unknown device 'tpu'; choose from auto, cpu, cuda",
     ),
-    "a recipe of nonsense for the parser": (
+    "invalid recipe of the parser": (
         ["train", "parse-and-plan", "--generated", "2"],
         "generated must be at least 0 and at most 1",
     ),
@@ -55,40 +55,40 @@ MISTAKES = {
         ["train", "ppo", "TowerScratch", "--model", "c3-bert"],
         "the model 'c3-bert' needs pretrained weights: name their directory with --weights",
     ),
-    "a grid across separators": (
+    "grid across separators": (
         ["train", "ppo", "ScatterScratch", "--grid", "20x5"],
         "straddle a separator; choose from",
     ),
-    "no grid": (
+    "invalid grid": (
         ["train", "ppo", "ScatterScratch", "--grid", "many"],
         "'many' must be 'native' or COLUMNSxROWS, such as 38x10",
     ),
     "too many actions": (["train", "ppo", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
-    "a horizon of nothing": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
-    "a recipe of nonsense": (
+    "zero horizon": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
+    "invalid recipe": (
         ["train", "ppo", "TowerScratch", "--gamma", "2"],
         "gamma must be at least 0 and at most 1",
     ),
     "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
-    "no steps to show": (["demo", "--parser-steps", "0"], "--parser-steps must be at least 1"),
+    "no steps in demo": (["demo", "--parser-steps", "0"], "--parser-steps must be at least 1"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
-    "nobody to evaluate": (["evaluate"], "name run directories of trained agents, or policies with --policy"),
-    "no agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
+    "no agent to evaluate": (["evaluate"], "name run directories of trained agents, or policies with --policy"),
+    "missing agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
     "no run to resume": (["train", "ppo", "--resume", "--out", "nowhere"], "no training run in nowhere"),
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake__is_told_in_one_line(
-    mistake: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("case", CASES)
+def test_usage_error__is_one_line(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    words, said = MISTAKES[mistake]
+    words, message = CASES[case]
     monkeypatch.chdir(tmp_path)
     assert main(words) == USAGE_ERROR
     written = capsys.readouterr()
     assert written.err.startswith("lilgym-mp")
-    assert said in written.err
+    assert message in written.err
     assert written.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
@@ -103,7 +103,7 @@ def test_mistake__is_told_in_one_line(
         ["play", "--gif"],
     ],
 )
-def test_results__a_place_that_cannot_be_written_is_told_before_any_work(
+def test_output__unwritable_directory_is_an_error_before_any_work(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "file").write_text("")
@@ -116,7 +116,7 @@ def test_results__a_place_that_cannot_be_written_is_told_before_any_work(
     assert not written.out
 
 
-def test_demo__a_directory_with_something_in_it_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_demo__rejects_a_directory_that_is_not_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "mine").write_text("")
     assert main(["demo", "--out", str(tmp_path)]) == USAGE_ERROR
     assert f"{tmp_path} is not empty" in capsys.readouterr().err
@@ -130,7 +130,7 @@ def test_help__of_every_command(command: str | None, capsys: pytest.CaptureFixtu
     assert f"usage: lilgym-mp{' ' + command if command else ''}" in capsys.readouterr().out
 
 
-def test_help__loads_nothing_heavy():
+def test_help__imports_no_heavy_package():
     program = (
         "import sys; from lilgym_mp.cli import main\n"
         "try: main(['--help'])\n"
@@ -141,7 +141,7 @@ def test_help__loads_nothing_heavy():
     assert done.stdout.splitlines()[-1] == "loaded"
 
 
-def test_missing_package__is_named_with_what_to_install(
+def test_missing_package__error_names_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.learning")]:
@@ -151,7 +151,7 @@ def test_missing_package__is_named_with_what_to_install(
     assert 'needs safetensors: pip install "stable-baselines3' in capsys.readouterr().err
 
 
-def test_program_check__shows_where_a_program_is_wrong(capsys: pytest.CaptureFixture[str]):
+def test_program_check__shows_the_position_of_an_error(capsys: pytest.CaptureFixture[str]):
     assert main(["program", "check", "exist(all_itmes)"]) == USAGE_ERROR
     written = capsys.readouterr()
     assert not written.out
@@ -161,6 +161,6 @@ def test_program_check__shows_where_a_program_is_wrong(capsys: pytest.CaptureFix
     assert "line 1, column 7" in lines[3]
 
 
-def test_program_check__describes_a_good_one(capsys: pytest.CaptureFixture[str]):
+def test_program_check__describes_a_valid_program(capsys: pytest.CaptureFixture[str]):
     assert main(["program", "check", "exist(filter_obj(all_items, is_blue))"]) == 0
     assert "on the empty scene: False" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""`lilgym-mp experiment`: what a file may ask for, and that its runs are made once, resumed and reported on."""
+"""`lilgym-mp experiment`: valid and invalid files; runs are executed once, resumed and reported on."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ learner = "ppo"
 """
 
 
-def written(path: Path, text: str) -> Path:
+def write_file(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
 
 
 @pytest.mark.parametrize("file", sorted(FILES.glob("*.toml")), ids=lambda file: file.stem)
-def test_plan__files_that_come_with_the_project_can_be_run(file: Path, request: pytest.FixtureRequest):
+def test_plan__shipped_files_are_valid(file: Path, request: pytest.FixtureRequest):
     if tomllib.loads(file.read_text())["corpus"] == "lilgym":
         request.getfixturevalue("official_data")
     plan = read_plan(file)
@@ -61,7 +61,7 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     configurations = ["TowerFlipIt"]
     stop_forcing = true
     """
-    plan = read_plan(written(tmp_path / "a.toml", text))
+    plan = read_plan(write_file(tmp_path / "a.toml", text))
     assert [planned.name for planned in plan] == [
         *("parse-and-plan-0", "parse-and-plan-7", "forced-TowerFlipIt-0", "forced-TowerFlipIt-7", "policies"),
     ]
@@ -83,14 +83,14 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
         ('"ppo"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
     ],
 )
-def test_plan__an_agent_is_evaluated_on_the_starts_that_it_learns(tmp_path: Path, learner: str, played: list[str]):
-    (planned,) = read_plan(written(tmp_path / "a.toml", f'corpus = "builtin"\n[[learners]]\nlearner = {learner}\n'))
+def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str, played: list[str]):
+    (planned,) = read_plan(write_file(tmp_path / "a.toml", f'corpus = "builtin"\n[[learners]]\nlearner = {learner}\n'))
     (words,) = planned.evaluate
     first = words.index("--configuration") + 1
     assert list(words[first : words.index("--corpus")]) == played
 
 
-def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_both_starts(tmp_path: Path):
+def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_path: Path):
     text = f"""
     corpus = "{tmp_path / "own.jsonl"}"
     configurations = ["TowerScratch", "TowerFlipIt"]
@@ -102,7 +102,7 @@ def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_bo
     configurations = ["TowerFlipIt"]
     """
     write_own_corpus(tmp_path / "own.jsonl")
-    parser, imitation = read_plan(written(tmp_path / "a.toml", text))
+    parser, imitation = read_plan(write_file(tmp_path / "a.toml", text))
     assert parser.train[-2:] == ("--corpus", "builtin")
     assert imitation.train[-2:] == ("--corpus", str(tmp_path / "own.jsonl"))
     for planned in (parser, imitation):
@@ -117,7 +117,7 @@ def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_bo
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("colour = 1\n" + SMALL, "colour: unknown key; choose from corpus, splits, configurations"),
         (SMALL + "speed = 3", r"learners\[0\]\.speed: unknown key; choose from name, learner"),
@@ -143,14 +143,14 @@ def test_plan__a_learner_may_be_trained_on_another_corpus_and_imitation_plays_bo
         ("seeds = [", "invalid TOML"),
     ],
 )
-def test_plan__what_cannot_be_is_refused_naming_file_key_and_choices(tmp_path: Path, text: str, said: str):
-    with pytest.raises(CommandError, match=said) as fault:
-        read_plan(written(tmp_path / "bad.toml", text))
-    assert str(fault.value).startswith(str(tmp_path / "bad.toml"))
+def test_plan__errors_name_file_key_and_choices(tmp_path: Path, text: str, message: str):
+    with pytest.raises(CommandError, match=message) as error:
+        read_plan(write_file(tmp_path / "bad.toml", text))
+    assert str(error.value).startswith(str(tmp_path / "bad.toml"))
 
 
-def test_experiment__bad_input_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file = written(tmp_path / "bad.toml", "colour = 1\n" + SMALL)
+def test_experiment__invalid_file_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = write_file(tmp_path / "bad.toml", "colour = 1\n" + SMALL)
     assert main(["experiment", str(file), "--out", str(tmp_path / "out")]) == USAGE_ERROR
     assert main(["experiment", str(tmp_path / "none.toml")]) == USAGE_ERROR
     assert "none.toml: cannot be read" in capsys.readouterr().err
@@ -158,13 +158,13 @@ def test_experiment__bad_input_writes_nothing(tmp_path: Path, capsys: pytest.Cap
 
 
 class Script(Attempt):
-    """Runs Python programs in place of our commands."""
+    """Replaces the commands by a fast success or a failure."""
 
     def _call(self, words: Sequence[str]) -> None:
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command"])
 
 
-def test_carry_out__a_failure_stops_no_other_run_and_is_told_with_its_log(tmp_path: Path):
+def test_run_locally__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path):
     for name in ("runs", "episodes", "logs", "finished"):
         (tmp_path / name).mkdir()
     plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
@@ -177,7 +177,7 @@ def test_carry_out__a_failure_stops_no_other_run_and_is_told_with_its_log(tmp_pa
     assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
 
-def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
+def test_run_locally__killed_process_does_not_stop_other_runs(tmp_path: Path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
     plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
     for name in ("runs", "episodes", "logs", "finished"):
@@ -195,9 +195,9 @@ def test_carry_out__a_killed_process_stops_no_other_run(tmp_path: Path):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a killed command leaves its runs alone")
-def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
-    process = begun(tmp_path, "10_000_000")
+@pytest.mark.skipif(sys.platform != "linux", reason="PR_SET_PDEATHSIG exists only on Linux")
+def test_experiment__training_ends_when_the_command_is_killed(tmp_path: Path):
+    process = start_experiment(tmp_path, "10_000_000")
     run = child_of(process.pid)
     process.kill()
     process.wait()
@@ -208,9 +208,9 @@ def test_experiment__a_killed_command_leaves_no_training_behind(tmp_path: Path):
     assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
 
 
-def begun(directory: Path, steps: str) -> subprocess.Popen[bytes]:
-    """An experiment in a process of its own, once its run has some progress."""
-    file = written(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
+def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
+    """Starts an experiment in a subprocess and waits until its run has some progress."""
+    file = write_file(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
     command = [
         sys.executable,
         "-m",
@@ -222,17 +222,17 @@ def begun(directory: Path, steps: str) -> subprocess.Popen[bytes]:
         "--jobs",
         "2",
     ]
-    with (directory / "said").open("w") as said:
-        process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
+    with (directory / "output").open("w") as output:
+        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
     progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
     while not progress.exists():
-        assert process.poll() is None, (directory / "said").read_text()
+        assert process.poll() is None, (directory / "output").read_text()
         time.sleep(0.1)
     return process
 
 
 def child_of(pid: int) -> int:
-    """The only process that this one has started."""
+    """The only child of a process."""
     (child,) = [
         found for found in map(int, filter(str.isdigit, os.listdir("/proc"))) if status(found)[1:2] == [str(pid)]
     ]
@@ -240,7 +240,7 @@ def child_of(pid: int) -> int:
 
 
 def status(pid: int) -> list[str]:
-    """Its state, its parent and more, by proc(5); nothing of a process that is not there."""
+    """State, parent pid and more, see proc(5); empty if there is no such process."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -252,12 +252,12 @@ def is_alive(pid: int) -> bool:
 
 
 @pytest.mark.long
-def test_experiment__ctrl_c_lets_runs_save_and_the_same_command_goes_on(tmp_path: Path):
-    process = begun(tmp_path, "640")
+def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path: Path):
+    process = start_experiment(tmp_path, "640")
     process.send_signal(signal.SIGINT)
-    code, said = process.wait(timeout=120), (tmp_path / "said").read_text()
-    assert code == 130, said
-    assert "ppo-TowerScratch-0: interrupted" in said
+    code, output = process.wait(timeout=120), (tmp_path / "output").read_text()
+    assert code == 130, output
+    assert "ppo-TowerScratch-0: interrupted" in output
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
     assert 0 < len(before.splitlines()) < 20
@@ -288,7 +288,7 @@ def test_display__is_a_live_table_on_a_terminal_and_lines_elsewhere(tmp_path: Pa
     assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: training\n"
 
 
-def test_attempts__a_run_made_with_other_options_is_refused(tmp_path: Path):
+def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
     (tmp_path / "finished").mkdir()
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
@@ -298,7 +298,7 @@ def test_attempts__a_run_made_with_other_options_is_refused(tmp_path: Path):
         make_attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
 
 
-def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
+def test_row__shows_progress_and_time_left(tmp_path: Path):
     attempt = Attempt(PlannedRun("a", ("train",), (), ("steps", 100)), tmp_path, threads=1)
     assert row(attempt) == ["a", "waiting", "", "", ""]
     attempt.run.mkdir(parents=True)
@@ -309,7 +309,7 @@ def test_row__tells_how_far_training_is_and_what_time_is_left(tmp_path: Path):
 
 
 @pytest.mark.long
-def test_experiment__smoke_file_runs_once_goes_on_and_is_reported_on(
+def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     place = tmp_path / "results"
@@ -323,7 +323,7 @@ def test_experiment__smoke_file_runs_once_goes_on_and_is_reported_on(
     changed = {path.parts[-2] for path, when in before.items() if path.stat().st_mtime_ns != when}
     assert changed == {"policies", "logs", "finished"}
     capsys.readouterr()
-    run = place / "runs" / "ppo-TowerScratch-0"  # recorded already, so not played again
+    run = place / "runs" / "ppo-TowerScratch-0"  # already recorded, so not evaluated again
     assert main(["report", str(place / "episodes"), str(run), "--out", str(tmp_path / "report")]) == 0
     assert "episodes:" not in capsys.readouterr().out
     page = (tmp_path / "report" / "index.html").read_text()

@@ -1,4 +1,4 @@
-"""`lilgym-mp experiment --ray`: runs on a real cluster of two nodes on this machine, one of which is killed."""
+"""`lilgym-mp experiment --ray`: runs on a local cluster of two nodes, one of which is killed."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ steps = 4096
 
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A head with one processor."""
+    """A cluster whose head node has one CPU."""
     pytest.importorskip("ray", reason=NEEDS_RAY)
     from ray.cluster_utils import Cluster
 
-    monkeypatch.setenv("RAY_worker_niceness", "0")  # else other work on this machine comes first
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # otherwise Ray has a lower priority than other processes
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     attempts = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
     yield attempts
@@ -41,7 +41,7 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ray__a_run_whose_node_is_killed_is_made_again_on_another_and_results_are_brought_back(
+def test_ray__run_of_a_killed_node_is_retried_and_results_are_copied_back(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     doomed = cluster.add_node(num_cpus=1)
@@ -70,11 +70,11 @@ def test_ray__a_run_whose_node_is_killed_is_made_again_on_another_and_results_ar
         assert header is not None
         assert header.run == f"results/runs/{attempt.planned.name}"
         assert "$ lilgym-mp evaluate" in attempt.log.read_text()
-    assert main(["experiment", "two.toml", "--out", "results"]) == 0  # which finds them finished
+    assert main(["experiment", "two.toml", "--out", "results"]) == 0  # the runs are already finished
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ray__ctrl_c_brings_back_what_runs_have_saved_and_a_failing_run_stops_no_other(cluster: Any, tmp_path: Path):
+def test_ray__ctrl_c_copies_checkpoints_back_and_failure_does_not_stop_other_runs(cluster: Any, tmp_path: Path):
     file = tmp_path / "long.toml"
     file.write_text(TWO_RUNS.replace("4096", "10_000_000"))
     bad = PlannedRun("bad", (), (("no-such-command",),))
@@ -94,13 +94,13 @@ def test_ray__ctrl_c_brings_back_what_runs_have_saved_and_a_failing_run_stops_no
     assert not attempts[1].marker.exists()
 
 
-def test_packed__holds_a_run_and_nothing_else_and_is_unpacked_elsewhere(tmp_path: Path):
+def test_pack__contains_one_run_and_unpacks_elsewhere(tmp_path: Path):
     plan = [PlannedRun(name, (), ()) for name in ("a", "b")]
     here, other = make_attempts(plan, tmp_path / "here", 1)
     for attempt in (here, other):
         attempt.run.mkdir()
         (attempt.run / "checkpoint.pt").write_text(attempt.planned.name)
-        attempt.log.write_text("said")
+        attempt.log.write_text("message")
     (there,) = make_attempts(plan[:1], Path("there"), 1, tmp_path)
     unpack(pack(here), there)
     found = sorted(path.relative_to(tmp_path) for path in (tmp_path / "there").rglob("*") if path.is_file())
@@ -108,28 +108,28 @@ def test_packed__holds_a_run_and_nothing_else_and_is_unpacked_elsewhere(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--ray", "auto", "--jobs", "2"], "--jobs is for runs on this machine"),
         (["--jobs", "0"], "--jobs must be at least 1"),
     ],
 )
-def test_experiment__combinations_that_cannot_be_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+def test_experiment__rejects_invalid_options(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
 ):
     (tmp_path / "two.toml").write_text(TWO_RUNS)
     assert main(["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), *words]) == USAGE_ERROR
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_ray__a_corpus_that_nodes_would_not_find_is_refused(tmp_path: Path):
+def test_ray__rejects_a_corpus_at_a_relative_path(tmp_path: Path):
     attempt = Attempt(PlannedRun("a", ("train", "ppo", "--corpus", "own.jsonl"), ()), tmp_path, 1)
     with pytest.raises(CommandError, match=r"own\.jsonl is a relative path; --ray needs an absolute path"):
         run_on_ray([attempt], "auto", 1, time.sleep, 1.0)
 
 
-def test_ray__no_cluster_is_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_ray__missing_cluster_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("ray", reason=NEEDS_RAY)
     (tmp_path / "two.toml").write_text(TWO_RUNS)
     command = ["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), "--ray", "auto"]

@@ -1,4 +1,4 @@
-"""Play in the terminal, from scripts of commands."""
+"""`lilgym-mp play` in the terminal, with scripted commands."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ROUND_TASK = ["play", "ScatterScratch"]
 
 @pytest.fixture
 def play(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Play:
-    """Plays with commands, one a line, until the input ends; gives all that was shown."""
+    """Plays with lines of input and returns the output."""
 
     def run(command: list[str], *lines: str) -> str:
         monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
@@ -41,83 +41,85 @@ def play(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
     return run
 
 
-def test_play__a_task_is_solved(play: Play):
-    said = play(BLUE_TASK, "add left blue", "stop")
-    assert '"I can see a blue block."' in said
-    assert "Make this true, then stop. Actions left: 12." in said
-    assert "add left blue: reward -0.1" in said
-    assert "stop: reward +1.0, success" in said
-    assert said.endswith("1 of 1 episodes succeeded, reward +0.9\n")
+def test_play__solves_a_task(play: Play):
+    output = play(BLUE_TASK, "add left blue", "stop")
+    assert '"I can see a blue block."' in output
+    assert "Make this true, then stop. Actions left: 12." in output
+    assert "add left blue: reward -0.1" in output
+    assert "stop: reward +1.0, success" in output
+    assert output.endswith("1 of 1 episodes succeeded, reward +0.9\n")
 
 
-def test_play__the_picture_follows(play: Play):
+def test_play__picture_shows_the_edit(play: Play):
     before, after = play(BLUE_TASK, "add left blue").split("> add left blue")
     assert "bbbb" not in before
     assert "|        bbbb        |  |" in after
 
 
-def test_play__a_hint_solves_it(play: Play):
+def test_play__hint_is_an_action(play: Play):
     assert "try: add " in play(BLUE_TASK, "hint")
 
 
-def test_play__nonsense_is_explained_and_costs_nothing(play: Play):
-    said = play(BLUE_TASK, "dance", "add", "add left", "add up blue", "add left bl", "remove 3", "hint me", "", "show")
-    assert "unknown command 'dance'; choose from add, remove, stop, hint" in said
-    assert "add takes 2 words, not 0; usage: add BOX COLOUR, such as: add left blue" in said
-    assert "unknown box 'up'; choose from left, middle, right" in said
-    assert "'bl' could be black or blue; choose from yellow, black, blue" in said
-    assert "unknown box '3'" in said
-    assert "hint takes no arguments" in said
-    assert said.count("Actions left: 12.") == 2
-    assert said.endswith("no episode completed, reward +0.0\n")
+def test_play__invalid_commands_are_explained_and_take_no_step(play: Play):
+    output = play(
+        BLUE_TASK, "dance", "add", "add left", "add up blue", "add left bl", "remove 3", "hint me", "", "show"
+    )
+    assert "unknown command 'dance'; choose from add, remove, stop, hint" in output
+    assert "add takes 2 words, not 0; usage: add BOX COLOUR, such as: add left blue" in output
+    assert "unknown box 'up'; choose from left, middle, right" in output
+    assert "'bl' could be black or blue; choose from yellow, black, blue" in output
+    assert "unknown box '3'" in output
+    assert "hint takes no arguments" in output
+    assert output.count("Actions left: 12.") == 2
+    assert output.endswith("no episode completed, reward +0.0\n")
 
 
-def test_play__an_illegal_action_ends_the_episode_with_its_reason(play: Play):
-    said = play(BLUE_TASK, "remove left", "add left blue", "back", "add left blue")
-    assert "remove left: reward -1.0, invalid action (empty tower)\nType next, back or quit." in said
-    assert "this episode is over; type next for another task, back for its start, or quit" in said
-    assert said.count('"I can see a blue block."') == 4
+def test_play__invalid_action_ends_the_episode_with_its_reason(play: Play):
+    output = play(BLUE_TASK, "remove left", "add left blue", "back", "add left blue")
+    assert "remove left: reward -1.0, invalid action (empty tower)\nType next, back or quit." in output
+    assert "this episode is over; type next for another task, back for its start, or quit" in output
+    assert output.count('"I can see a blue block."') == 4
 
 
-def test_play__next_draws_another_task_and_quit_leaves(play: Play):
-    said = play([*BLUE_TASK, "--seed", "1"], "next", "quit", "add left blue")
-    assert said.count("Make this") == 2
-    assert "add left blue" not in said
+def test_play__next_samples_another_task_and_quit_leaves(play: Play):
+    output = play([*BLUE_TASK, "--seed", "1"], "next", "quit", "add left blue")
+    assert output.count("Make this") == 2
+    assert "add left blue" not in output
 
 
-def test_play__the_seed_decides_what_is_drawn(play: Play):
+def test_play__seed_determines_the_tasks(play: Play):
     drawn = [play(["play", "ScatterFlipIt", "--seed", seed], "next") for seed in ("1", "1", "2")]
     assert drawn[0] == drawn[1] != drawn[2]
 
 
-def test_play__legal_lists_what_can_be_done(play: Play):
-    said = play(BLUE_TASK, "legal")
-    assert "add middle black" in said
-    assert "remove" not in said.split("> legal")[1]
+def test_play__legal_lists_legal_actions(play: Play):
+    output = play(BLUE_TASK, "legal")
+    assert "add middle black" in output
+    assert "remove" not in output.split("> legal")[1]
 
 
-def test_play__help_speaks_of_the_appearance(play: Play):
+def test_play__help_depends_on_the_appearance(play: Play):
     assert "add BOX COLOUR" in play(BLUE_TASK, "help")
     assert "add COLUMN ROW SIZE COLOUR SHAPE" in play(ROUND_TASK, "help")
 
 
-def test_play__scatter_is_played_by_cells(play: Play):
-    said = play(ROUND_TASK, "add 18 4 small blue circle", "legal", "add 19 0 small blue circle", "remove 18 4")
-    assert "add 18 4 small blue circle: reward -0.1" in said
-    assert "remove 18 4" in said
-    assert "add large square: " in said
-    assert "column '19' must be one of 0 .. 18" in said
-    assert "remove 18 4: reward -0.1" in said
+def test_play__scatter_actions_name_cells(play: Play):
+    output = play(ROUND_TASK, "add 18 4 small blue circle", "legal", "add 19 0 small blue circle", "remove 18 4")
+    assert "add 18 4 small blue circle: reward -0.1" in output
+    assert "remove 18 4" in output
+    assert "add large square: " in output
+    assert "column '19' must be one of 0 .. 18" in output
+    assert "remove 18 4: reward -0.1" in output
 
 
-def test_play__writes_a_film_of_every_picture(play: Play, tmp_path: Path):
-    said = play([*BLUE_TASK, "--gif", str(tmp_path / "film.gif")], "add left blue", "stop")
-    assert f"film: {tmp_path / 'film.gif'}" in said
+def test_play__gif_contains_every_picture(play: Play, tmp_path: Path):
+    output = play([*BLUE_TASK, "--gif", str(tmp_path / "film.gif")], "add left blue", "stop")
+    assert f"film: {tmp_path / 'film.gif'}" in output
     with Image.open(tmp_path / "film.gif") as film:
         assert getattr(film, "n_frames", 1) == 3
 
 
-def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
+def test_play__ctrl_c_exits_and_writes_the_gif(tmp_path: Path):
     film = tmp_path / "film.gif"
     command = [sys.executable, "-c", "import sys; from lilgym_mp.cli import main; sys.exit(main())", *BLUE_TASK]
     with subprocess.Popen(
@@ -127,9 +129,9 @@ def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
         while "Actions left" not in process.stdout.readline():
             pass
         process.send_signal(signal.SIGINT)
-        said, faults = process.communicate(timeout=60)
-    assert (process.returncode, faults) == (0, "")
-    assert "no episode completed" in said
+        output, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, "")
+    assert "no episode completed" in output
     assert film.exists()
 
 
@@ -142,7 +144,7 @@ def test_play__ctrl_c_leaves_cleanly_with_the_film_written(tmp_path: Path):
         ("remove m", RemoveBlock(1)),
     ],
 )
-def test_parsed__tower(line: str, action: AddBlock):
+def test_parse_command__tower(line: str, action: AddBlock):
     assert parse_command(line.split(), Tower()) == action
 
 
@@ -154,12 +156,12 @@ def test_parsed__tower(line: str, action: AddBlock):
         ("remove 18 0", RemoveItem(18, 0)),
     ],
 )
-def test_parsed__scatter_takes_looks_in_any_order(line: str, action: AddItem):
+def test_parse_command__scatter_accepts_attributes_in_any_order(line: str, action: AddItem):
     assert parse_command(line.split(), Scatter()) == action
 
 
 @pytest.mark.parametrize(
-    ("line", "fault"),
+    ("line", "error"),
     [
         ("stop now", "stop takes 0 words, not 1"),
         ("add 3 4 small large circle", "'large' is a second size; give one size, colour and shape"),
@@ -168,19 +170,19 @@ def test_parsed__scatter_takes_looks_in_any_order(line: str, action: AddItem):
         ("remove a b", "column 'a' must be one of 0 .. 18"),
     ],
 )
-def test_parsed__faults_say_what_would_do(line: str, fault: str):
-    with pytest.raises(CommandSyntaxError, match=fault):
+def test_parse_command__errors_name_the_valid_form(line: str, error: str):
+    with pytest.raises(CommandSyntaxError, match=error):
         parse_command(line.split(), Scatter())
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))])
-def test_command_of__is_understood_again(appearance: Tower | Scatter):
+def test_format_command__is_the_inverse_of_parse_command(appearance: Tower | Scatter):
     for number in range(0, appearance.action_count, 7):
         action = appearance.decode(number)
         assert parse_command(format_command(action).split(), appearance) == action
 
 
-def test_ruled__numbers_stand_where_their_cells_begin():
+def test_ruled__numbers_are_at_the_start_of_their_cells():
     picture = ruled(text(scene(tower(B), [], [square(80, 80)]), [], coloured=False), (19, 5))
     numbers, _, *rows, _ = picture.split("\n")
     assert numbers.index("18") == rows[-1].index("yyyy")
@@ -188,7 +190,7 @@ def test_ruled__numbers_stand_where_their_cells_begin():
     assert [line.split()[-1] for line in rows if line[-1].isdigit()] == ["0", "1", "2", "3", "4"]
 
 
-def test_ruled__fine_grids_are_numbered_here_and_there():
+def test_ruled__fine_grids_have_only_some_numbers():
     numbers, *_ = ruled(text(scene(), [], coloured=False), (95, 20)).split("\n")
     counted = [int(number) for number in numbers.split()]
     assert counted == sorted(counted)
@@ -196,8 +198,8 @@ def test_ruled__fine_grids_are_numbered_here_and_there():
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
-def test_play__edits_lines_in_a_terminal():
-    """What is typed wrong is taken back by backspaces, and the up arrow brings the last line."""
+def test_play__terminal_has_line_editing():
+    """Backspace deletes characters, and the up arrow recalls the last line."""
     pytest.importorskip("readline")
     parent, child = os.openpty()
     command = [sys.executable, "-m", "lilgym_mp", "play", "TowerScratch", "--seed", "1"]

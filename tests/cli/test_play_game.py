@@ -15,8 +15,8 @@ TASK = ["--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block.
 
 
 @pytest.fixture
-def typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Plays with these lines typed; gives what is shown."""
+def run_with_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Plays with lines of input and returns the output."""
 
     def play(lines: str, *words: str) -> str:
         monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
@@ -26,37 +26,37 @@ def typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     return play
 
 
-def test_play_game__a_proposer_convinces_the_oracle(typed):
-    shown = typed("add(left, blue)\nSTOP\n", *TASK)
+def test_play_game__as_proposer_with_the_oracle(run_with_input):
+    shown = run_with_input("add(left, blue)\nSTOP\n", *TASK)
     assert "verifier_0: accept" in shown
     assert shown.splitlines()[-1] == "success; proposer_0 +0.9, verifier_0 +0.9"
 
 
-def test_play_game__both_sides_by_one_person(typed):
-    shown = typed("ADD(LEFT, BLACK)\nreject\nADD(LEFT, BLUE)\naccept\nSTOP\naccept\n", "--as", "both", *TASK)
+def test_play_game__as_both_agents(run_with_input):
+    shown = run_with_input("ADD(LEFT, BLACK)\nreject\nADD(LEFT, BLUE)\naccept\nSTOP\naccept\n", "--as", "both", *TASK)
     assert shown.splitlines()[-1] == "success; proposer_0 +0.8, verifier_0 +0.8"
 
 
-def test_play_game__explains_what_it_does_not_take(typed):
-    shown = typed("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
+def test_play_game__explains_invalid_input(run_with_input):
+    shown = run_with_input("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
     assert "'nonsense' names no action of proposer_0" in shown
     assert "STOP, ADD(LEFT, YELLOW)" in shown
     assert shown.splitlines()[-1] == "quit before the end of the game"
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
-def test_play_game__a_verifier_meets_every_protocol(protocol: str, typed):
+def test_play_game__as_verifier_in_every_protocol(protocol: str, run_with_input):
     lines = "accept\ncontinue\n" * 30 + "quit\n"
-    shown = typed(lines, "--as", "verifier", "--protocol", protocol, "--seed", "0")
+    shown = run_with_input(lines, "--as", "verifier", "--protocol", protocol, "--seed", "0")
     assert "proposer_0: " in shown
 
 
-def test_play_game__unknown_partners_are_refused(capsys: pytest.CaptureFixture[str]):
+def test_play_game__rejects_unknown_partners(capsys: pytest.CaptureFixture[str]):
     assert main(["play-game", "--partner", "nobody"]) == USAGE_ERROR
     assert "unknown partner 'nobody'; choose from " in capsys.readouterr().err
 
 
-def test_program_run__shows_truth_and_who_satisfied_what(capsys: pytest.CaptureFixture[str]):
+def test_program_run__shows_truth_and_satisfying_items(capsys: pytest.CaptureFixture[str]):
     assert (
         main(["program", "run", "exist(filter_obj(all_items, lambda x: is_blue(x)))", "--task", "tower-dev-001"]) == 0
     )
@@ -66,18 +66,18 @@ def test_program_run__shows_truth_and_who_satisfied_what(capsys: pytest.CaptureF
     assert "satisfied by none of 0" in shown
 
 
-def test_program_run__takes_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
+def test_program_run__defaults_to_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
     assert main(["program", "run", "--task", "tower-dev-001"]) == 0
     assert "filter_color(all_items, Color.BLUE)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["exists(all_items)", "--task", "tower-dev-001"], "did you mean exist?"),
         (["--task", "tower-dev-1"], "no task 'tower-dev-1' in corpus 'builtin'; tasks include tower-dev-"),
     ],
 )
-def test_program_run__refuses_in_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]):
+def test_program_run__reports_errors_in_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]):
     assert main(["program", "run", *words]) == USAGE_ERROR
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The command where standard streams are closed or full, Ctrl-C, and what the disk refuses: no traceback."""
+"""Closed or full standard streams, Ctrl-C and disk errors cause no traceback."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str)
         assert done.stderr == "lilgym-mp program: cannot write results: No space left on device\n"
 
 
-def test_interrupt__while_the_command_line_is_read_is_told_in_a_word(
+def test_interrupt__during_parsing_prints_one_word(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted() -> None:
@@ -51,7 +51,7 @@ def test_interrupt__while_the_command_line_is_read_is_told_in_a_word(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-def test_interrupt__that_a_library_made_another_error_of_is_told_as_one(
+def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted() -> None:
@@ -66,7 +66,7 @@ def test_interrupt__that_a_library_made_another_error_of_is_told_as_one(
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.1, 0.2, 0.4])
-def test_interrupt__soon_after_the_start_ends_the_command_in_a_word(seconds: float, tmp_path: Path) -> None:
+def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_path: Path) -> None:
     program = "import sys; from lilgym_mp_command import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick", "--out", str(tmp_path / "bench")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -74,12 +74,12 @@ def test_interrupt__soon_after_the_start_ends_the_command_in_a_word(seconds: flo
         assert process.stdout.readline() == "begun\n"
         time.sleep(seconds)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, output = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED
-    assert said in ("interrupted\n", f"results: {tmp_path / 'bench'}\n")  # the latter where measuring had begun
+    assert output in ("interrupted\n", f"results: {tmp_path / 'bench'}\n")  # the latter if measuring has begun
 
 
-def test_disk__what_it_refuses_is_told_in_one_line(
+def test_disk_error__is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(*_: object) -> int:
@@ -92,7 +92,7 @@ def test_disk__what_it_refuses_is_told_in_one_line(
 
 
 class _Parser:
-    """Gives the arguments of a command that does `run`."""
+    """Stand-in for parser and arguments of a command."""
 
     command = "test"
 
@@ -105,18 +105,18 @@ class _Parser:
 
 @pytest.mark.parametrize("corpus", ["a" * 5_000, "no\x1b[31mwhere"])
 @pytest.mark.parametrize("words", [["data", "check"], ["play", "TowerScratch", "--corpus"]])
-def test_odd_names__are_told_in_one_printable_line(
+def test_odd_names__are_reported_in_one_printable_line(
     corpus: str, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*words, corpus]) in (1, 2)
-    said = capsys.readouterr()
-    assert "\x1b[31m" not in said.out + said.err
-    assert said.err.count("\n") == 1
-    assert "Traceback" not in said.err
+    output = capsys.readouterr()
+    assert "\x1b[31m" not in output.out + output.err
+    assert output.err.count("\n") == 1
+    assert "Traceback" not in output.err
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read every directory")
-def test_forbidden_directory__is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can read every directory")
+def test_forbidden_directory__is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tmp_path.chmod(0)
     try:
         assert main(["data", "check", str(tmp_path)]) in (1, 2)

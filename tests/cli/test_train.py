@@ -1,4 +1,4 @@
-"""`lilgym-mp train`, `evaluate` and `demo` as a person meets them. A few dozen steps each."""
+"""`lilgym-mp train`, `evaluate`, `explain` and `demo`, with a few dozen training steps each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SMALL = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-siz
 
 @pytest.fixture(autouse=True)
 def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The processors of a test machine are busy."""
+    """More threads would slow down parallel tests."""
     import torch
 
     torch.set_num_threads(1)
@@ -35,28 +35,28 @@ def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small corpus of our own."""
+    """A small corpus."""
     return write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl")
 
 
 @pytest.fixture(scope="module")
 def trained_run(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of PPO on the small corpus, not to be written."""
-    place = tmp_path_factory.mktemp("trained") / "run"
-    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(place), "--steps", "64", *SMALL]
+    """A PPO run on the small corpus; read-only."""
+    directory = tmp_path_factory.mktemp("trained") / "run"
+    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(directory), "--steps", "64", *SMALL]
     assert main([*command, "--mask", "--recolour"]) == 0
-    return place
+    return directory
 
 
 @pytest.fixture
 def run(trained_run: Path, tmp_path: Path) -> Path:
-    """A copy of that run."""
+    """A copy of the PPO run."""
     return shutil.copytree(trained_run, tmp_path / "run")
 
 
 @pytest.fixture
 def lilgym(capsys: pytest.CaptureFixture[str]) -> LilGym:
-    """Runs a command line, which must succeed; gives what it prints on standard output."""
+    """Runs a command line and returns its standard output."""
 
     def run(*words: object) -> str:
         assert main([str(word) for word in words]) == 0
@@ -65,20 +65,20 @@ def lilgym(capsys: pytest.CaptureFixture[str]) -> LilGym:
     return run
 
 
-def trained(lilgym: LilGym, place: Path, *options: str) -> str:
-    return lilgym("train", "ppo", "TowerScratch", "--out", place, "--steps", 64, *SMALL, *options)
+def trained(lilgym: LilGym, directory: Path, *options: str) -> str:
+    return lilgym("train", "ppo", "TowerScratch", "--out", directory, "--steps", 64, *SMALL, *options)
 
 
-def test_train__says_where_everything_is(lilgym: LilGym, tmp_path: Path, own: Path):
-    said = trained(lilgym, tmp_path / "run", "--stop-forcing", "--no-recolour", "--corpus", str(own))
-    assert f"TowerScratch, corpus {own}, 3 training tasks, 0 for validation; 64 steps" in said
-    assert "PPO+SF, no mask of legal actions, seed 0" in said
-    assert f"run directory: {tmp_path / 'run'}" in said
-    assert f"saved {tmp_path / 'run' / 'agent.safetensors'} after 64 steps" in said
-    assert f"lilgym-mp evaluate {tmp_path / 'run'}" in said
+def test_train__prints_settings_and_paths(lilgym: LilGym, tmp_path: Path, own: Path):
+    output = trained(lilgym, tmp_path / "run", "--stop-forcing", "--no-recolour", "--corpus", str(own))
+    assert f"TowerScratch, corpus {own}, 3 training tasks, 0 for validation; 64 steps" in output
+    assert "PPO+SF, no mask of legal actions, seed 0" in output
+    assert f"run directory: {tmp_path / 'run'}" in output
+    assert f"saved {tmp_path / 'run' / 'agent.safetensors'} after 64 steps" in output
+    assert f"lilgym-mp evaluate {tmp_path / 'run'}" in output
 
 
-def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path: Path, own: Path):
+def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own: Path):
     options = [
         "--corpus",
         str(own),
@@ -104,22 +104,20 @@ def test_train__takes_the_recipe_from_the_command_line(lilgym: LilGym, tmp_path:
     assert (written["recipe"]["schedule"], written["recipe"]["seed"]) == ("constant", 4)
 
 
-def test_train__resumes_with_no_more_than_the_directory(lilgym: LilGym, run: Path):
-    said = lilgym("train", "ppo", "--resume", "--out", run, "--steps", 128)
-    assert "128 steps, resumed after 64" in said
-    assert "after 128 steps" in said
+def test_train__resumes_from_the_directory_alone(lilgym: LilGym, run: Path):
+    output = lilgym("train", "ppo", "--resume", "--out", run, "--steps", 128)
+    assert "128 steps, resumed after 64" in output
+    assert "after 128 steps" in output
 
 
-def test_train__resuming_another_configuration_is_refused_naming_both(run: Path, capsys: pytest.CaptureFixture[str]):
+def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest.CaptureFixture[str]):
     before = (run / "checkpoint.pt").read_bytes()
     assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR
     assert "has configuration TowerScratch, but TowerFlipIt was requested" in capsys.readouterr().err
     assert (run / "checkpoint.pt").read_bytes() == before
 
 
-def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
-    tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_train__prints_progress_lines_without_a_terminal(tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]):
     short = ["--rollout", "4", "--batch-size", "4", "--held-out", "0", "--corpus", str(own)]
     assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "80", *SMALL, *short]) == 0
     lines = capsys.readouterr().err.splitlines()
@@ -128,9 +126,9 @@ def test_train__progress_is_told_in_lines_where_there_is_no_terminal(
 
 
 @pytest.mark.long
-def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Path):
-    """Ctrl-C in a terminal goes to the whole process group."""
-    place = tmp_path / "run"
+def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path: Path):
+    """In a terminal, Ctrl-C signals the whole process group."""
+    directory = tmp_path / "run"
     program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
     (tmp_path / "main.py").write_text(program)
     command = [
@@ -140,7 +138,7 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
         "ppo",
         "TowerScratch",
         "--out",
-        place,
+        directory,
         "--steps",
         "100000000",
     ]
@@ -151,19 +149,19 @@ def test_train__ctrl_c_saves_says_where_and_leaves_nothing_running(tmp_path: Pat
         text=True,
         start_new_session=True,
     ) as process:
-        while process.poll() is None and not (place / "progress.jsonl").exists():
+        while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
-        said, faults = process.communicate(timeout=120)
-    assert "Traceback" not in faults
-    assert process.returncode == 130, faults
-    assert f"saved {place / 'agent.safetensors'}" in said
-    assert f"resume with: lilgym-mp train ppo --resume --out {place}" in said
+        output, errors = process.communicate(timeout=120)
+    assert "Traceback" not in errors
+    assert process.returncode == 130, errors
+    assert f"saved {directory / 'agent.safetensors'}" in output
+    assert f"resume with: lilgym-mp train ppo --resume --out {directory}" in output
     assert ends(process.pid)
 
 
 def ends(group: int, seconds: float = 30.0) -> bool:
-    """Whether the last process of the group ends within the time."""
+    """Whether all processes of the group end in time."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         try:
@@ -174,19 +172,19 @@ def ends(group: int, seconds: float = 30.0) -> bool:
     return False
 
 
-def rows(said: str) -> list[list[str]]:
-    """The cells of the table of results."""
-    lines = [line.strip("|").split("|") for line in said.splitlines() if line.startswith("|")]
+def rows(output: str) -> list[list[str]]:
+    """The cells of the results table."""
+    lines = [line.strip("|").split("|") for line in output.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in cells] for cells in lines if len(cells) > 8][2:]
 
 
-def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    said = lilgym("evaluate", run, "--corpus", own, "--json", tmp_path / "results.json")
-    table = rows(said)
+def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
+    output = lilgym("evaluate", run, "--corpus", own, "--json", tmp_path / "results.json")
+    table = rows(output)
     ppo = f"ppo ({run})"
     assert [row[0] for row in table] == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert {tuple(row[1:3]) for row in table} == {("TowerScratch", "3")}
-    assert "rewards alone" in said
+    assert "rewards alone" in output
     written = json.loads((tmp_path / "results.json").read_text())
     agent = written["results"][0]
     assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
@@ -196,7 +194,7 @@ def test_evaluate__tells_of_the_agent_beside_random_play(lilgym: LilGym, tmp_pat
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
+def test_evaluate__is_deterministic(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
     for name in ("one.json", "two.json"):
         command = ["evaluate", run, "--corpus", own, "--sampled", "--seed", 3, "--split", "test"]
         lilgym(*command, "--json", tmp_path / name)
@@ -206,7 +204,7 @@ def test_evaluate__gives_the_same_again(lilgym: LilGym, tmp_path: Path, run: Pat
     assert one == two
 
 
-def test_evaluate__overwrites_nothing_unless_told_to(
+def test_evaluate__overwrites_only_with_force(
     lilgym: LilGym, tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
 ):
     command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", str(own)]
@@ -217,12 +215,12 @@ def test_evaluate__overwrites_nothing_unless_told_to(
     lilgym(*command, "--force")
 
 
-def test_evaluate__under_another_configuration_is_refused_naming_both(run: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluate__rejects_a_configuration_that_the_agent_cannot_play(run: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["evaluate", str(run), "--configuration", "ScatterScratch"]) == USAGE_ERROR
     assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
 
 
-def test_evaluate__other_rules_are_allowed_and_told(lilgym: LilGym, run: Path, own: Path):
+def test_evaluate__accepts_other_rules(lilgym: LilGym, run: Path, own: Path):
     assert "rules release" in lilgym("evaluate", run, "--corpus", own, "--rules", "release")
 
 
@@ -232,74 +230,74 @@ def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym, 
     assert {row[1] for row in table} == {"TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"}
 
 
-def test_evaluate__says_so_when_an_agent_always_stops_at_once(lilgym: LilGym, run: Path, own: Path):
+def test_evaluate__notes_an_agent_that_always_stops_at_once(lilgym: LilGym, run: Path, own: Path):
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.model_file import load_model, save_model
 
     description, tensors = load_model(run / AGENT_FILE)
     tensors["types.bias"][0] = 1000.0
     save_model(run / AGENT_FILE, description, tensors)
-    said = lilgym("evaluate", run, "--corpus", own)
-    assert f"note: ppo ({run}), greedy stops at once in every episode of TowerScratch" in said
-    assert f"note: ppo ({run}), sampled stops at once in every episode of TowerScratch" in said
+    output = lilgym("evaluate", run, "--corpus", own)
+    assert f"note: ppo ({run}), greedy stops at once in every episode of TowerScratch" in output
+    assert f"note: ppo ({run}), sampled stops at once in every episode of TowerScratch" in output
 
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
     run = tmp_path / "run"
     small = ["--steps", 40, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
-    said = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
-    assert f"lilgym-mp evaluate {run} --corpus {own}" in said
+    output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
+    assert f"lilgym-mp evaluate {run} --corpus {own}" in output
     table = rows(lilgym("evaluate", run, "--corpus", own))
     assert next(row[0] for row in table if row[1] == "TowerScratch") == f"parse-and-plan ({run})"
-    said = lilgym("explain", "There is a blue block.", "--agent", run, "--film", tmp_path / "film.gif")
-    assert "parsed words: there is a blue block" in said
-    assert "predicted probability of success:" in said
+    output = lilgym("explain", "There is a blue block.", "--agent", run, "--film", tmp_path / "film.gif")
+    assert "parsed words: there is a blue block" in output
+    assert "predicted probability of success:" in output
     with Image.open(tmp_path / "film.gif") as film:
         assert film.size[0] > 380
 
 
-def test_explain__a_task_is_explained_with_what_comes_of_it_by_the_shipped_agent(lilgym: LilGym):
+def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
-    said = lilgym("explain", "--task", task.id)
-    assert task.statement in said
-    assert "outcome: " in said
+    output = lilgym("explain", "--task", task.id)
+    assert task.statement in output
+    assert "outcome: " in output
 
 
 @pytest.mark.long
-def test_demo__leaves_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
-    place = tmp_path / "demo"
-    said = lilgym("demo", "--out", place, "--parser-steps", 80, "--minutes", 0.1)
+def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
+    directory = tmp_path / "demo"
+    output = lilgym("demo", "--out", directory, "--parser-steps", 80, "--minutes", 0.1)
     for name in ("results.json", "results.md", "imitation.gif", "parse-and-plan.gif"):
-        assert str(place / name) in said
-        assert (place / name).exists()
-    assert "candidate programs" in (place / "explanation.txt").read_text()
-    assert [row[0] for row in rows((place / "results.md").read_text())] == [
+        assert str(directory / name) in output
+        assert (directory / name).exists()
+    assert "candidate programs" in (directory / "explanation.txt").read_text()
+    assert [row[0] for row in rows((directory / "results.md").read_text())] == [
         *("random type", "random legal", "untrained network", "imitation", "parse and plan", "expert"),
     ]
-    found = json.loads((place / "results.json").read_text())["results"]
+    found = json.loads((directory / "results.json").read_text())["results"]
     tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
     for row in found:
         assert [episode["task_id"] for episode in row["episodes"]] == [*tasks]
         assert row["episodes_seen"] == 0
-    with Image.open(place / "imitation.gif") as film:
+    with Image.open(directory / "imitation.gif") as film:
         assert getattr(film, "n_frames", 1) > 1
 
 
-def test_demo__a_learner_that_fails_is_told_and_nothing_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_demo__rejects_a_negative_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(
         ["demo", "--out", str(tmp_path / "demo"), "--minutes", "0.05", "--parser-steps", "1", "--seed", "-1"]
     ) == (USAGE_ERROR)
     assert "--seed must be at least 0, not -1" in capsys.readouterr().err
 
 
-def test_demo__a_second_one_takes_another_directory(tmp_path: Path):
+def test_demo__uses_a_new_directory_each_time(tmp_path: Path):
     assert first_free_path(tmp_path / "demo") == tmp_path / "demo"
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo-2").mkdir()
     assert first_free_path(tmp_path / "demo") == tmp_path / "demo-3"
 
 
-def test_evaluate__records_episodes_of_each_way_to_act(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
+def test_evaluate__records_each_action_mode_and_mask(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
     from lilgym_mp.evaluation.episodes import read_episodes
 
     ways = ["--mask", "as-trained", "off", "--name", "mine"]

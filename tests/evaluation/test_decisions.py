@@ -1,4 +1,4 @@
-"""What a policy went by in each step: what is kept of it, that it costs nothing unasked, what the expert says."""
+"""Recorded decisions: their contents, and their judgement by the expert."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SCATTER = make_appearance("scatter", (19, 5))
 ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
 
 
-def recorded(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
+def record(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
     directory.mkdir(exist_ok=True)
     own = write_own_corpus(directory / "own.jsonl")
     plan = EvaluationPlan(Settings(configuration, corpus=str(own)), "dev", record_decisions=True)
@@ -43,7 +43,7 @@ def tower_output(**probabilities: float) -> PolicyOutput:
     return PolicyOutput(row, np.array([0.25]))
 
 
-def test_decision__adds_up_types_and_cells():
+def test_decision__sums_probabilities_by_type_and_cell():
     found = decisions(tower_output(stop=0.1, add=0.4, add_too=0.2, remove=0.3), ALL_LEGAL, TOWER)[0]
     assert found.types == (0.1, 0.6, 0.3)
     assert found.add_cells == {1: 0.6}
@@ -52,7 +52,7 @@ def test_decision__adds_up_types_and_cells():
     assert found.value == 0.25
 
 
-def test_decision__tells_how_much_of_the_probability_is_legal():
+def test_decision__has_the_probability_of_legal_actions():
     legal = ALL_LEGAL.copy()
     legal[0, TOWER.encode(RemoveBlock(2))] = False
     found = decisions(tower_output(stop=0.1, add=0.6, remove=0.3), legal, TOWER)[0]
@@ -67,12 +67,12 @@ def test_decision__has_at_most_five_actions_and_none_without_probability():
     assert len(many.likeliest) == 5
 
 
-def test_decision__refuses_probabilities_of_other_actions():
+def test_decision__rejects_probabilities_of_another_shape():
     with pytest.raises(ValueError, match=r"probabilities \(1, 7\), not \(1, 13\)"):
         decisions(PolicyOutput(np.zeros((1, 7))), ALL_LEGAL, TOWER)
 
 
-def test_places__scatter_cells_are_numbered_column_by_column():
+def test_action_cells__scatter_indices_are_column_major():
     types, cells, count = action_cells(SCATTER)
     assert count == 95
     for index in (1, 500, 2565, 2600):
@@ -83,8 +83,8 @@ def test_places__scatter_cells_are_numbered_column_by_column():
 
 @pytest.mark.parametrize("name", ["expert", "random-legal", "random-unmasked", "random-type"])
 @pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_record__every_simple_policy_tells_its_distribution(tmp_path: Path, name: str, configuration: str):
-    for episode in recorded(tmp_path, name, configuration).episodes:
+def test_record__built_in_policies_have_distributions(tmp_path: Path, name: str, configuration: str):
+    for episode in record(tmp_path, name, configuration).episodes:
         assert episode.decisions is not None
         assert len(episode.decisions) == len(episode.actions)
         for decision in episode.decisions:
@@ -94,32 +94,32 @@ def test_record__every_simple_policy_tells_its_distribution(tmp_path: Path, name
 
 
 def test_record__a_masked_policy_has_all_its_probability_on_legal_actions(tmp_path: Path):
-    def shares(name: str) -> list[float]:
-        episodes = recorded(tmp_path / name, name).episodes
+    def legal_probabilities(name: str) -> list[float]:
+        episodes = record(tmp_path / name, name).episodes
         return [decision.legal_probability for episode in episodes for decision in episode.decisions or ()]
 
-    assert min(shares("random-legal")) > 0.999
-    assert min(shares("random-unmasked")) < 0.9
+    assert min(legal_probabilities("random-legal")) > 0.999
+    assert min(legal_probabilities("random-unmasked")) < 0.9
 
 
-def test_record__the_expert_finds_itself_optimal_and_random_play_not(tmp_path: Path):
-    best = recorded(tmp_path / "best", "expert", judges=True).episodes
+def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: Path):
+    best = record(tmp_path / "best", "expert", judges=True).episodes
     assert all(decision.optimal for episode in best for decision in episode.decisions or ())
     first = [episode.decisions[0] for episode in best if episode.decisions]
     assert [decision.steps_to_go for decision in first] == [len(episode.actions) for episode in best]
-    worse = recorded(tmp_path / "worse", "random-unmasked", judges=True).episodes
+    worse = record(tmp_path / "worse", "random-unmasked", judges=True).episodes
     ends = [episode.decisions[-1] for episode in worse if episode.decisions and not episode.is_success]
     assert ends
     assert not any(decision.optimal for decision in ends)
 
 
-def test_record__nothing_is_asked_of_the_expert_unless_wanted(tmp_path: Path):
-    episodes = recorded(tmp_path, "expert").episodes
+def test_record__decisions_are_judged_only_on_request(tmp_path: Path):
+    episodes = record(tmp_path, "expert").episodes
     assert all(decision.optimal is None for episode in episodes for decision in episode.decisions or ())
 
 
-class Silent:
-    """Stops; tells nothing of why."""
+class WithoutOutput:
+    """Always stops, and has no output."""
 
     needs_masks = False
 
@@ -127,28 +127,28 @@ class Silent:
         return np.zeros(len(observations.statements), np.int64)
 
 
-def test_record__a_policy_that_tells_nothing_has_no_decisions():
+def test_record__policy_without_output_has_no_decisions():
     settings = Settings("TowerScratch")
-    for policy in (Silent(), WithoutMask(Silent())):
+    for policy in (WithoutOutput(), WithoutMask(WithoutOutput())):
         assert all(episode.decisions is None for episode in evaluate(policy, settings, "dev", record_decisions=True))
 
 
-class NeverAsked(Silent):
+class OutputForbidden(WithoutOutput):
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
-        raise AssertionError("asked although nothing is recorded")
+        raise AssertionError("output requested although nothing is recorded")
 
 
-def test_evaluate__asks_for_no_decisions_unless_they_are_recorded():
-    assert evaluate(NeverAsked(), Settings("TowerScratch"), "dev")
+def test_evaluate__gets_outputs_only_if_decisions_are_recorded():
+    assert evaluate(OutputForbidden(), Settings("TowerScratch"), "dev")
 
 
-def test_evaluate__recording_changes_nothing_that_is_played():
+def test_evaluate__recording_decisions_does_not_change_episodes():
     settings = Settings("TowerFlipIt")
-    plain, kept = (evaluate(random_legal, settings, "dev", record_decisions=told) for told in (False, True))
-    assert plain == [episode._replace(decisions=None) for episode in kept]
+    plain, recorded = (evaluate(random_legal, settings, "dev", record_decisions=on) for on in (False, True))
+    assert plain == [episode._replace(decisions=None) for episode in recorded]
 
 
-def test_without_mask__tells_the_policy_that_all_is_legal():
+def test_without_mask__distribution_is_over_all_actions():
     settings = Settings("TowerScratch")
     found = evaluate(WithoutMask(random_legal), settings, "dev", record_decisions=True)
     likeliest = [decision.likeliest[0][1] for episode in found for decision in episode.decisions or ()]
@@ -162,7 +162,7 @@ def test_from_json__is_the_inverse_of_to_json():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"types": [0.5, 0.5]}, "3 numbers each"),
         ({"types": [0.5, 0.5, 2]}, "types must be probabilities from 0 to 1, not 2"),
@@ -171,23 +171,23 @@ def test_from_json__is_the_inverse_of_to_json():
         ({"programs": {"exist(all_items)": -1}}, "programs: exist"),
     ],
 )
-def test_from_json__says_what_is_wrong(change: dict[str, object], said: str):
+def test_from_json__errors_name_the_field(change: dict[str, object], message: str):
     good = decisions(tower_output(stop=1.0), ALL_LEGAL, TOWER)[0].to_json()
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         Decision.from_json({**good, **change})
 
 
-def test_record__more_decisions_than_actions_are_refused(tmp_path: Path):
-    episode = recorded(tmp_path, "expert").episodes[0]
+def test_record__rejects_more_decisions_than_actions(tmp_path: Path):
+    episode = record(tmp_path, "expert").episodes[0]
     row = episode.to_json()
     row["decisions"] = row["decisions"] * 2
     with pytest.raises(ValueError, match=r"\d+ decisions for \d+ actions"):
         type(episode).from_json(row)
 
 
-def test_policy__without_output_is_still_recorded(tmp_path: Path):
+def test_record__policy_without_output_is_recorded(tmp_path: Path):
     plan = EvaluationPlan(Settings("TowerScratch"), "dev", record_decisions=True)
-    named = NamedPolicy("silent", lambda settings: Silent())
+    named = NamedPolicy("without output", lambda settings: WithoutOutput())
     result = play(named, plan, set())
     path = Recorder(plan.settings, plan.split, set()).write(tmp_path, result)
     assert all(episode.decisions is None for episode in read_episodes(path).episodes)

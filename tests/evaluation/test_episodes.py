@@ -1,4 +1,4 @@
-"""Recorded episodes: what is kept, that it is read back the same, and what is said of files that are not whole."""
+"""Recorded episodes: their contents, round trips through files, and errors of damaged files."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour
 
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
-STOP, ADD_BLUE_LEFT = 0, 3  # numbers of Tower's actions
+STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
 
-def recorded(directory: Path, named: NamedPolicy, plan: EvaluationPlan = TOWER, **options: Any) -> Recording:
+def record(directory: Path, named: NamedPolicy, plan: EvaluationPlan = TOWER, **options: Any) -> Recording:
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, **options)
     return read_episodes(recorder.write(directory, play(named, plan, seen)))
 
 
 class AddsThenStops:
-    """One blue block, and STOP; sure of it from the second action on."""
+    """Adds a blue block, then stops, with given probabilities of STOP."""
 
     needs_masks = False
     stop_probabilities: np.ndarray
@@ -46,8 +46,8 @@ class AddsThenStops:
 SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
 
 
-def test_record__keeps_what_the_environment_gave(tmp_path: Path):
-    found = recorded(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
+def test_record__contains_the_episodes_and_their_tasks(tmp_path: Path):
+    found = record(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
     seen = training_statements(TOWER.settings)
     episodes = play(built_in_policy("random-legal"), replace(TOWER, seed=7), seen).episodes
     env = TOWER.settings.make("dev")
@@ -62,35 +62,35 @@ def test_record__keeps_what_the_environment_gave(tmp_path: Path):
         assert kept.form_seen == (statement_form(task.statement) in set(map(statement_form, seen)))
 
 
-def test_record__says_what_the_episodes_have_in_common(tmp_path: Path):
-    header = recorded(tmp_path, SIMPLE).header
+def test_record__header_has_the_common_metadata(tmp_path: Path):
+    header = record(tmp_path, SIMPLE).header
     assert (header.agent, header.run, header.mask, header.actions) == ("adds", "x", False, "greedy")
     assert (header.settings, header.split, header.episodes) == (TOWER.settings, "dev", header.start_scenes)
     assert header.tasks_sha256 == TOWER.settings.make("dev").tasks.provenance.sha256
-    assert recorded(tmp_path, built_in_policy("random-legal")).header.mask
+    assert record(tmp_path, built_in_policy("random-legal")).header.mask
 
 
-def test_record__keeps_actions_by_name_and_how_probable_stop_was(tmp_path: Path):
-    episode = recorded(tmp_path, SIMPLE).episodes[0]
+def test_record__contains_actions_and_stop_probabilities(tmp_path: Path):
+    episode = record(tmp_path, SIMPLE).episodes[0]
     assert episode.actions == (AddBlock(0, Colour.BLUE), Stop())
     assert episode.stop_probabilities == (0.25, 1.0)
     assert episode.rewards[0] == -0.1
 
 
-def test_record__asks_the_expert_for_the_start_and_for_where_a_wrong_stop_was_said(tmp_path: Path):
-    found = recorded(tmp_path, SIMPLE, asks_expert=True)
+def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path: Path):
+    found = record(tmp_path, SIMPLE, asks_expert=True)
     wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
     assert wrong
     assert all(episode.actions_left is not None and episode.actions_left > 1 for episode in wrong)
-    best = recorded(tmp_path, built_in_policy("expert"), asks_expert=True).episodes
+    best = record(tmp_path, built_in_policy("expert"), asks_expert=True).episodes
     assert all(episode.optimal_actions == len(episode.actions) for episode in best)
     assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found.episodes]
-    assert not any(episode.edits for episode in recorded(tmp_path, SIMPLE).episodes)
+    assert not any(episode.edits for episode in record(tmp_path, SIMPLE).episodes)
 
 
 def test_record__equal_evaluations_give_equal_bytes(tmp_path: Path):
     named = built_in_policy("random-type")
-    paths = [recorded(tmp_path / name, named).path for name in ("one", "two")]
+    paths = [record(tmp_path / name, named).path for name in ("one", "two")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert [path.name for path in (tmp_path / "one").iterdir()] == [paths[0].name]
 
@@ -111,7 +111,7 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
     assert all(len(name.name) < 120 for name in names)
 
 
-def test_without_mask__the_policy_is_told_that_all_is_legal(tmp_path: Path):
+def test_without_mask__policy_gets_a_mask_of_ones(tmp_path: Path):
     def masked(observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return legal.sum(1) - 1  # the last action, if all are legal
 
@@ -123,7 +123,7 @@ def test_without_mask__the_policy_is_told_that_all_is_legal(tmp_path: Path):
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Recording:
-    return recorded(tmp_path, SIMPLE)
+    return record(tmp_path, SIMPLE)
 
 
 def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
@@ -133,7 +133,7 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda rows: rows.pop(), r"truncated after \d+ of \d+ episodes"),
         (lambda rows: rows[0].update(format="other"), "first line must name the format 'lilgym_mp-episodes'"),
@@ -150,21 +150,21 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
         (lambda rows: rows[2].update(invalid_reason="bad luck"), "line 3: invalid_reason must be null or one of"),
     ],
 )
-def test_read__what_is_wrong_is_named_with_file_and_line(recording: Recording, change: Any, said: str):
+def test_read__errors_name_file_and_line(recording: Recording, change: Any, message: str):
     rewrite(recording.path, change)
-    with pytest.raises(EpisodesError, match=said) as fault:
+    with pytest.raises(EpisodesError, match=message) as error:
         read_episodes(recording.path)
-    assert str(recording.path) in str(fault.value)
+    assert str(recording.path) in str(error.value)
 
 
 @pytest.mark.parametrize("kept", [0, 5, 300, -1])
-def test_read__a_truncated_file_is_refused(recording: Recording, kept: int):
+def test_read__rejects_a_truncated_file(recording: Recording, kept: int):
     recording.path.write_bytes(recording.path.read_bytes()[:kept])
     with pytest.raises(EpisodesError, match=r"truncated|damaged|holds no recorded episodes"):
         read_episodes(recording.path)
 
 
-def test_read__a_foreign_file_is_refused(tmp_path: Path):
+def test_read__rejects_other_files(tmp_path: Path):
     (tmp_path / "plain").write_text("no gzip")
     (tmp_path / "other").write_bytes(gzip.compress(b'{"a": 1}\n'))
     for name in ("plain", "other", "absent"):
@@ -172,7 +172,7 @@ def test_read__a_foreign_file_is_refused(tmp_path: Path):
             read_episodes(tmp_path / name)
 
 
-def test_write__a_header_that_counts_other_episodes_is_refused(recording: Recording, tmp_path: Path):
+def test_write__rejects_a_header_with_another_episode_count(recording: Recording, tmp_path: Path):
     with pytest.raises(ValueError, match="the header says"):
         write_episodes(tmp_path / "new", recording.header, recording.episodes[1:])
     assert not (tmp_path / "new").exists()

@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Atomic writing of files, and checks of output paths."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_atomically, write_json
 
 
-def test_write_whole__a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path):
+def test_write_atomically__failure_keeps_the_old_file(tmp_path: Path):
     target = tmp_path / "result"
     target.write_text("old")
 
-    def fail(unfinished: Path) -> None:
-        unfinished.write_text("half")
+    def fail(temporary: Path) -> None:
+        temporary.write_text("half")
         raise RuntimeError("disk full")
 
     with pytest.raises(RuntimeError, match="disk full"):
@@ -23,23 +23,23 @@ def test_write_whole__a_failure_leaves_the_old_file_and_nothing_else(tmp_path: P
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_write_json__replaces(tmp_path: Path):
+def test_write_json__overwrites(tmp_path: Path):
     write_json(tmp_path / "a.json", {"statement": "caf\u00e9"})
     write_json(tmp_path / "a.json", [1])
     assert (tmp_path / "a.json").read_text() == "[\n 1\n]\n"
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_writable_directory__is_made_and_left_empty(tmp_path: Path):
+def test_writable_directory__is_created_empty(tmp_path: Path):
     assert list(writable_directory(tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_writable_directory__a_place_under_a_file_is_refused_by_name(tmp_path: Path):
+def test_writable_directory__error_names_the_path(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"cannot write results to .*file/results: Not a directory"):
         writable_directory(tmp_path / "file" / "results")
 
 
-def test_writable_file__a_directory_is_refused(tmp_path: Path):
+def test_writable_file__rejects_a_directory(tmp_path: Path):
     with pytest.raises(OutputError, match="it is a directory; name a file"):
         writable_file(tmp_path)

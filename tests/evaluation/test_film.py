@@ -32,7 +32,7 @@ SEEN = Episode(FIRST, "I can see a blue block.", True, "success", 0.9, (ADD_BLUE
 UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (STOP,))
 
 
-def test_replay__shows_the_start_and_each_action():
+def test_episode_frames__show_the_start_and_each_action():
     start, added, stopped = episode_frames(TOWER.make("dev"), SEEN)
     assert np.array_equal(start.picture, smooth_picture(scene(), 1))
     assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1))
@@ -41,7 +41,7 @@ def test_replay__shows_the_start_and_each_action():
     assert "I can see a blue block." in start.task
 
 
-def test_replay__a_failure_is_told_from_a_success():
+def test_episode_frames__failure_has_another_colour():
     *_, last = episode_frames(TOWER.make("dev"), UNSEEN)
     assert (last.caption, last.rgb) == ("1. STOP: wrong stop, reward -1.0", FAILURE_RGB)
 
@@ -56,7 +56,7 @@ def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["grid.gif"]
 
 
-def test_save_gif__colours_stay_what_they_are(tmp_path: Path):
+def test_save_gif__keeps_colours(tmp_path: Path):
     picture = draw(scene(tower(B)))
     save_gif(tmp_path / "one.gif", [picture])
     with Image.open(tmp_path / "one.gif") as film:
@@ -64,7 +64,7 @@ def test_save_gif__colours_stay_what_they_are(tmp_path: Path):
 
 
 @pytest.mark.parametrize("width", [60, 120, 400])
-def test_wrapped__lines_fit_and_nothing_is_lost(width: int):
+def test_wrap_text__lines_fit_and_no_word_is_lost(width: int):
     pen, font = ImageDraw.Draw(Image.new("RGB", (1, 1))), ImageFont.load_default(14)
     text = "Every tower has a yellow block at its base, and there are two"
     lines = wrap_text(text, width, pen, font)

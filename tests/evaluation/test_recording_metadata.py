@@ -1,4 +1,4 @@
-"""What is kept beside a recording of when, where and by what it was made."""
+"""The metadata file next to a recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 
 
-def test_recording_metadata__stand_beside_every_recording(tmp_path: Path):
+def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
     words = ["evaluate", "--policy", "random-legal", "expert", "--configuration", "TowerScratch", "--record"]
     assert main([*words, str(tmp_path)]) == 0
     recordings = list(tmp_path.glob(f"*{SUFFIX}"))
@@ -28,7 +28,7 @@ def test_recording_metadata__stand_beside_every_recording(tmp_path: Path):
         assert found.machine == recording_metadata.machine()
 
 
-def test_read__is_none_where_nothing_was_kept_and_names_a_damaged_file(tmp_path: Path):
+def test_read__is_none_without_a_file_and_names_a_damaged_one(tmp_path: Path):
     recording = tmp_path / f"a{SUFFIX}"
     assert RecordingMetadata.read(recording) is None
     (tmp_path / "a.made.json").write_text(json.dumps({"date": "today"}))
@@ -36,7 +36,7 @@ def test_read__is_none_where_nothing_was_kept_and_names_a_damaged_file(tmp_path:
         RecordingMetadata.read(recording)
 
 
-def test_commit__is_that_of_the_checkout_and_none_of_an_installed_package():
+def test_commit__is_none_outside_of_a_checkout():
     named = recording_metadata.commit()
     assert named is None or re.fullmatch(r"[0-9a-f]{10,}( with changes)?", named)
     if not (Path(recording_metadata.__file__).parents[2] / ".git").exists():

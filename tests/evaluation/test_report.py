@@ -1,4 +1,4 @@
-"""Episodes as numbers, tables and JSON."""
+"""Summaries of episodes, tables and JSON."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_summarise__no_seen_statements_have_no_accuracy():
     assert summarise(EPISODES, set()).seen.accuracy is None
 
 
-def test_summarise__nothing_is_refused():
+def test_summarise__rejects_zero_episodes():
     with pytest.raises(ValueError, match="cannot summarise zero episodes"):
         summarise([], set())
 
@@ -44,7 +44,7 @@ def result() -> Result:
     return Result(named, plan, summary, SuccessCount(3, 1), SuccessCount(1, 0), EPISODES, 0.5)
 
 
-def test_table__has_a_row_a_policy():
+def test_table__has_a_row_per_policy():
     head, rule, row = table([result()]).splitlines()
     assert [cell.strip() for cell in head.strip("|").split("|")] == [
         *("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length"),
@@ -68,11 +68,11 @@ def test_table__has_a_row_a_policy():
     assert len(head) == len(rule) == len(row)
 
 
-def test_aligned__first_column_to_the_left_others_to_the_right():
+def test_markdown_table__aligns_the_first_column_left_and_others_right():
     assert markdown_table([("a", "bcd"), ("ef", "g")]) == "| a  | bcd |\n|----|----:|\n| ef |   g |"
 
 
-def test_supervision_table__has_a_row_a_policy():
+def test_supervision_table__has_a_row_per_policy():
     assert supervision_table([result(), result()]).splitlines()[2:] == ["| mine   |     rewards |"]
 
 
@@ -91,7 +91,7 @@ def test_result__is_a_row_with_accuracies_from_0_to_1():
     assert row["mean_reward"] == pytest.approx(-0.85)
 
 
-def test_results__hold_all_that_is_needed_to_get_them_again():
+def test_results_json__is_sufficient_to_reproduce_the_results():
     plan = EvaluationPlan(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
     seen = training_statements(plan.settings)
     results = list(play_all(BASELINES, plan, seen))
@@ -114,7 +114,7 @@ def test_results__hold_all_that_is_needed_to_get_them_again():
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
 
 
-def test_play_all__leaves_out_who_does_not_play_the_configuration():
+def test_play_all__skips_policies_that_cannot_play_the_configuration():
     tower_only = NamedPolicy("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
     assert not list(play_all([tower_only], EvaluationPlan(Settings("ScatterScratch"), "dev"), set()))
 
@@ -127,7 +127,7 @@ def test_expert__completes_every_task(configuration: str):
     assert found.named.supervision != "none"
 
 
-def test_random_type__draws_each_type_equally_often():
+def test_random_type__is_uniform_over_types():
     plan = EvaluationPlan(Settings("TowerScratch"), "dev", passes=20)
     (found,) = play_all([built_in_policy("random-type")], plan, set())
     first = [episode.actions[0] for episode in found.episodes]
@@ -135,7 +135,7 @@ def test_random_type__draws_each_type_equally_often():
     assert sum(action > 9 for action in first) / len(first) == pytest.approx(1 / 3, abs=0.03)
 
 
-def test_built_in__an_unknown_policy_is_refused_with_the_choices():
+def test_built_in_policy__unknown_name_error_has_the_choices():
     with pytest.raises(ValueError, match=r"unknown policy 'clever'; choose from expert, random-legal, random-type"):
         built_in_policy("clever")
 

@@ -1,4 +1,4 @@
-"""Evaluation runs: every task exactly once a pass, the same again for the same arguments."""
+"""Evaluation plays every task exactly once per pass, deterministically."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from lilgym_mp.evaluation import (
 from lilgym_mp.rules import Outcome
 
 TOWER = Settings("TowerScratch")
-STOP, ADD_BLUE_LEFT = 0, 3  # numbers of Tower's actions
+STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
 
 def always(action: int) -> Policy:
-    """A policy that knows one action."""
+    """A policy that always takes the same action."""
 
     def choose(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         return np.full(len(legal), action)
@@ -35,20 +35,20 @@ def always(action: int) -> Policy:
     return choose
 
 
-def test_actions__are_numbered_as_these_tests_say():
+def test_action_indices__are_those_used_in_these_tests():
     assert TOWER.make("dev").dynamics.appearance.decode(ADD_BLUE_LEFT) == AddBlock(0, 2)
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
 @pytest.mark.parametrize("passes", [1, 2])
-def test_evaluate__visits_every_task_of_the_split_once_a_pass_in_file_order(configuration: str, passes: int):
+def test_evaluate__plays_every_task_once_per_pass_in_file_order(configuration: str, passes: int):
     settings = Settings(configuration)
     episodes = evaluate(random_unmasked, settings, "dev", passes=passes)
     assert [episode.task_id for episode in episodes] == [*settings.make("dev").evaluation_tasks()] * passes
 
 
 @pytest.mark.parametrize("batch_size", [1, 7, 1000])
-def test_evaluate__visits_every_task_once_however_many_run_side_by_side(batch_size: int):
+def test_evaluate__plays_every_task_once_for_any_batch_size(batch_size: int):
     begun = Counter[str]()
     episodes = evaluate(
         random_legal, TOWER, "dev", batch_size=batch_size, on_episode=lambda episode: begun.update([episode.task_id])
@@ -57,16 +57,16 @@ def test_evaluate__visits_every_task_once_however_many_run_side_by_side(batch_si
     assert begun == Counter(episode.task_id for episode in episodes)
 
 
-def test_evaluate__same_seed_gives_the_same_episodes_and_another_seed_others():
+def test_evaluate__episodes_depend_on_the_seed():
     assert evaluate(random_legal, TOWER, "dev", seed=3) == evaluate(random_legal, TOWER, "dev", seed=3)
     assert evaluate(random_legal, TOWER, "dev", seed=3) != evaluate(random_legal, TOWER, "dev", seed=4)
 
 
-def test_evaluate__the_batch_size_matters_not_to_a_policy_without_chance():
+def test_evaluate__batch_size_does_not_affect_a_deterministic_policy():
     assert evaluate(always(STOP), TOWER, "dev", batch_size=2) == evaluate(always(STOP), TOWER, "dev", batch_size=25)
 
 
-def test_evaluate__an_immediate_stop_succeeds_exactly_where_the_empty_scene_does():
+def test_evaluate__immediate_stop_succeeds_iff_the_start_scene_is_a_solution():
     env = TOWER.make("dev")
     solved = {task.id for task in env.tasks if task.solved_by(task.start)}
     episodes = evaluate(always(STOP), TOWER, "dev")
@@ -74,8 +74,8 @@ def test_evaluate__an_immediate_stop_succeeds_exactly_where_the_empty_scene_does
     assert {episode.reward for episode in episodes} <= {1.0, -1.0}
 
 
-def test_evaluate__an_episode_tells_how_it_went():
-    episode = evaluate(always(ADD_BLUE_LEFT), TOWER, "dev")[0]  # the fifth block is one too many
+def test_evaluate__episode_has_outcome_reward_and_actions():
+    episode = evaluate(always(ADD_BLUE_LEFT), TOWER, "dev")[0]  # the fifth block exceeds the box
     task = TOWER.make("dev").tasks[0]
     assert episode == Episode(
         task.id,
@@ -88,15 +88,15 @@ def test_evaluate__an_episode_tells_how_it_went():
     )
 
 
-def test_evaluate__policies_see_what_the_environments_show():
+def test_evaluate__policies_get_the_environments_observations():
     seen: list[Observations] = []
 
-    def look(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def store(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         seen.append(observations)
         return np.zeros(len(legal), np.int64)
 
     env = TOWER.make("dev")
-    evaluate(look, TOWER, "dev", batch_size=10)
+    evaluate(store, TOWER, "dev", batch_size=10)
     first, _ = env.reset(options={"task": env.evaluation_tasks()[0]})
     assert sum(len(observations.statements) for observations in seen) == len(env.evaluation_tasks())
     assert all(len(observations.images) == len(observations.statements) <= 10 for observations in seen)
@@ -105,23 +105,23 @@ def test_evaluate__policies_see_what_the_environments_show():
 
 
 @pytest.mark.parametrize("numbers", [{"passes": 0}, {"batch_size": 0}])
-def test_evaluate__refuses_to_do_nothing(numbers: dict[str, int]):
+def test_evaluate__rejects_zero_passes_and_environments(numbers: dict[str, int]):
     with pytest.raises(ValueError, match="at least 1, not"):
         evaluate(random_legal, TOWER, "dev", **numbers)
 
 
-def test_evaluate__an_unknown_split_is_refused_with_the_choices():
+def test_evaluate__unknown_split_error_has_the_choices():
     with pytest.raises(ValueError, match=r"unknown split 'valid'; choose from dev, test, train"):
         evaluate(random_legal, TOWER, "valid")
 
 
-def nothing(count: int) -> Observations:
-    """B observations of nothing."""
+def empty_observations(count: int) -> Observations:
+    """`count` empty observations."""
     zeros = np.zeros(count, np.int64)
     return Observations(np.zeros((count, 1, 1, 3), np.uint8), ("",) * count, zeros, zeros, zeros)
 
 
-def test_evaluate__policies_are_told_their_step_and_their_episode():
+def test_evaluate__policies_get_step_and_episode_index():
     steps: dict[int, list[int]] = {}
 
     def stopping_at_the_third(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -145,15 +145,15 @@ def test_evaluate__a_policy_that_needs_no_masks_gets_none():
     assert evaluate(Stopping(), TOWER, "dev") == evaluate(always(STOP), TOWER, "dev")
 
 
-def test_random_legal__draws_every_legal_action_equally_often_and_no_other():
+def test_random_legal__is_uniform_over_legal_actions():
     legal = np.tile([True, False, True, True, False], (6000, 1))
-    observations = nothing(6000)
+    observations = empty_observations(6000)
     drawn = np.bincount(random_legal(observations, legal, np.random.default_rng(0)), minlength=5)
     assert drawn[[1, 4]].sum() == 0
     assert drawn[[0, 2, 3]] == pytest.approx([2000] * 3, abs=200)
 
 
-def test_random_unmasked__draws_illegal_actions_too():
-    observations = nothing(600)
+def test_random_unmasked__includes_illegal_actions():
+    observations = empty_observations(600)
     drawn = random_unmasked(observations, np.zeros((600, 3), bool), np.random.default_rng(0))
     assert set(drawn.tolist()) == {0, 1, 2}

@@ -1,4 +1,4 @@
-"""Scenes drawn for people."""
+"""Pictures of scenes for people."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.scenes import LARGE, SCENES, B, Y, circle, scene, square
 
 
 def _boxes(picture: UInt8Array) -> UInt8Array:
-    """What lies within the margin."""
+    """The picture without its margin."""
     return picture[MARGIN : SCENE_SHAPE[0] - MARGIN, MARGIN : SCENE_SHAPE[1] - MARGIN]
 
 
@@ -30,7 +30,7 @@ def test_frame__shows_the_scene_above_the_lines():
     assert (captioned[below:] < 128).any()
 
 
-def test_frame__a_long_line_is_cut_within_the_picture():
+def test_frame__truncates_a_long_line():
     below, right = SCENE_SHAPE[0], FRAME_SHAPE[1] - MARGIN
     written = frame(Scene.empty(), ["word " * 100])
     assert (written[below:, : right - 12] < 128).any()
@@ -40,10 +40,10 @@ def test_frame__a_long_line_is_cut_within_the_picture():
 
 @given(SCENES["scatter"])
 @settings(max_examples=15, deadline=None)
-def test_scene_picture__differs_from_the_agents_image_at_edges_alone(shown: Scene):
+def test_scene_picture__differs_from_the_observation_only_at_edges(shown: Scene):
     image = _enlarged(shown)
     edges = _edges(image)
-    for index, box in enumerate(shown.boxes):  # items of one colour that touch are parted by a line
+    for index, box in enumerate(shown.boxes):  # adjacent items of one colour are separated by a line
         for item in box.items:
             edges |= _edges(_enlarged(Scene.empty().with_box(index, Box((item,)))))
     smooth = _boxes(scene_picture(shown))
@@ -55,8 +55,8 @@ def _enlarged(shown: Scene) -> UInt8Array:
 
 
 def _edges(image: UInt8Array) -> BoolArray:
-    """Where another colour is near."""
-    colours = image @ np.array([1, 1 << 8, 1 << 16])  # one number each
+    """Whether another colour is near each pixel."""
+    colours = image @ np.array([1, 1 << 8, 1 << 16])  # one int per colour
     edges = np.zeros(colours.shape, np.bool_)
     for axis in (0, 1):
         for by in range(-2 * SCALE, 2 * SCALE + 1):
@@ -64,7 +64,7 @@ def _edges(image: UInt8Array) -> BoolArray:
     return edges
 
 
-def test_scene_picture__parts_items_of_one_colour_that_touch():
+def test_scene_picture__separates_adjacent_items_of_one_colour():
     picture = _boxes(scene_picture(scene([square(0, 0, colour=Y), square(20, 0, colour=Y)])))
     line = picture[20, 20:60].tolist()
     assert line[0] == line[-1] == list(COLOUR_RGB[Y])
@@ -78,7 +78,7 @@ def test_scene_picture__outlines_each_box():
             assert (picture[MARGIN : MARGIN + SCALE * 100, x] < 128).all()
 
 
-def test_scene_picture__marks_cells_on_request_alone():
+def test_scene_picture__marks_cells_only_on_request():
     plain, marked = scene_picture(Scene.empty()), scene_picture(Scene.empty(), Scatter())
     assert not (plain == CELL_RGB).all(axis=2).any()
     assert (marked[:MARGIN] != plain[:MARGIN]).any()
@@ -91,7 +91,7 @@ def test_scene_picture__marks_cells_on_request_alone():
 
 
 @pytest.mark.parametrize("grid", [(38, 10), (380, 100), (95, 50)])
-def test_scene_picture__marks_of_fine_grids_stay_apart(grid: tuple[int, int]):
+def test_scene_picture__marks_of_fine_grids_do_not_overlap(grid: tuple[int, int]):
     marked = scene_picture(Scene.empty(), Scatter(grid))
     lines = (marked[MARGIN + 5, MARGIN : MARGIN + SCALE * 100] != BOX_RGB).any(axis=1)
     assert 4 < lines.sum() < SCALE * 100 / 4

@@ -1,4 +1,4 @@
-"""Pictures: pixels checked by hand and against Pillow, the canvas against drawing anew, pictures for people."""
+"""Images: pixels compared with literals and Pillow, the canvas compared with `draw`, and text pictures."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from tests.scenes import (
 
 YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
 BOX_RGB, SEPARATOR_RGB = (211, 211, 211), (128, 128, 128)
-FEWER = settings(max_examples=40)  # each draws several pictures
+FEWER = settings(max_examples=40)  # as each draws several pictures
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
 
 
 def drawn(item: Item) -> list[str]:
-    """The pixels of an item's bounding square in rows, # where its colour is."""
+    """The rows of an item's bounding square, with # for its colour."""
     x, y, side = item.x, item.y, item.side
     colour = {Y: YELLOW_RGB, K: BLACK_RGB, B: BLUE_RGB}[item.colour]
     pixels = draw(scene([item]))[y : y + side, x : x + side]
@@ -56,7 +56,7 @@ def pixels_in(image: UInt8Array, rgb: tuple[int, int, int]) -> list[list[int]]:
 
 
 def by_pillow(shown: Scene) -> UInt8Array:
-    """(100, 380, 3) the picture drawn onto the whole image as SPEC section 1 says."""
+    """(100, 380, 3) the image drawn with Pillow as in SPEC section 1."""
     image = Image.new("RGB", (380, 100), SEPARATOR_RGB)
     pen = ImageDraw.Draw(image)
     for index in range(3):
@@ -160,7 +160,7 @@ def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene
 
 def test_draw__half_size_truncates():
     half = draw(scene([square(41, 81, SMALL, K)]), "half")
-    assert half[40, 20].tolist() == [158] * 3  # one pixel of four is black: 158.25
+    assert half[40, 20].tolist() == [158] * 3  # one of four pixels is black: 158.25
     assert half[40, 21].tolist() == [105] * 3  # two of four: 105.5
     assert half[41, 21].tolist() == [0] * 3
 
@@ -171,7 +171,7 @@ def test_draw__later_items_cover_earlier_ones():
     assert tuple(image[5, 5]) == BLACK_RGB
 
 
-def test_draw__what_leaves_the_box_is_cut_at_the_picture_only():
+def test_draw__clips_items_at_the_image_not_at_the_box():
     image = draw(scene([square(90, -5, colour=K)], [], [square(95, 95, colour=B)]))
     assert np.argwhere(np.all(image == BLACK_RGB, axis=2)).tolist() == [
         [y, x] for y in range(15) for x in range(90, 110)
@@ -179,7 +179,7 @@ def test_draw__what_leaves_the_box_is_cut_at_the_picture_only():
     assert len(pixels_in(image, BLUE_RGB)) == 25
 
 
-def test_draw__gives_a_new_image_each_time():
+def test_draw__returns_a_new_image():
     first = draw(scene([square(0, 0)]))
     first[:] = 0
     assert draw(scene([square(0, 0)])).any()
@@ -187,13 +187,13 @@ def test_draw__gives_a_new_image_each_time():
 
 
 @pytest.mark.parametrize("image_size", ["full", 2, None])
-def test_image_size__an_unknown_one_is_refused_with_the_choices(image_size: Any):
+def test_image_size__unknown_size_error_has_the_choices(image_size: Any):
     for use in (image_shape, Canvas, lambda size: draw(Scene.empty(), size)):
         with pytest.raises(ValueError, match=r"^unknown image_size .*; choose from half, native$"):
             use(image_size)
 
 
-def test_image_shape__is_height_width_and_three():
+def test_image_shape__is_height_width_3():
     assert image_shape("native") == (100, 380, 3)
     assert image_shape("half") == (50, 190, 3)
 
@@ -205,7 +205,7 @@ Change = tuple[int, int, Item]
 
 @st.composite
 def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
-    """Scenes that follow one another: by an item more, an item less, a new box, or altogether new."""
+    """A sequence of scenes in which each adds or removes an item, replaces a box, or is unrelated."""
     found = [draw(LOOSE_SCENES)]
     for _ in range(draw(st.integers(1, 6))):
         last, index = found[-1], draw(st.integers(0, 2))
@@ -227,7 +227,7 @@ def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
 @IMAGE_SIZES
 @FEWER
 @given(shown=scenes_in_a_row())
-def test_canvas__shows_after_any_scenes_what_drawing_anew_gives(image_size: str, shown: list[Scene]):
+def test_canvas__equals_draw_after_any_sequence_of_scenes(image_size: str, shown: list[Scene]):
     canvas = Canvas(image_size)
     for one in shown:
         assert np.array_equal(canvas.show(one), draw(one, image_size))
@@ -239,7 +239,7 @@ SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
 @SHRINKS
 @FEWER
 @given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
-def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: Box):
+def test_box_blits__are_none_iff_two_items_share_a_pixel(shrink: int, box: Box):
     lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
     assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
 
@@ -247,7 +247,7 @@ def test_box_blits__are_there_unless_two_items_share_a_pixel(shrink: int, box: B
 @SHRINKS
 @FEWER
 @given(box=scatter_boxes())
-def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
+def test_box_blits__draw_the_box(shrink: int, box: Box):
     image_size = {1: "native", 2: "half"}[shrink]
     blits = box_blits(box, shrink)
     assume(blits is not None)
@@ -260,14 +260,14 @@ def test_box_blits__put_on_an_empty_box_give_its_picture(shrink: int, box: Box):
 @IMAGE_SIZES
 @FEWER
 @given(first=LOOSE_SCENES, second=SCENES["scatter"])
-def test_canvas__scenes_begun_again_and_again_look_the_same(image_size: str, first: Scene, second: Scene):
+def test_canvas__repeated_start_scenes_are_drawn_equally(image_size: str, first: Scene, second: Scene):
     canvas = Canvas(image_size)
     for shown in [first, second] * 3:
         assert np.array_equal(canvas.show(shown), draw(shown, image_size))
 
 
 @IMAGE_SIZES
-def test_canvas__edits_follow_a_scene_begun_again(image_size: str):
+def test_canvas__edits_after_a_cached_scene(image_size: str):
     canvas = Canvas(image_size)
     start, other = scene([circle(3, 5)], [triangle(51, 70, LARGE, K)]), scene([], [], [square(10, 10), circle(31, 9)])
     for _ in range(3):
@@ -275,7 +275,7 @@ def test_canvas__edits_follow_a_scene_begun_again(image_size: str):
             assert np.array_equal(canvas.show(shown), draw(shown, image_size))
 
 
-def test_canvas__draws_as_a_whole_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
+def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
     canvas, before = Canvas(), Scene.empty()
     canvas.show(before)
 
@@ -285,11 +285,11 @@ def test_canvas__draws_as_a_whole_after_an_interrupt(monkeypatch: pytest.MonkeyP
     with monkeypatch.context() as patched:
         patched.setattr(Canvas, "_begin", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            canvas.show(scene([circle(0, 0)], [square(9, 9), square(50, 9)]))  # the circle was drawn by then
+            canvas.show(scene([circle(0, 0)], [square(9, 9), square(50, 9)]))  # after the circle was drawn
     assert np.array_equal(canvas.show(before), draw(before, "half"))
 
 
-def test_canvas__keeps_no_more_pictures_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
+def test_canvas__caches_pictures_within_its_budget(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(canvas, "_BUDGET", canvas._Budget(1))
     shown_on, scenes = Canvas(), [scene([circle(number, number)]) for number in range(3)]
     for shown in scenes * 3:
@@ -305,7 +305,7 @@ def test_canvas__towers_grow_shrink_and_swap(image_size: str):
         assert np.array_equal(canvas.show(shown), draw(shown, image_size))
 
 
-def test_canvas__equal_items_are_told_apart_by_position_in_the_list():
+def test_canvas__distinguishes_equal_items_by_index():
     canvas = Canvas("native")
     twice = square(0, 0, colour=B)
     for shown in (scene([twice, square(0, 0, LARGE, K), twice]), scene([twice, square(0, 0, LARGE, K)])):
@@ -324,7 +324,7 @@ def test_canvas__draws_into_a_given_buffer(image_size: str):
 
 @IMAGE_SIZES
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
-def test_canvas__a_copy_goes_on_in_a_buffer_of_its_own(image_size: str, duplicate: Callable[[Canvas], Canvas]):
+def test_canvas__copy_has_its_own_buffer(image_size: str, duplicate: Callable[[Canvas], Canvas]):
     canvas = Canvas(image_size)
     first, second, third = scene([circle(0, 0)]), scene([circle(0, 0), square(40, 40)]), scene([], [square(0, 0)])
     canvas.show(first)
@@ -337,12 +337,12 @@ def test_canvas__a_copy_goes_on_in_a_buffer_of_its_own(image_size: str, duplicat
 @pytest.mark.parametrize(
     "pixels", [np.zeros((100, 380, 3), np.uint8), np.zeros((50, 190, 3), np.int16), np.zeros((50, 190), np.uint8)]
 )
-def test_canvas__another_buffer_is_refused_with_the_shape(pixels: Any):
+def test_canvas__rejects_a_buffer_of_another_shape(pixels: Any):
     with pytest.raises(ValueError, match=r"pixels must be a uint8 array of shape \(50, 190, 3\), not "):
         Canvas("half", pixels)
 
 
-def test_canvas__a_buffer_with_gaps_is_refused():
+def test_canvas__rejects_a_noncontiguous_buffer():
     with pytest.raises(ValueError, match="pixels must be a contiguous array"):
         Canvas("half", np.zeros((50, 380, 3), np.uint8)[:, ::2])
 
@@ -369,7 +369,7 @@ def test_text__draws_the_boxes_with_characters():
     ]
 
 
-def test_text__in_colours_tells_shapes_and_colours_apart():
+def test_text__in_colours_distinguishes_shapes_and_colours():
     marks = [text(scene([Item(0, 0, shape, colour, LARGE)]), [], coloured=True) for shape in Shape for colour in Colour]
     assert len(set(marks)) == 9
     assert "\x1b[1;34m#\x1b[0m" in text(scene([square(0, 0, colour=B)]), [])
@@ -377,6 +377,6 @@ def test_text__in_colours_tells_shapes_and_colours_apart():
 
 @FEWER
 @given(LOOSE_SCENES)
-def test_text__any_scene_fits_the_frame(shown: Scene):
+def test_text__clips_any_scene_to_the_frame(shown: Scene):
     lines = text(shown, [], coloured=False).splitlines()
     assert [len(line) for line in lines] == [70] * 12
