@@ -128,7 +128,8 @@ class _UniqueValues(argparse.Action):
 
 
 def _add_several(parser: argparse.ArgumentParser, flag: str, choices: list[str]) -> None:
-    parser.add_argument(flag, nargs="+", action=_UniqueValues, choices=choices, default=choices, help="default: all")
+    help_text = f"{flag.removeprefix('--')} to include (default: all)"
+    parser.add_argument(flag, nargs="+", action=_UniqueValues, choices=choices, default=choices, help=help_text)
 
 
 def _add_splits(parser: argparse.ArgumentParser) -> None:

@@ -39,7 +39,9 @@ def add_parser(subparsers: Any) -> None:
         "ADD(LEFT, BLUE) or accept; type legal to list the legal actions, and quit to leave.",
     )
     add_configuration(parser, nargs="?", default="TowerScratch")
-    parser.add_argument("--protocol", choices=PROTOCOLS, default="veto", help="(default: %(default)s)")
+    parser.add_argument(
+        "--protocol", choices=PROTOCOLS, default="veto", help="protocol of the game (default: %(default)s)"
+    )
     parser.add_argument(
         "--as",
         dest="side",
