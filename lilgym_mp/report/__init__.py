@@ -1,6 +1,7 @@
-"""Tables and figures of the paper, and more, from recorded episodes: one page, and each item as files.
+"""Evaluation reports: the paper's tables and figures, and more, from recorded episodes.
 
-`make_report(places, directory)` does it all; docs/report.md says what each item shows. No torch here.
+`make_report(places, directory)` writes one HTML page and every item as files; docs/report.md describes the items.
+Does not import torch.
 """
 
 from lilgym_mp.report.html_report import make_report

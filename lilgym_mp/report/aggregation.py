@@ -1,8 +1,8 @@
-"""Means over runs, intervals and tests over statements."""
+"""Means and deviations over runs; bootstrap intervals and paired tests over statements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from statistics import mean, stdev
 from typing import NamedTuple
 
@@ -14,36 +14,38 @@ RESAMPLES = 4_000
 CONFIDENCE = 0.95
 
 
-class Spread(NamedTuple):
-    """A number over runs."""
+class MeanStd(NamedTuple):
+    """Mean and standard deviation of a metric over runs."""
 
     mean: float
-    deviation: float | None  # of a sample (n - 1); None of one run
+    deviation: float | None  # of the sample (n - 1); None for a single run
     runs: int
 
     def __str__(self) -> str:
         return f"{self.mean:.2f}" if self.deviation is None else f"{self.mean:.2f} ± {self.deviation:.2f}"
 
 
-def spread(values: Sequence[float]) -> Spread | None:
-    """Mean and sample standard deviation, None of nothing."""
+def mean_std(values: Sequence[float]) -> MeanStd | None:
+    """None for no values."""
     if not values:
         return None
-    return Spread(mean(values), stdev(values) if len(values) > 1 else None, len(values))
+    return MeanStd(mean(values), stdev(values) if len(values) > 1 else None, len(values))
 
 
-def over_runs(runs: Iterable[Recording], value: Callable[[Sequence[RecordedEpisode]], float | None]) -> Spread | None:
-    """The spread of a number of each run's episodes; runs for which there is none are left out."""
-    return spread([found for run in runs if (found := value(run.episodes)) is not None])
+def aggregate_runs(
+    runs: Iterable[Recording], metric: Callable[[Sequence[RecordedEpisode]], float | None]
+) -> MeanStd | None:
+    """Mean and deviation over runs of a metric of each run's episodes; runs where it is None are left out."""
+    return mean_std([value for run in runs if (value := metric(run.episodes)) is not None])
 
 
 def accuracy(episodes: Sequence[RecordedEpisode]) -> float | None:
-    """Task completion in per cent, None of no episodes."""
+    """Task-completion rate in per cent; None for no episodes."""
     return share(episodes, lambda episode: episode.is_success)
 
 
 def share(episodes: Sequence[RecordedEpisode], holds: Callable[[RecordedEpisode], bool]) -> float | None:
-    """Per cent of the episodes for which something holds, None of no episodes."""
+    """Per cent of the episodes that satisfy a predicate; None for no episodes."""
     return 100 * sum(map(holds, episodes)) / len(episodes) if episodes else None
 
 
@@ -52,63 +54,52 @@ def average(episodes: Sequence[RecordedEpisode], value: Callable[[RecordedEpisod
 
 
 class Difference(NamedTuple):
-    """One agent's accuracy less another's, in points."""
+    """Difference between two agents' accuracies in percentage points, with its 95 % interval."""
 
     points: float
-    low: float  # of the 95 % interval
+    low: float
     high: float
-    p_value: float  # two-sided, of there being no difference
+    p_value: float  # two-sided; null hypothesis: no difference
 
 
-def by_statement(runs: Iterable[Recording]) -> dict[str, tuple[int, int]]:
-    """Successes and episodes of each statement, all runs together."""
-    found: dict[str, tuple[int, int]] = {}
+def successes_by_statement(runs: Iterable[Recording]) -> dict[str, tuple[int, int]]:
+    """(successes, episodes) of each statement, pooled over runs."""
+    counts: dict[str, tuple[int, int]] = {}
     for run in runs:
         for episode in run.episodes:
-            successes, episodes = found.get(episode.statement, (0, 0))
-            found[episode.statement] = successes + episode.is_success, episodes + 1
-    return found
+            successes, episodes = counts.get(episode.statement, (0, 0))
+            counts[episode.statement] = successes + episode.is_success, episodes + 1
+    return counts
 
 
 def accuracy_interval(runs: Iterable[Recording]) -> tuple[float, float]:
-    """The 95 % interval of the accuracy in per cent: statements are drawn again, with all that belongs to them."""
-    return _interval(_resampled(np.array(list(by_statement(runs).values()), float)))
+    """The 95 % bootstrap interval of the accuracy in per cent, resampling statements with all of their episodes."""
+    return _percentile_interval(_bootstrap_accuracies(np.array(list(successes_by_statement(runs).values()), float)))
 
 
 def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -> Difference | None:
-    """The first agent's accuracy less the second's on the statements of both, None where they share none."""
-    one, other = by_statement(first), by_statement(second)
+    """The first agent's accuracy minus the second's on their common statements; None if there are none."""
+    one, other = successes_by_statement(first), successes_by_statement(second)
     shared = [statement for statement in one if statement in other]
     if not shared:
         return None
-    counts = [np.array([found[statement] for statement in shared], float) for found in (one, other)]
-    points = float(np.subtract(*(100 * both[:, 0].sum() / both[:, 1].sum() for both in counts)))
-    drawn = _resampled(counts[0]) - _resampled(counts[1])  # the same draws for both
-    below, above = (drawn <= 0).mean(), (drawn >= 0).mean()
+    counts = [np.array([by_statement[statement] for statement in shared], float) for by_statement in (one, other)]
+    points = float(np.subtract(*(100 * array[:, 0].sum() / array[:, 1].sum() for array in counts)))
+    differences = _bootstrap_accuracies(counts[0]) - _bootstrap_accuracies(counts[1])  # same resamples for both
+    below, above = (differences <= 0).mean(), (differences >= 0).mean()
     p_value = min(1.0, 2 * max(min(below, above), 1 / RESAMPLES))
-    return Difference(points, *_interval(drawn), p_value)
+    return Difference(points, *_percentile_interval(differences), p_value)
 
 
-def _resampled(counts: np.ndarray) -> np.ndarray:
-    """(RESAMPLES,) accuracies in per cent of (statements, 2) successes and episodes, from a generator of one seed."""
+def _bootstrap_accuracies(counts: np.ndarray) -> np.ndarray:
+    """(RESAMPLES,) accuracies in per cent, from (statements, 2) counts of successes and episodes; fixed seed."""
     statements = len(counts)
-    drawn = np.random.default_rng(0).multinomial(statements, np.full(statements, 1 / statements), RESAMPLES)
-    successes, episodes = (drawn @ counts).T
+    weights = np.random.default_rng(0).multinomial(statements, np.full(statements, 1 / statements), RESAMPLES)
+    successes, episodes = (weights @ counts).T
     return 100 * successes / episodes
 
 
-def _interval(values: np.ndarray) -> tuple[float, float]:
-    rest = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(values, [rest, 100 - rest])
+def _percentile_interval(values: np.ndarray) -> tuple[float, float]:
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(values, [tail, 100 - tail])
     return float(low), float(high)
-
-
-def grouped(
-    episodes: Iterable[RecordedEpisode], key: Callable[[RecordedEpisode], str | None]
-) -> Mapping[str, list[RecordedEpisode]]:
-    """The episodes by key; those whose key is None are left out."""
-    found: dict[str, list[RecordedEpisode]] = {}
-    for episode in episodes:
-        if (name := key(episode)) is not None:
-            found.setdefault(name, []).append(episode)
-    return found

@@ -1,4 +1,4 @@
-"""Behaviour of agents: rollout statistics, errors, and positions of actions."""
+"""Behaviour of agents: rollout statistics, error categories, and maps of actions."""
 
 from __future__ import annotations
 
@@ -9,61 +9,62 @@ from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import Spread, average, over_runs, share
-from lilgym_mp.report.charts import Panel, bars, maps
-from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.report_data import Entry, Gathered
+from lilgym_mp.report.aggregation import MeanStd, aggregate_runs, average, share
+from lilgym_mp.report.charts import BarPanel, bar_chart, heat_maps
+from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.report.report_data import AgentResults, ReportData
 
 ADDS, REMOVES = (AddBlock, AddItem), (RemoveBlock, RemoveItem)
-KINDS: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}
+EDIT_TYPES: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}
 
 
-def stops(episode: RecordedEpisode) -> bool:
+def ends_with_stop(episode: RecordedEpisode) -> bool:
     """Whether the agent ended the episode with STOP."""
     return isinstance(episode.actions[-1], Stop)
 
 
-def count_of(episode: RecordedEpisode, kinds: tuple[type, ...]) -> int:
-    return sum(isinstance(action, kinds) for action in episode.actions)
+def count_actions(episode: RecordedEpisode, types: tuple[type, ...]) -> int:
+    return sum(isinstance(action, types) for action in episode.actions)
 
 
-# Statistics of the episodes of a run, by name.
-ROLLOUT: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
-    "without STOP (%)": lambda kept: share(kept, lambda episode: not stops(episode)),
+# Metrics of a run's episodes by name.
+ROLLOUT_STATISTICS: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
+    "without STOP (%)": lambda kept: share(kept, lambda episode: not ends_with_stop(episode)),
     "with an invalid action (%)": lambda kept: share(kept, lambda episode: episode.invalid_reason is not None),
     "mean actions": lambda kept: average(kept, lambda episode: len(episode.actions)),
-    "mean ADD": lambda kept: average(kept, lambda episode: count_of(episode, ADDS)),
-    "mean REMOVE": lambda kept: average(kept, lambda episode: count_of(episode, REMOVES)),
+    "mean ADD": lambda kept: average(kept, lambda episode: count_actions(episode, ADDS)),
+    "mean REMOVE": lambda kept: average(kept, lambda episode: count_actions(episode, REMOVES)),
 }
 
 
-def behaviour(found: Gathered) -> Iterator[Item]:
-    yield from figures_6_and_9(found)
-    yield from errors(found)
-    yield figure_10(found)
+def behaviour_items(data: ReportData) -> Iterator[Item]:
+    yield from figures_6_and_9(data)
+    yield from errors(data)
+    yield figure_10(data)
 
 
-def figures_6_and_9(found: Gathered) -> Iterator[Item]:
-    """Rollout statistics, including the expert's."""
-    title = f"Rollout statistics on {found.main_split}"
+def figures_6_and_9(data: ReportData) -> Iterator[Item]:
+    """Rollout statistics of all agents."""
+    title = f"Rollout statistics on {data.main_split}"
     rows: list[list[Cell]] = []
-    values: dict[str, dict[str, list[Spread | float | None]]] = {name: {} for name in ROLLOUT}
-    for agent in found.agents:
-        entries = [found.find(agent, name) for name in found.configurations]
-        for name, number in ROLLOUT.items():
-            values[name][agent] = [entry and over_runs(entry.runs, number) for entry in entries]
+    values: dict[str, dict[str, list[MeanStd | float | None]]] = {name: {} for name in ROLLOUT_STATISTICS}
+    for agent in data.agents:
+        entries = [data.find(agent, name) for name in data.configurations]
+        for name, metric in ROLLOUT_STATISTICS.items():
+            values[name][agent] = [entry and aggregate_runs(entry.runs, metric) for entry in entries]
         for entry in entries:
             if entry is not None:
-                rows.append([agent, entry.configuration, *(over_runs(entry.runs, f) for f in ROLLOUT.values())])
-    panels = [Panel(name, found.configurations, series) for name, series in values.items()]
+                statistics = (aggregate_runs(entry.runs, metric) for metric in ROLLOUT_STATISTICS.values())
+                rows.append([agent, entry.configuration, *statistics])
+    panels = [BarPanel(name, data.configurations, series) for name, series in values.items()]
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
     )
-    yield Chart("Figure 6 and Figure 9", title, bars(panels, ""), note)
-    yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT), rows)
+    yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, ""), note)
+    yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT_STATISTICS), rows)
 
 
-REASONS: Mapping[str, tuple[InvalidReason, ...]] = {
+INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
     "separator": (InvalidReason.SEPARATOR,),
     "nothing to remove": (InvalidReason.NOTHING_TO_REMOVE, InvalidReason.EMPTY_TOWER),
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),
@@ -77,8 +78,8 @@ STOP_NOTE = (
 )
 
 
-def stop_kind(episode: RecordedEpisode) -> str | None:
-    """The kind of wrong STOP that ended the episode, or None."""
+def wrong_stop_kind(episode: RecordedEpisode) -> str | None:
+    """The kind of wrong STOP that ended the episode; None if none did."""
     if episode.outcome != "wrong_stop":
         return None
     if len(episode.actions) == 1:
@@ -89,26 +90,33 @@ def stop_kind(episode: RecordedEpisode) -> str | None:
 
 
 def error_kind(episode: RecordedEpisode) -> str | None:
-    """The kind of error: an invalid-action reason, a kind of wrong STOP, or the horizon; None for a success."""
+    """Reason of the invalid action, kind of wrong STOP, or "horizon"; None for a success."""
     if episode.is_success:
         return None
-    if (stop := stop_kind(episode)) is not None:
+    if (stop := wrong_stop_kind(episode)) is not None:
         return f"{stop} stop"
     if episode.invalid_reason is not None:
-        return next(name for name, reasons in REASONS.items() if episode.invalid_reason in reasons)
+        return next(name for name, reasons in INVALID_REASON_GROUPS.items() if episode.invalid_reason in reasons)
     return "horizon"
 
 
-ERROR_KINDS = (*REASONS, f"{DIRECT} stop", f"{EARLY} stop", f"{ERRONEOUS} stop", f"{LATER} stop", "horizon")
+ERROR_KINDS = (
+    *INVALID_REASON_GROUPS,
+    f"{DIRECT} stop",
+    f"{EARLY} stop",
+    f"{ERRONEOUS} stop",
+    f"{LATER} stop",
+    "horizon",
+)
 
 
-def errors(found: Gathered) -> Iterator[Item]:
-    """Failed episodes by kind of error, in per cent, with the 50 that the paper's authors classified."""
+def errors(data: ReportData) -> Iterator[Item]:
+    """Failed episodes by kind of error, next to the paper's 50 manually analysed errors."""
     rows: list[list[Cell]] = []
-    panels: list[Panel] = []
-    for configuration in found.configurations:
-        values: dict[str, list[Spread | float | None]] = {}
-        for entry in found.of(configuration):
+    panels: list[BarPanel] = []
+    for configuration in data.configurations:
+        values: dict[str, list[MeanStd | float | None]] = {}
+        for entry in data.of(configuration):
             failed = [e for run in entry.runs for e in run.episodes if not e.is_success]
             kinds = [error_kind(episode) for episode in failed]
             shares = [100 * kinds.count(kind) / len(failed) if failed else None for kind in ERROR_KINDS]
@@ -117,62 +125,61 @@ def errors(found: Gathered) -> Iterator[Item]:
                 values[entry.agent] = list(shares)
         rows += [list(row) for row in _published(configuration)]
         if values:
-            panels.append(Panel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
-    title = f"Errors on {found.main_split}, in per cent of them"
+            panels.append(BarPanel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
+    title = f"Errors on {data.main_split}, in per cent of failed episodes"
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
     if panels:
-        yield Chart("Section D.2", f"{title}, drawn", bars(panels, "% of errors", columns=1))
+        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors", columns=1))
 
 
 def _published(configuration: str) -> Iterator[Sequence[Cell]]:
-    for (model, name), told in paper.ERRORS.items():
+    for (model, name), errors in paper.ERRORS.items():
         if name == configuration:
-            reasons = (told.separator, told.empty, told.does_not_fit, told.on_top)
-            shares: list[Cell] = [told.invalid * reason / 100 for reason in reasons]
-            kinds = (told.direct, told.early, told.erroneous)
-            shares += [None if kind is None else told.stops * kind / 100 for kind in kinds]
+            reasons = (errors.separator, errors.empty, errors.does_not_fit, errors.on_top)
+            shares: list[Cell] = [errors.invalid * reason / 100 for reason in reasons]
+            kinds = (errors.direct, errors.early, errors.erroneous)
+            shares += [None if kind is None else errors.stops * kind / 100 for kind in kinds]
             yield [f"{model} †", configuration, 50, *shares, None, None]
 
 
-def figure_10(found: Gathered) -> Item:
-    """Positions of Scatter actions, by cell and type."""
-    title = f"Where actions go on {found.main_split}, in per cent of the agent's edits"
-    grid = found.header.settings.grid
+def figure_10(data: ReportData) -> Item:
+    """Where Scatter actions go, by cell and type."""
+    title = f"Where actions go on {data.main_split}, in per cent of the agent's edits"
+    grid = data.header.settings.grid
     entries = [
         entry
-        for configuration in found.configurations
-        for entry in found.of(configuration)
+        for configuration in data.configurations
+        for entry in data.of(configuration)
         if entry.header.settings.appearance == "scatter"
     ]
     if not entries or isinstance(grid, str):
         why = "the grid is native" if entries else "no Scatter configuration was evaluated"
-        return Lacking("Figure 10", title, f"{why}, so there are no cells to map")
+        return MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
     panels = [_maps(entry, grid) for entry in entries]
     note = f"Cells of the {grid[0]} x {grid[1]} grid; each map has its own scale."
-    return Chart("Figure 10", title, maps(panels), note)
+    return Chart("Figure 10", title, heat_maps(panels), note)
 
 
-def _maps(entry: Entry, grid: tuple[int, int]) -> list[tuple[str, list[list[float]]]]:
-    """Maps of an entry: all edits, then each type."""
-    cells = {name: action_map(entry, grid, kinds) for name, kinds in KINDS.items()}
-    everything = [[sum(both) for both in zip(*rows, strict=True)] for rows in zip(*cells.values(), strict=True)]
-    total = sum(map(sum, everything)) or 1
-    shown = {"all": everything, **cells}
+def _maps(entry: AgentResults, grid: tuple[int, int]) -> list[tuple[str, list[list[float]]]]:
+    """Titled maps of all edits and of each type, in per cent of all edits."""
+    by_type = {name: action_map(entry, grid, types) for name, types in EDIT_TYPES.items()}
+    all_edits = [[sum(cells) for cells in zip(*rows, strict=True)] for rows in zip(*by_type.values(), strict=True)]
+    total = sum(map(sum, all_edits)) or 1
     return [
         (f"{entry.agent}, {entry.configuration}: {name}", [[100 * cell / total for cell in row] for row in counts])
-        for name, counts in shown.items()
+        for name, counts in {"all": all_edits, **by_type}.items()
     ]
 
 
-def action_map(entry: Entry, grid: tuple[int, int], kinds: tuple[type, ...]) -> list[list[int]]:
-    """The number of actions of those kinds per cell, as one list per row of the grid."""
+def action_map(entry: AgentResults, grid: tuple[int, int], types: tuple[type, ...]) -> list[list[int]]:
+    """(rows, columns) counts of actions of the given types by grid cell."""
     columns, rows = grid
     counts = [[0] * columns for _ in range(rows)]
     for run in entry.runs:
         for episode in run.episodes:
             for action in episode.actions:
-                if isinstance(action, kinds):
-                    placed: Any = action
-                    counts[placed.row][placed.column] += 1
+                if isinstance(action, types):
+                    edit: Any = action
+                    counts[edit.row][edit.column] += 1
     return counts

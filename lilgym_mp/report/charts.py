@@ -1,4 +1,4 @@
-"""Charts in one style, by matplotlib."""
+"""Matplotlib charts in a common style: bars, lines, heat maps and film strips."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.plotting import new_figure
-from lilgym_mp.report.aggregation import Spread
+from lilgym_mp.report.aggregation import MeanStd
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,32 +17,35 @@ INK, FAINT = "#1d2733", "#8793a1"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
-MOST_LABELLED = 24  # bars in a panel that still have their value beside them
-FRAMES_A_ROW = 5
+MAX_LABELLED_BARS = 24  # in a panel; with more, values are not printed
+FRAMES_PER_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
 
 
-class Panel(NamedTuple):
-    """Bars of one chart: a value for each category and series."""
+class BarPanel(NamedTuple):
+    """Data of a grouped bar chart: a value for each series and category."""
 
     title: str
     categories: Sequence[str]
-    values: Mapping[str, Sequence[Spread | float | None]]  # by series
+    values: Mapping[str, Sequence[MeanStd | float | None]]  # by series
 
 
-def colour_of(names: Sequence[str]) -> dict[str, str]:
-    """A colour for each name, in their order."""
+def series_colours(names: Sequence[str]) -> dict[str, str]:
+    """Colours by name, assigned in order."""
     return {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(names)}
 
 
-def bars(panels: Sequence[Panel], unit: str, *, columns: int = 2, top: float | None = None) -> Figure:
-    """Upright bars with their deviations, a panel each; one colour a series throughout."""
+def bar_chart(panels: Sequence[BarPanel], unit: str, *, columns: int = 2, top: float | None = None) -> Figure:
+    """A grouped bar chart with error bars for each panel; each series has the same colour everywhere.
+
+    `top`: fixed upper limit of the y axis.
+    """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     names = list(dict.fromkeys(name for panel in panels for name in panel.values))
     figure: Any = new_figure(WIDTH, PANEL_HEIGHT * rows + 40)
     grid: Any = figure.subplots(rows, columns, squeeze=False)
-    colours = colour_of(names)
+    colours = series_colours(names)
     for index, axes in enumerate(grid.flat):
         if index >= len(panels):
             axes.set_visible(False)
@@ -52,20 +55,20 @@ def bars(panels: Sequence[Panel], unit: str, *, columns: int = 2, top: float | N
     return figure
 
 
-def _draw_bars(axes: Any, panel: Panel, colours: Mapping[str, str], unit: str, top: float | None) -> None:
+def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], unit: str, top: float | None) -> None:
     width = 0.8 / max(1, len(panel.values))
-    labelled = len(panel.values) * len(panel.categories) <= MOST_LABELLED
-    for place, (name, values) in enumerate(panel.values.items()):
-        xs = [index + (place - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
+    labelled = len(panel.values) * len(panel.categories) <= MAX_LABELLED_BARS
+    for series, (name, values) in enumerate(panel.values.items()):
+        xs = [index + (series - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
         heights = [_mean(value) for value in values]
         axes.bar(xs, heights, width * 0.92, color=colours[name])
         for x, value in zip(xs, values, strict=True):
-            if isinstance(value, Spread) and value.deviation:
+            if isinstance(value, MeanStd) and value.deviation:
                 axes.errorbar(x, value.mean, value.deviation, color=INK, linewidth=1, capsize=2)
         for x, value in zip(xs, values, strict=True) if labelled else ():
             if value is not None:
-                _label(axes, x, value)
-    style(axes, panel.title, unit)
+                _label_bar(axes, x, value)
+    style_axes(axes, panel.title, unit)
     axes.set_xticks(range(len(panel.categories)), labels=panel.categories, fontsize=8)
     axes.grid(visible=False, axis="x")
     axes.margins(y=0.12)
@@ -75,12 +78,12 @@ def _draw_bars(axes: Any, panel: Panel, colours: Mapping[str, str], unit: str, t
         axes.set_ylim(bottom=0)
 
 
-def _label(axes: Any, x: float, value: Spread | float) -> None:
-    """A bar's value at its end, clear of the deviation."""
-    height, deviation = _mean(value), (value.deviation or 0.0) if isinstance(value, Spread) else 0.0
+def _label_bar(axes: Any, x: float, value: MeanStd | float) -> None:
+    """Prints the value at the end of the bar, clear of the error bar."""
+    height, deviation = _mean(value), (value.deviation or 0.0) if isinstance(value, MeanStd) else 0.0
     below = height < 0
     axes.annotate(
-        _short(height),
+        _short_number(height),
         (x, height - deviation if below else height + deviation),
         (0, -2 if below else 2),
         textcoords="offset points",
@@ -91,16 +94,15 @@ def _label(axes: Any, x: float, value: Spread | float) -> None:
     )
 
 
-def _mean(value: Spread | float | None) -> float:
-    return value.mean if isinstance(value, Spread) else (value or 0.0)
+def _mean(value: MeanStd | float | None) -> float:
+    return value.mean if isinstance(value, MeanStd) else (value or 0.0)
 
 
-def _short(value: float) -> str:
+def _short_number(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 10 or value == 0 else f"{value:.1f}" if abs(value) >= 1 else f"{value:.2f}"
 
 
-def style(axes: Any, title: str, unit: str = "") -> None:
-    """The look that all charts share."""
+def style_axes(axes: Any, title: str, unit: str = "") -> None:
     axes.set_title(title, loc="left", fontsize=10, fontweight="bold", color=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(FAINT)
@@ -114,16 +116,16 @@ def style(axes: Any, title: str, unit: str = "") -> None:
 def _legend(figure: Any, axes: Any, names: Sequence[str], colours: Mapping[str, str]) -> None:
     handles = [axes.bar([0], [0], color=colours[name]) for name in names]
     if len(names) > 1:
-        figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), frameon=False, fontsize=8)
+        figure.legend(handles, names, loc="outside upper left", ncols=_legend_columns(names), frameon=False, fontsize=8)
 
 
-def _columns(names: Sequence[str], width: int = WIDTH) -> int:
-    """Columns of a legend: as many of its longest name as the width in pixels holds."""
+def _legend_columns(names: Sequence[str], width: int = WIDTH) -> int:
+    """Number of legend columns, at most 4, that fit into the width in pixels."""
     return max(1, min(4, (width - 40) // (6 * max(map(len, names)) + 40)))
 
 
 class Line(NamedTuple):
-    """Points joined by a line."""
+    """A series of a line chart."""
 
     name: str
     xs: Sequence[float]
@@ -131,24 +133,24 @@ class Line(NamedTuple):
     deviations: Sequence[float] | None = None  # drawn as a band around the line
 
 
-def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
-    """A panel for each title, name of x, name of y and lines; `diagonal`: from 0 to 1 on both axes, with y = x."""
+def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
+    """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers."""
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
     width = WIDTH if columns > 1 else WIDTH // 2
-    names = list(dict.fromkeys(line.name for _, _, _, found in panels for line in found))
-    legend_rows = -(-len(names) // _columns(names, width)) if len(names) > 1 else 0
+    names = list(dict.fromkeys(line.name for _, _, _, lines in panels for line in lines))
+    legend_rows = -(-len(names) // _legend_columns(names, width)) if len(names) > 1 else 0
     figure: Any = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
     grid: Any = figure.subplots(rows, columns, squeeze=False)
-    colours = colour_of(names)
+    colours = series_colours(names)
     for index, axes in enumerate(grid.flat):
         if index >= len(panels):
             axes.set_visible(False)
             continue
-        title, of_x, of_y, found = panels[index]
-        style(axes, title, of_y)
-        axes.set_xlabel(of_x, fontsize=8, color=FAINT)
-        for line in found:
+        title, x_label, y_label, lines = panels[index]
+        style_axes(axes, title, y_label)
+        axes.set_xlabel(x_label, fontsize=8, color=FAINT)
+        for line in lines:
             axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker="o" if diagonal else None)
             if line.deviations is not None:
                 pairs = list(zip(line.ys, line.deviations, strict=True))
@@ -158,63 +160,63 @@ def lines(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: b
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
     if len(names) > 1:
         handles = [grid.flat[0].plot([], [], color=colours[name])[0] for name in names]
-        columns_shown = _columns(names, width)
-        figure.legend(handles, names, loc="outside upper left", ncols=columns_shown, frameon=False, fontsize=8)
+        legend_columns = _legend_columns(names, width)
+        figure.legend(handles, names, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
     return figure
 
 
-def maps(panels: Sequence[Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> Figure:
-    """Maps of cells in rows of panels, each with its title; each on a scale of its own, which a bar shows."""
+def heat_maps(panels: Sequence[Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> Figure:
+    """Rows of titled heat maps, each with its own scale and colour bar."""
     figure: Any = new_figure(WIDTH, 125 * len(panels) + 20)
     grid: Any = figure.subplots(len(panels), max(map(len, panels)), squeeze=False)
-    for row, found in zip(grid, panels, strict=True):
-        for axes, (title, values) in zip(row, found, strict=True):
-            most = max(map(max, values)) or 1.0  # a scale without any width would be drawn in its middle colour
-            shown = axes.imshow(values, cmap="Blues", vmin=0, vmax=most, aspect="equal")
+    for row, row_panels in zip(grid, panels, strict=True):
+        for axes, (title, values) in zip(row, row_panels, strict=True):
+            top = max(map(max, values)) or 1.0  # matplotlib draws an empty range in the middle colour
+            image = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="equal")
             axes.set_title(title, loc="left", fontsize=8, color=INK)
             axes.set_xticks([])
             axes.set_yticks([])
-            bar = figure.colorbar(shown, ax=axes, fraction=0.015, pad=0.02)
+            bar = figure.colorbar(image, ax=axes, fraction=0.015, pad=0.02)
             bar.ax.tick_params(labelsize=6)
             bar.outline.set_visible(False)
     return figure
 
 
-class Strip(NamedTuple):
-    """A film strip: a head of some lines, and frames with what was done before each."""
+class FilmStrip(NamedTuple):
+    """An episode as a sequence of scene images, each captioned with the action that led to it."""
 
-    head: Sequence[str]
-    frames: Sequence[tuple[UInt8Array, str]]
-    success: bool | None = None  # of the episode; None: it is not judged
+    head: Sequence[str]  # lines of text above the frames
+    frames: Sequence[tuple[UInt8Array, str]]  # image, caption
+    success: bool | None = None  # colours the last frame; None: not coloured
 
 
-def strips(found: Sequence[Strip]) -> Figure:
-    """Film strips one below the other, at most FRAMES_A_ROW frames in a row."""
-    rows = [max(1, -(-len(strip.frames) // FRAMES_A_ROW)) for strip in found]
-    heights = [14 * len(s.head) + 20 + count * FRAME_HEIGHT for s, count in zip(found, rows, strict=True)]
+def film_strips(strips: Sequence[FilmStrip]) -> Figure:
+    """Film strips one below the other, at most FRAMES_PER_ROW frames in a row."""
+    rows = [max(1, -(-len(strip.frames) // FRAMES_PER_ROW)) for strip in strips]
+    heights = [14 * len(s.head) + 20 + count * FRAME_HEIGHT for s, count in zip(strips, rows, strict=True)]
     figure: Any = new_figure(WIDTH, sum(heights))
     figure.set_layout_engine("none")
     top = sum(heights)
     total = top
-    for strip, height in zip(found, heights, strict=True):
+    for strip, height in zip(strips, heights, strict=True):
         _draw_strip(figure, strip, top, total)
         top -= height
     return figure
 
 
-def _draw_strip(figure: Any, strip: Strip, top: float, total: float) -> None:
-    for number, text in enumerate(strip.head):
-        weight, colour = ("bold", INK) if number == 0 else ("normal", "#4b5866")
-        y = (top - 14 - 14 * number) / total
+def _draw_strip(figure: Any, strip: FilmStrip, top: float, total: float) -> None:
+    for index, text in enumerate(strip.head):
+        weight, colour = ("bold", INK) if index == 0 else ("normal", "#4b5866")
+        y = (top - 14 - 14 * index) / total
         figure.text(10 / WIDTH, y, text, fontsize=8, fontweight=weight, color=colour, parse_math=False)
     head = 14 * len(strip.head) + 6
     last = len(strip.frames) - 1
-    for index, (picture, caption) in enumerate(strip.frames):
-        row, column = divmod(index, FRAMES_A_ROW)
+    for index, (image, caption) in enumerate(strip.frames):
+        row, column = divmod(index, FRAMES_PER_ROW)
         left = 10 + column * FRAME_WIDTH
         bottom = top - head - (row + 1) * FRAME_HEIGHT + 4
         axes = figure.add_axes((left / WIDTH, bottom / total, (FRAME_WIDTH - 6) / WIDTH, (FRAME_HEIGHT - 24) / total))
-        axes.imshow(picture, interpolation="nearest", aspect="auto")
+        axes.imshow(image, interpolation="nearest", aspect="auto")
         axes.set_xticks([])
         axes.set_yticks([])
         judged = index == last and strip.success is not None

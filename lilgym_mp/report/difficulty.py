@@ -1,4 +1,4 @@
-"""Items not in the paper: accuracy by difficulty, timing and calibration of STOP, and regret."""
+"""Analyses beyond the paper: accuracy by difficulty, timing and calibration of STOP, extra actions, comparisons."""
 
 from __future__ import annotations
 
@@ -12,118 +12,118 @@ from lilgym_mp.report.aggregation import (
     RESAMPLES,
     accuracy,
     accuracy_interval,
+    aggregate_runs,
     average,
-    over_runs,
     paired_difference,
     share,
 )
-from lilgym_mp.report.behaviour import stops
-from lilgym_mp.report.charts import Line, Panel, bars, lines
-from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.report_data import Entry, Gathered
+from lilgym_mp.report.behaviour import ends_with_stop
+from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
+from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.report.report_data import AgentResults, ReportData
 
-MAX_EDITS = 6  # more are grouped together
+MAX_EDITS = 6  # from here on episodes are grouped together
 BINS = 10  # of the probability of STOP
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
 
 
-def difficulty(found: Gathered) -> Iterator[Item]:
-    yield by_edits(found)
-    yield by_actions_left(found)
-    yield calibration(found)
-    yield regret(found)
+def difficulty_items(data: ReportData) -> Iterator[Item]:
+    yield accuracy_by_edits(data)
+    yield stop_accuracy_by_actions_left(data)
+    yield calibration(data)
+    yield regret(data)
 
 
-def edits_name(episode: RecordedEpisode) -> str | None:
-    """How many edits the start scene needs, None if unknown."""
+def edits_category(episode: RecordedEpisode) -> str | None:
+    """The number of edits of a shortest solution; None if unknown."""
     if episode.edits is None:
         return None
     return str(episode.edits) if episode.edits < MAX_EDITS else f"{MAX_EDITS} or more"
 
 
-def by_edits(found: Gathered) -> Item:
-    """Accuracy by the number of edits that the expert needs."""
-    title = f"Accuracy by number of edits needed on {found.main_split}"
+def accuracy_by_edits(data: ReportData) -> Item:
+    """Accuracy by the number of edits in the expert's solution."""
+    title = f"Accuracy by number of edits needed on {data.main_split}"
     names = [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"]
-    panels = _panels(found, names, edits_name, only=lambda entry: entry.header.expert)
+    panels = _panels(data, names, edits_category, only=lambda entry: entry.header.expert)
     if not panels:
-        return Lacking("Edits needed", title, NEEDS_EXPERT)
+        return MissingItem("Edits needed", title, NEEDS_EXPERT)
     return Chart(
         "Edits needed",
         title,
-        bars(panels, "accuracy, %", top=109),
+        bar_chart(panels, "accuracy, %", top=109),
         "Edits in the expert's shortest solution.",
     )
 
 
-def by_actions_left(found: Gathered) -> Item:
-    """Accuracy of STOP, by the number of actions left."""
-    title = f"Accuracy of STOP by actions left on {found.main_split}"
-    horizon = found.header.settings.dynamics().horizon
+def stop_accuracy_by_actions_left(data: ReportData) -> Item:
+    """How often STOP is right, by the number of actions left until the horizon."""
+    title = f"Accuracy of STOP by actions left on {data.main_split}"
+    horizon = data.header.settings.dynamics().horizon
     names = list(map(str, range(horizon)))
 
     def left(episode: RecordedEpisode) -> str | None:
-        return str(horizon - len(episode.actions)) if stops(episode) else None
+        return str(horizon - len(episode.actions)) if ends_with_stop(episode) else None
 
     note = f"Episodes that end with STOP, by the number of actions left of the horizon of {horizon}."
-    panels = _panels(found, names, left)
+    panels = _panels(data, names, left)
     if not panels:
-        return Lacking("Horizon left at STOP", title, "no episode here ends with STOP")
-    return Chart("Horizon left at STOP", title, bars(panels, "right STOPs, %", columns=1, top=109), note)
+        return MissingItem("Horizon left at STOP", title, "no recorded episode ends with STOP")
+    return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", columns=1, top=109), note)
 
 
 def _panels(
-    found: Gathered,
+    data: ReportData,
     names: Sequence[str],
     key: Callable[[RecordedEpisode], str | None],
-    only: Callable[[Entry], bool] = lambda entry: True,
-) -> list[Panel]:
-    """Accuracy of each agent by key of its episodes, one panel per configuration."""
-    panels: list[Panel] = []
-    for configuration in found.configurations:
-        entries = [entry for entry in found.of(configuration) if only(entry)]
+    only: Callable[[AgentResults], bool] = lambda entry: True,
+) -> list[BarPanel]:
+    """Accuracy of each agent by category `key`, one panel per configuration; empty categories are left out."""
+    panels: list[BarPanel] = []
+    for configuration in data.configurations:
+        entries = [entry for entry in data.of(configuration) if only(entry)]
         values = {
             entry.agent: [
-                over_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if key(e) == name]))
+                aggregate_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if key(e) == name]))
                 for name in names
             ]
             for entry in entries
         }
-        used = [place for place in range(len(names)) if any(row[place] is not None for row in values.values())]
+        used = [index for index in range(len(names)) if any(row[index] is not None for row in values.values())]
         if used:
-            kept = {agent: [row[place] for place in used] for agent, row in values.items()}
-            panels.append(Panel(configuration, [names[place] for place in used], kept))
+            kept = {agent: [row[index] for index in used] for agent, row in values.items()}
+            panels.append(BarPanel(configuration, [names[index] for index in used], kept))
     return panels
 
 
-def calibration(found: Gathered) -> Item:
-    """How often STOP would have been right, by the agent's probability of STOP."""
-    title = f"Calibration of STOP on {found.main_split}"
+def calibration(data: ReportData) -> Item:
+    """How often STOP would have been right, by the probability that the agent gave it."""
+    title = f"Calibration of STOP on {data.main_split}"
     panels: list[tuple[str, str, str, list[Line]]] = []
-    for configuration in found.configurations:
-        drawn = [line for entry in found.of(configuration) if (line := calibration_line(entry)) is not None]
+    for configuration in data.configurations:
+        drawn = [line for entry in data.of(configuration) if (line := calibration_line(entry)) is not None]
         if drawn:
             panels.append((configuration, "probability of STOP", "share of scenes that are solved", drawn))
     if not panels:
-        return Lacking("Calibration of STOP", title, "no agent here reports its probability of STOP")
+        return MissingItem("Calibration of STOP", title, "no agent here reports its probability of STOP")
     note = f"All scenes in which an agent chose an action, in {BINS} equal bins of its probability of STOP."
-    return Chart("Calibration of STOP", title, lines(panels, diagonal=True), note)
+    return Chart("Calibration of STOP", title, line_chart(panels, diagonal=True), note)
 
 
-def calibration_line(entry: Entry) -> Line | None:
-    """Mean probability of STOP and share of solved scenes for each non-empty bin; None without probabilities."""
+def calibration_line(entry: AgentResults) -> Line | None:
+    """Mean probability of STOP and share of solved scenes per non-empty bin; None without any probabilities."""
     bins: list[list[tuple[float, bool]]] = [[] for _ in range(BINS)]
     for run in entry.runs:
         for episode in run.episodes:
-            solved = solved_before(run.header.settings, episode)
+            solved = stop_would_succeed(run.header.settings, episode)
             for pair in zip(episode.stop_probabilities or (), solved, strict=True):
                 bins[min(BINS - 1, int(pair[0] * BINS))].append(pair)
-    points = [[sum(values) / len(found) for values in zip(*found, strict=True)] for found in bins if found]
+    points = [[sum(values) / len(pairs) for values in zip(*pairs, strict=True)] for pairs in bins if pairs]
     return Line(entry.agent, [x for x, _ in points], [y for _, y in points]) if points else None
 
 
-def solved_before(settings: Settings, episode: RecordedEpisode) -> list[bool]:
-    """Whether STOP would have been right before each action."""
+def stop_would_succeed(settings: Settings, episode: RecordedEpisode) -> list[bool]:
+    """For each action, whether STOP would have succeeded instead; empty without recorded probabilities."""
     if episode.stop_probabilities is None:
         return []
     program = compile_program(episode.program)
@@ -131,27 +131,28 @@ def solved_before(settings: Settings, episode: RecordedEpisode) -> list[bool]:
     return [program(scene) == episode.target for scene in visited]
 
 
-def regret(found: Gathered) -> Item:
-    """Actions beyond the expert's in successes, and the share of optimal successes and episodes."""
-    title = f"Actions beyond the expert's on {found.main_split}"
+def regret(data: ReportData) -> Item:
+    """Extra actions of successes compared with the expert, and the share of optimal episodes."""
+    title = f"Extra actions compared with the expert on {data.main_split}"
     rows: list[list[Cell]] = []
-    for configuration in found.configurations:
-        for entry in found.of(configuration):
+    for configuration in data.configurations:
+        for entry in data.of(configuration):
             if entry.header.expert:
                 rows.append([entry.agent, configuration, *_regret(entry)])
     if not rows:
-        return Lacking("Regret", title, NEEDS_EXPERT)
+        return MissingItem("Regret", title, NEEDS_EXPERT)
+    note = "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones."
     columns = ("agent", "configuration", "extra actions of a success", "successes optimal (%)", "episodes optimal (%)")
     return table(
         "Regret",
         title,
         columns,
         rows,
-        "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones.",
+        note,
     )
 
 
-def _regret(entry: Entry) -> Sequence[Cell]:
+def _regret(entry: AgentResults) -> Sequence[Cell]:
     def solved(kept: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
         return [episode for episode in kept if episode.is_success and episode.optimal_actions is not None]
 
@@ -159,29 +160,29 @@ def _regret(entry: Entry) -> Sequence[Cell]:
         return bool(solved([episode])) and extra_actions(episode) <= 0
 
     return (
-        over_runs(entry.runs, lambda kept: average(solved(kept), extra_actions)),
-        over_runs(entry.runs, lambda kept: share(solved(kept), optimal)),
-        over_runs(entry.runs, lambda kept: share(kept, optimal)),
+        aggregate_runs(entry.runs, lambda kept: average(solved(kept), extra_actions)),
+        aggregate_runs(entry.runs, lambda kept: share(solved(kept), optimal)),
+        aggregate_runs(entry.runs, lambda kept: share(kept, optimal)),
     )
 
 
 def extra_actions(episode: RecordedEpisode) -> int:
-    """Actions beyond the shortest solution, for a success where it is known."""
+    """For a success whose shortest solution is known."""
     assert episode.optimal_actions is not None
     return len(episode.actions) - episode.optimal_actions
 
 
-def comparisons(found: Gathered) -> Iterator[Item]:
+def comparison_items(data: ReportData) -> Iterator[Item]:
     """Confidence intervals of accuracies, and paired tests between agents."""
     rows: list[list[Cell]] = []
     pairs: list[list[Cell]] = []
-    for configuration in found.configurations:
-        for split in found.splits:
-            entries = [e for agent in found.agents if (e := found.find(agent, configuration, split)) is not None]
-            for place, entry in enumerate(entries):
+    for configuration in data.configurations:
+        for split in data.splits:
+            entries = [e for agent in data.agents if (e := data.find(agent, configuration, split)) is not None]
+            for index, entry in enumerate(entries):
                 low, high = accuracy_interval(entry.runs)
-                rows.append([entry.agent, configuration, split, over_runs(entry.runs, accuracy), low, high])
-                for other in entries[place + 1 :]:
+                rows.append([entry.agent, configuration, split, aggregate_runs(entry.runs, accuracy), low, high])
+                for other in entries[index + 1 :]:
                     difference = paired_difference(entry.runs, other.runs)
                     if difference is not None:
                         pairs.append(
@@ -196,7 +197,7 @@ def comparisons(found: Gathered) -> Iterator[Item]:
                         )
     note = f"95 % bootstrap intervals: statements are resampled {RESAMPLES:,} times, with their start scenes and runs."
     columns = ("agent", "configuration", "split", "accuracy (%)", "from (%)", "to (%)")
-    yield table("Confidence intervals", "Accuracy with intervals over statements", columns, rows, note)
+    yield table("Confidence intervals", "Accuracy with bootstrap intervals over statements", columns, rows, note)
     if pairs:
         columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
         note = "The same resampled statements for both agents; p is two-sided, not corrected for multiple tests."

@@ -1,4 +1,4 @@
-"""What a report is made of: tables and charts, each named as in the paper, and what could not be made."""
+"""Items of a report: tables, charts, and placeholders for missing items, each named as in the paper."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.report import markdown_table
-from lilgym_mp.report.aggregation import Spread
+from lilgym_mp.report.aggregation import MeanStd
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Cell = str | int | float | Spread | None
-NOTHING = "–"
+Cell = str | int | float | MeanStd | None
+MISSING = "–"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells; None is a number that is not there."""
+    """Rows of cells; None is a missing value."""
 
-    item: str  # as the paper calls it
+    item: str  # name in the paper, such as "Table 2", or our own
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
@@ -31,75 +31,72 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """File name without suffix."""
         return slug(f"{self.item} {self.title}")
 
-    def texts(self) -> list[tuple[str, ...]]:
-        return [tuple(map(shown, row)) for row in self.rows]
-
     def markdown(self) -> str:
-        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
+        rows = [tuple(map(format_cell, row)) for row in self.rows]
+        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *rows])}\n"
         return f"{head}\n{self.note}\n" if self.note else head
 
     def csv(self) -> str:
-        """With a column each for mean, deviation and runs where cells hold them, numbers unrounded."""
-        spreads = [any(isinstance(row[place], Spread) for row in self.rows) for place in range(len(self.columns))]
+        """Unrounded numbers; columns of `MeanStd` are split into mean, standard deviation and number of runs."""
+        is_split = [any(isinstance(row[index], MeanStd) for row in self.rows) for index in range(len(self.columns))]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(
             name
-            for column, is_spread in zip(self.columns, spreads, strict=True)
-            for name in ((f"{column} mean", f"{column} sd", f"{column} runs") if is_spread else (column,))
+            for column, split in zip(self.columns, is_split, strict=True)
+            for name in ((f"{column} mean", f"{column} sd", f"{column} runs") if split else (column,))
         )
         for row in self.rows:
             writer.writerow(
                 value
-                for cell, is_spread in zip(row, spreads, strict=True)
-                for value in (_parts(cell) if is_spread else ("" if cell is None else cell,))
+                for cell, split in zip(row, is_split, strict=True)
+                for value in (_split_cell(cell) if split else ("" if cell is None else cell,))
             )
         return text.getvalue()
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure of matplotlib."""
+    """A matplotlib figure."""
 
     item: str
     title: str
     figure: Figure
     note: str = ""
-    raster: bool = False  # whether pictures of scenes are in it, which SVG would only wrap
+    raster: bool = False  # contains scene images, so the page embeds the PNG instead of the SVG
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """File name without suffix."""
         return slug(f"{self.item} {self.title}")
 
 
 @dataclass(frozen=True)
-class Lacking:
-    """An item that these recordings do not allow."""
+class MissingItem:
+    """An item that cannot be made from these recordings."""
 
     item: str
     title: str
-    note: str  # why, and what would
+    note: str  # the reason, and what is needed
 
     @property
     def name(self) -> str:
         return slug(f"{self.item} {self.title}")
 
 
-Item = Table | Chart | Lacking
+Item = Table | Chart | MissingItem
 
 
 def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]], note: str = "") -> Table:
     return Table(item, title, tuple(columns), tuple(map(tuple, rows)), note)
 
 
-def shown(cell: Cell) -> str:
-    """A cell for people."""
+def format_cell(cell: Cell) -> str:
     if cell is None:
-        return NOTHING
+        return MISSING
     if isinstance(cell, float):
         return f"{cell:.2f}"
     if isinstance(cell, int):
@@ -107,8 +104,8 @@ def shown(cell: Cell) -> str:
     return str(cell)
 
 
-def _parts(cell: Cell) -> Sequence[Any]:
-    if isinstance(cell, Spread):
+def _split_cell(cell: Cell) -> Sequence[Any]:
+    if isinstance(cell, MeanStd):
         return cell.mean, "" if cell.deviation is None else cell.deviation, cell.runs
     return "" if cell is None else cell, "", ""
 

@@ -1,4 +1,4 @@
-"""Accuracy by phenomenon, and by whether the statement or its form occurs in training."""
+"""Accuracy by linguistic phenomenon, and by whether the statement or its form occurs in the training data."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import Spread, accuracy, over_runs
-from lilgym_mp.report.charts import Panel, bars
-from lilgym_mp.report.items import Cell, Chart, Item, Lacking, table
-from lilgym_mp.report.report_data import Gathered, ReportError
+from lilgym_mp.report.aggregation import MeanStd, accuracy, aggregate_runs
+from lilgym_mp.report.charts import BarPanel, bar_chart
+from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.report.report_data import ReportData, ReportError
 
-Tags = Mapping[str, Sequence[str]]  # phenomena by statement, from hand-made tags
-CHOICES = tuple(phenomenon.value for phenomenon in PHENOMENA)
-# The paper's tables of phenomena, by configuration.
+Tags = Mapping[str, Sequence[str]]  # hand-made tags: phenomena by statement
+PHENOMENON_NAMES = tuple(phenomenon.value for phenomenon in PHENOMENA)
 ITEM = "Table 3, Table 5 and Table 6"
 RULE_MADE = "derived by rules from the program, or from the words of the statement for the two rows of syntax"
-SEEN = ("statement seen", "form seen", "new")
+NOVELTY = ("statement seen", "form seen", "new")
 
 
-def language(found: Gathered, tags: Tags | None) -> Iterator[Item]:
-    yield from by_phenomenon(found, tags)
-    yield from by_novelty(found)
+def language_items(data: ReportData, tags: Tags | None) -> Iterator[Item]:
+    yield from accuracy_by_phenomenon(data, tags)
+    yield from accuracy_by_novelty(data)
 
 
 def read_tags(path: Path) -> Tags:
@@ -37,39 +36,40 @@ def read_tags(path: Path) -> Tags:
     except ValueError as fault:
         raise ReportError(f"{path}: not JSON: {fault}") from None
     if not isinstance(data, dict):
-        raise ReportError(f"{path}: must be an object with a list of phenomena for each statement")
+        raise ReportError(f"{path}: must be an object that maps each statement to a list of phenomena")
     for statement, names in data.items():
         if not isinstance(names, list):
             raise ReportError(f"{path}: key {statement!r} must have a list of phenomena, not {names!r}")
         for name in names:
-            if name not in CHOICES:
+            if name not in PHENOMENON_NAMES:
+                choices = ", ".join(PHENOMENON_NAMES)
                 raise ReportError(
-                    f"{path}: key {statement!r} holds the unknown phenomenon {name!r}; choose from {', '.join(CHOICES)}"
+                    f"{path}: key {statement!r} has the unknown phenomenon {name!r}; choose from {choices}"
                 )
     return data
 
 
-def tagged(episode: RecordedEpisode, tags: Tags | None) -> Sequence[str] | None:
-    """The phenomena of the statement, from rules or hand-made tags; None if it has no hand-made tags."""
+def episode_phenomena(episode: RecordedEpisode, tags: Tags | None) -> Sequence[str] | None:
+    """The phenomena of the episode's statement: from the hand-made tags (None if untagged), else derived by rules."""
     if tags is not None:
         return tags.get(episode.statement)
     return *episode.phenomena, *(found.value for found in syntactic_phenomena(episode.statement))
 
 
-def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
+def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item]:
     """Accuracy on the statements with each phenomenon, one table per configuration."""
     made = "rule-made tags" if tags is None else "hand-made tags"
     note = (
         f"Tags are {RULE_MADE if tags is None else 'from the file of hand-made tags'}; a statement may have several."
         f" † start scenes of the dev statements that the paper's authors tagged by hand ({paper.SOURCE})."
     )
-    for configuration in found.configurations:
-        entries = found.of(configuration)
+    for configuration in data.configurations:
+        entries = data.of(configuration)
         first = entries[0].runs[0].episodes
         rows: list[list[Cell]] = []
-        for name in CHOICES:
+        for name in PHENOMENON_NAMES:
             published = paper.START_SCENES_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
-            chosen = [episode for episode in first if name in (tagged(episode, tags) or ())]
+            chosen = [episode for episode in first if name in (episode_phenomena(episode, tags) or ())]
             rows.append(
                 [
                     name,
@@ -80,49 +80,47 @@ def by_phenomenon(found: Gathered, tags: Tags | None) -> Iterator[Item]:
                 ]
             )
         columns = ("phenomenon", "statements", "start scenes", "start scenes †", *(entry.agent for entry in entries))
-        yield table(
-            ITEM, f"Accuracy (%) by phenomenon, {configuration} {found.main_split}, {made}", columns, rows, note
-        )
+        yield table(ITEM, f"Accuracy (%) by phenomenon, {configuration} {data.main_split}, {made}", columns, rows, note)
 
 
-def _accuracy_of(runs: Sequence[Recording], name: str, tags: Tags | None) -> Spread | None:
-    return over_runs(
-        runs, lambda kept: accuracy([episode for episode in kept if name in (tagged(episode, tags) or ())])
+def _accuracy_of(runs: Sequence[Recording], name: str, tags: Tags | None) -> MeanStd | None:
+    return aggregate_runs(
+        runs, lambda kept: accuracy([episode for episode in kept if name in (episode_phenomena(episode, tags) or ())])
     )
 
 
 def novelty(episode: RecordedEpisode) -> str:
-    """Whether the statement, only its form, or neither occurs in training."""
-    return SEEN[0] if episode.statement_seen else SEEN[1] if episode.form_seen else SEEN[2]
+    """Whether the statement, only its form, or neither occurs in the training data."""
+    return NOVELTY[0] if episode.statement_seen else NOVELTY[1] if episode.form_seen else NOVELTY[2]
 
 
-def by_novelty(found: Gathered) -> Iterator[Item]:
-    """Accuracy on statements seen in training, on new statements of a seen form, and on those of a new form."""
-    title = f"Accuracy by statement seen, form seen, new, on {found.main_split}"
+def accuracy_by_novelty(data: ReportData) -> Iterator[Item]:
+    """Accuracy on statements seen in training, on unseen ones of a seen form, and on those of a new form."""
+    title = f"Accuracy by novelty of the statement on {data.main_split}"
     rows: list[list[Cell]] = []
-    panels: list[Panel] = []
-    for configuration in found.configurations:
-        values: dict[str, list[Spread | float | None]] = {}
-        for entry in found.of(configuration):
+    panels: list[BarPanel] = []
+    for configuration in data.configurations:
+        values: dict[str, list[MeanStd | float | None]] = {}
+        for entry in data.of(configuration):
             first = entry.runs[0].episodes
             values[entry.agent] = [
-                over_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if novelty(e) == name]))
-                for name in SEEN
+                aggregate_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if novelty(e) == name]))
+                for name in NOVELTY
             ]
-            starts = [sum(novelty(e) == name for e in first) // entry.header.passes for name in SEEN]
+            starts = [sum(novelty(e) == name for e in first) // entry.header.passes for name in NOVELTY]
             pairs = zip(starts, values[entry.agent], strict=True)
             rows.append([entry.agent, configuration, *(cell for pair in pairs for cell in pair)])
-        panels.append(Panel(configuration, SEEN, values))
+        panels.append(BarPanel(configuration, NOVELTY, values))
     if not panels:
-        yield Lacking("Seen and new", title, "no configuration was evaluated")
+        yield MissingItem("Seen and new", title, "no configuration was evaluated")
         return
     note = (
         "Statement seen: occurs verbatim in training. Form seen: occurs with other colours, shapes, sizes or numbers."
     )
-    yield Chart("Seen and new", title, bars(panels, "accuracy, %", top=109), note)
+    yield Chart("Seen and new", title, bar_chart(panels, "accuracy, %", top=109), note)
     columns = (
         "agent",
         "configuration",
-        *(f"{head}{name}" for name in SEEN for head in ("start scenes, ", "accuracy (%), ")),
+        *(f"{head}{name}" for name in NOVELTY for head in ("start scenes, ", "accuracy (%), ")),
     )
     yield table("Seen and new", f"{title}, numbers", columns, rows, note)

@@ -1,87 +1,87 @@
-"""What Wu et al. (ACL 2023) report, for tables that set it beside ours. Accuracies in per cent, dev and test."""
+"""Published results of Wu et al. (ACL 2023) for comparison. Accuracies in per cent on dev and test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from lilgym_mp.report.aggregation import Spread
+from lilgym_mp.report.aggregation import MeanStd
 
 SOURCE = "Wu et al., ACL 2023"
 RUNS = 3
 
 
 class Accuracy(NamedTuple):
-    """A cell of Table 2 or 4."""
+    """Accuracies of a model in one configuration (Tables 2 and 4)."""
 
-    dev: Spread
-    test: Spread
-
-
-def _cell(dev: float, dev_deviation: float, test: float, test_deviation: float) -> Accuracy:
-    return Accuracy(Spread(dev, dev_deviation, RUNS), Spread(test, test_deviation, RUNS))
+    dev: MeanStd
+    test: MeanStd
 
 
-def _single(dev: float, test: float) -> Accuracy:
-    return Accuracy(Spread(dev, None, 1), Spread(test, None, 1))
+def _accuracy(dev: float, dev_deviation: float, test: float, test_deviation: float) -> Accuracy:
+    return Accuracy(MeanStd(dev, dev_deviation, RUNS), MeanStd(test, test_deviation, RUNS))
 
 
-# By model and configuration. Trained from rewards alone; evaluated with sampled actions, no mask, no stop forcing.
+def _single_run(dev: float, test: float) -> Accuracy:
+    return Accuracy(MeanStd(dev, None, 1), MeanStd(test, None, 1))
+
+
+# By model and configuration. Trained from rewards only; evaluated with sampled actions, no mask, no stop forcing.
 ACCURACIES: Mapping[str, Mapping[str, Accuracy]] = {
     "PPO C3+BERT": {
-        "TowerScratch": _cell(72.80, 9.92, 68.72, 6.60),
-        "TowerFlipIt": _cell(28.11, 6.03, 27.84, 4.50),
-        "ScatterScratch": _cell(59.00, 5.42, 68.17, 2.89),
-        "ScatterFlipIt": _cell(0.00, 0.00, 0.06, 0.10),
+        "TowerScratch": _accuracy(72.80, 9.92, 68.72, 6.60),
+        "TowerFlipIt": _accuracy(28.11, 6.03, 27.84, 4.50),
+        "ScatterScratch": _accuracy(59.00, 5.42, 68.17, 2.89),
+        "ScatterFlipIt": _accuracy(0.00, 0.00, 0.06, 0.10),
     },
     "PPO C10+BERT": {
-        "TowerScratch": _cell(80.16, 1.77, 73.66, 3.04),
-        "TowerFlipIt": _cell(30.13, 8.22, 28.75, 7.42),
-        "ScatterScratch": _cell(43.68, 7.18, 50.97, 12.95),
-        "ScatterFlipIt": _cell(0.00, 0.00, 0.00, 0.00),
+        "TowerScratch": _accuracy(80.16, 1.77, 73.66, 3.04),
+        "TowerFlipIt": _accuracy(30.13, 8.22, 28.75, 7.42),
+        "ScatterScratch": _accuracy(43.68, 7.18, 50.97, 12.95),
+        "ScatterFlipIt": _accuracy(0.00, 0.00, 0.00, 0.00),
     },
     "PPO ViLT": {
-        "TowerScratch": _cell(81.19, 2.90, 76.23, 5.58),
-        "TowerFlipIt": _cell(53.25, 4.28, 55.19, 4.92),
-        "ScatterScratch": _cell(40.23, 6.99, 47.74, 11.47),
-        "ScatterFlipIt": _cell(13.31, 6.88, 16.81, 7.43),
+        "TowerScratch": _accuracy(81.19, 2.90, 76.23, 5.58),
+        "TowerFlipIt": _accuracy(53.25, 4.28, 55.19, 4.92),
+        "ScatterScratch": _accuracy(40.23, 6.99, 47.74, 11.47),
+        "ScatterFlipIt": _accuracy(13.31, 6.88, 16.81, 7.43),
     },
     "PPO+SF C3+BERT": {
-        "TowerScratch": _cell(81.80, 0.94, 76.54, 1.85),
-        "TowerFlipIt": _cell(32.59, 3.14, 29.55, 4.74),
-        "ScatterScratch": _cell(72.03, 3.32, 74.41, 3.25),
-        "ScatterFlipIt": _cell(17.04, 1.82, 18.16, 3.07),
+        "TowerScratch": _accuracy(81.80, 0.94, 76.54, 1.85),
+        "TowerFlipIt": _accuracy(32.59, 3.14, 29.55, 4.74),
+        "ScatterScratch": _accuracy(72.03, 3.32, 74.41, 3.25),
+        "ScatterFlipIt": _accuracy(17.04, 1.82, 18.16, 3.07),
     },
     "PPO+SF C10+BERT": {
-        "TowerScratch": _cell(77.91, 2.21, 75.62, 1.41),
-        "TowerFlipIt": _cell(37.38, 2.02, 35.70, 2.08),
-        "ScatterScratch": _cell(73.18, 2.65, 77.85, 1.62),
-        "ScatterFlipIt": _cell(8.52, 2.72, 10.55, 2.45),
+        "TowerScratch": _accuracy(77.91, 2.21, 75.62, 1.41),
+        "TowerFlipIt": _accuracy(37.38, 2.02, 35.70, 2.08),
+        "ScatterScratch": _accuracy(73.18, 2.65, 77.85, 1.62),
+        "ScatterFlipIt": _accuracy(8.52, 2.72, 10.55, 2.45),
     },
     "PPO+SF ViLT": {
-        "TowerScratch": _cell(84.05, 3.25, 81.48, 1.93),
-        "TowerFlipIt": _cell(65.68, 9.17, 65.51, 8.43),
-        "ScatterScratch": _cell(67.43, 1.35, 73.98, 0.30),
-        "ScatterFlipIt": _cell(28.01, 5.32, 30.06, 4.51),
+        "TowerScratch": _accuracy(84.05, 3.25, 81.48, 1.93),
+        "TowerFlipIt": _accuracy(65.68, 9.17, 65.51, 8.43),
+        "ScatterScratch": _accuracy(67.43, 1.35, 73.98, 0.30),
+        "ScatterFlipIt": _accuracy(28.01, 5.32, 30.06, 4.51),
     },
     "PPO FLAVA": {
-        "TowerScratch": _single(75.46, 65.43),
-        "TowerFlipIt": _single(62.72, 58.79),
-        "ScatterScratch": _single(12.64, 15.48),
-        "ScatterFlipIt": _single(1.28, 0.68),
+        "TowerScratch": _single_run(75.46, 65.43),
+        "TowerFlipIt": _single_run(62.72, 58.79),
+        "ScatterScratch": _single_run(12.64, 15.48),
+        "ScatterFlipIt": _single_run(1.28, 0.68),
     },
     "PPO+SF FLAVA": {
-        "TowerScratch": _single(84.05, 76.24),
-        "TowerFlipIt": _single(58.88, 58.21),
-        "ScatterScratch": _single(17.24, 27.10),
-        "ScatterFlipIt": _single(7.35, 6.94),
+        "TowerScratch": _single_run(84.05, 76.24),
+        "TowerFlipIt": _single_run(58.88, 58.21),
+        "ScatterScratch": _single_run(17.24, 27.10),
+        "ScatterFlipIt": _single_run(7.35, 6.94),
     },
 }
 
-# Dev start scenes by target: True, False.
+# Number of dev start scenes with target True and False.
 START_SCENES_BY_TARGET: Mapping[str, tuple[int, int]] = {"TowerFlipIt": (295, 381), "ScatterFlipIt": (149, 164)}
 
-# Dev start scenes of statements that show a phenomenon, tagged by hand:
+# Number of dev start scenes of statements with a phenomenon, tagged by hand, in
 # TowerScratch, TowerFlipIt, ScatterScratch, ScatterFlipIt.
 START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
     "exact cardinality": (98, 480, 35, 119),
@@ -99,8 +99,11 @@ START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
 }
 
 
-class Errors(NamedTuple):
-    """50 errors read by hand (section D.2), in per cent; None where nothing is said."""
+class ErrorShares(NamedTuple):
+    """Analysis of 50 errors (section D.2) in per cent; None: not reported.
+
+    Reasons are shares of `invalid`, kinds of stop shares of `stops`.
+    """
 
     invalid: int
     separator: int
@@ -113,9 +116,9 @@ class Errors(NamedTuple):
     erroneous: int | None
 
 
-ERRORS: Mapping[tuple[str, str], Errors] = {
-    ("C3+BERT", "ScatterScratch"): Errors(58, 100, 0, 0, 0, 42, 18, 82, None),
-    ("ViLT", "ScatterScratch"): Errors(82, 78, 14, 5, 3, 18, 50, None, 50),
-    ("C3+BERT", "ScatterFlipIt"): Errors(58, 24, 63, 10, 3, 42, 90, None, 10),
-    ("ViLT", "ScatterFlipIt"): Errors(64, 75, 19, 0, 6, 36, None, 100, None),
+ERRORS: Mapping[tuple[str, str], ErrorShares] = {
+    ("C3+BERT", "ScatterScratch"): ErrorShares(58, 100, 0, 0, 0, 42, 18, 82, None),
+    ("ViLT", "ScatterScratch"): ErrorShares(82, 78, 14, 5, 3, 18, 50, None, 50),
+    ("C3+BERT", "ScatterFlipIt"): ErrorShares(58, 24, 63, 10, 3, 42, 90, None, 10),
+    ("ViLT", "ScatterFlipIt"): ErrorShares(64, 75, 19, 0, 6, 36, None, 100, None),
 }

@@ -1,4 +1,4 @@
-"""The recordings that a report is about: found, checked to belong together, and put together by agent."""
+"""Loads the recordings for a report, checks that they are comparable, and groups them by agent."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
-FINISHED = "finished"  # directory of an experiment with a description of each run
-SHARED = ("corpus", "rules", "horizon", "grid")  # settings that all recordings of a report must share
+FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
+SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
 EXPERT = "expert"
-LEARNERS = {"run": "ppo", "imitation-run": "imitation"}  # by the format of their run.json, which names none
+LEARNER_BY_FORMAT = {"run": "ppo", "imitation-run": "imitation"}  # for run.json files that name no learner
 
 
 class ReportError(ValueError):
-    """Places that no report can be made of."""
+    """Recordings or directories that no report can be made from."""
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One agent in one configuration and split: a recording a run."""
+class AgentResults:
+    """An agent's recordings in one configuration and split, one per run."""
 
     agent: str
     configuration: str
@@ -38,29 +38,29 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The progress of a training run, a mapping a line."""
+class TrainingCurve:
+    """Progress records and evaluations of a training run."""
 
     run: Path
     learner: str
-    configuration: str  # "" of a run for all configurations
-    lines: tuple[dict[str, Any], ...]
-    evaluations: tuple[dict[str, Any], ...] = ()  # on dev while training, a mapping each
+    configuration: str  # "" for a run on all configurations
+    progress: tuple[dict[str, Any], ...]
+    evaluations: tuple[dict[str, Any], ...] = ()  # on dev during training
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """All that a report is made of."""
+class ReportData:
+    """Everything that a report is made from."""
 
-    entries: tuple[Entry, ...]
-    curves: tuple[Curve, ...]
-    metadata: tuple[RecordingMetadata, ...] = ()  # of every recording for which they were kept
-    training_commands: tuple[str, ...] = ()  # of experiments, in order of the runs' names
+    entries: tuple[AgentResults, ...]
+    curves: tuple[TrainingCurve, ...]
+    metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have it
+    training_commands: tuple[str, ...] = ()  # of experiments, sorted by run name
 
     @property
     def agents(self) -> list[str]:
-        """Trained ones first, the expert last."""
+        """Trained agents first, the expert last."""
         names = dict.fromkeys(entry.agent for entry in self.entries)
         trained = {entry.agent for entry in self.entries if entry.header.run is not None}
         return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
@@ -75,39 +75,38 @@ class Gathered:
 
     @property
     def main_split(self) -> str:
-        """The split that analyses are made on: dev, as in the paper, where it was played."""
+        """The split used for analyses: dev, as in the paper, if it was played."""
         return "dev" if "dev" in self.splits else self.splits[0]
 
     @property
     def header(self) -> Header:
         return self.entries[0].header
 
-    def find(self, agent: str, configuration: str, split: str | None = None) -> Entry | None:
-        """The entry, on the main split unless another is named."""
-        wanted = agent, configuration, split or self.main_split
-        return next((e for e in self.entries if (e.agent, e.configuration, e.split) == wanted), None)
+    def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
+        """The agent's results, by default on the main split."""
+        key = agent, configuration, split or self.main_split
+        return next((entry for entry in self.entries if (entry.agent, entry.configuration, entry.split) == key), None)
 
-    def of(self, configuration: str) -> list[Entry]:
-        """The entries of a configuration on the main split, in the agents' order."""
-        found = (self.find(agent, configuration) for agent in self.agents)
-        return [entry for entry in found if entry is not None]
+    def of(self, configuration: str) -> list[AgentResults]:
+        """All agents' results in a configuration on the main split, in the order of `agents`."""
+        return [entry for agent in self.agents if (entry := self.find(agent, configuration)) is not None]
 
 
-def gather(places: Sequence[Path], runs: Sequence[Path] = ()) -> Gathered:
-    """Everything recorded in the places: files of episodes, or directories searched with all that is in them.
+def load_report_data(places: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
+    """Loads all recordings and training curves in the places: recordings, or directories searched recursively.
 
-    `runs`: further directories with training runs whose progress is wanted.
+    `runs`: further directories with training runs.
 
-    Raises ReportError naming file and key when there is nothing, or what does not belong together; EpisodesError for
-    a file that is damaged.
+    Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
+    damaged file.
     """
     files = list(dict.fromkeys(file for place in places for file in _files(place)))
     recordings = _distinct(read_episodes(file) for file in files)
-    _check_same(recordings)
-    return Gathered(
+    _check_comparable(recordings)
+    return ReportData(
         tuple(_entries(recordings)),
         tuple(_curves([*places, *runs])),
-        tuple(found for recording in recordings if (found := RecordingMetadata.read(recording.path)) is not None),
+        tuple(made for recording in recordings if (made := RecordingMetadata.read(recording.path)) is not None),
         tuple(_training_commands(places)),
     )
 
@@ -119,34 +118,34 @@ def _files(place: Path) -> list[Path]:
         return [place]
     found = sorted(place.rglob(f"*{SUFFIX}"))
     if not found:
-        kind = "a training run, but holds" if (place / RUN_FILE).exists() else "no run and no results: it holds"
+        problem = "is a training run without" if (place / RUN_FILE).exists() else "contains no training run and no"
         raise ReportError(
-            f"{place} is {kind} no recorded episodes (*{SUFFIX});"
+            f"{place} {problem} recorded episodes (*{SUFFIX});"
             " record some with: lilgym-mp evaluate RUN --record DIR, or name a run that `lilgym-mp train` finished"
         )
     return found
 
 
 def _distinct(recordings: Iterable[Recording]) -> list[Recording]:
-    """The recordings without those that hold the same as an earlier one, as simple policies played twice do."""
-    kept: list[Recording] = []
+    """Drops duplicates, such as a deterministic policy recorded twice."""
+    distinct: list[Recording] = []
     for recording in recordings:
-        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in kept):
-            kept.append(recording)
-    return kept
+        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in distinct):
+            distinct.append(recording)
+    return distinct
 
 
-def _check_same(recordings: Sequence[Recording]) -> None:
-    """Raises ReportError when recordings are of different corpora, rules, horizons, grids or tasks."""
+def _check_comparable(recordings: Sequence[Recording]) -> None:
+    """Raises ReportError if recordings differ in SHARED_SETTINGS or task files."""
     first = recordings[0]
     tasks: dict[tuple[str, str], Recording] = {}
     for recording in recordings:
-        for key in SHARED:
-            values = [getattr(found.header.settings, key) for found in (first, recording)]
+        for key in SHARED_SETTINGS:
+            values = [getattr(each.header.settings, key) for each in (first, recording)]
             if values[0] != values[1]:
                 raise ReportError(
                     f"{recording.path}: {key} is {values[1]!r}, but {values[0]!r} in {first.path};"
-                    f" a report is about one {key}: give only recordings that share it"
+                    f" all recordings of a report must have the same {key}"
                 )
         header = recording.header
         known = tasks.setdefault((header.settings.configuration, header.split), recording)
@@ -157,7 +156,7 @@ def _check_same(recordings: Sequence[Recording]) -> None:
             )
 
 
-def _entries(recordings: Sequence[Recording]) -> Iterator[Entry]:
+def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
     groups: dict[tuple[str, str, str], list[Recording]] = {}
     labels = _labels([recording.header for recording in recordings])
     for recording, label in zip(recordings, labels, strict=True):
@@ -166,26 +165,26 @@ def _entries(recordings: Sequence[Recording]) -> Iterator[Entry]:
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)
-        yield Entry(label, configuration, split, tuple(runs))
+        yield AgentResults(label, configuration, split, tuple(runs))
 
 
 def _check_seeds(runs: Sequence[Recording]) -> None:
-    """Raises ReportError for runs that cannot be told apart by their seeds."""
+    """Raises ReportError for runs of one agent that have the same seeds."""
     seen: dict[tuple[int | None, int], Recording] = {}
     for run in runs:
         header = run.header
         if header.run is not None and header.training_seed is None and len(runs) > 1:
-            raise ReportError(f"{run.path}: training_seed is missing; it must tell this run from {runs[0].path}")
+            raise ReportError(f"{run.path}: training_seed is missing; it must distinguish this run from {runs[0].path}")
         other = seen.setdefault((header.training_seed, header.seed), run)
         if other is not run:
             raise ReportError(
                 f"{run.path}: training_seed {header.training_seed} and seed {header.seed} are those of {other.path};"
-                " runs of one agent must differ in a seed, or be called differently by --name"
+                " runs of one agent must differ in a seed, or get different names with --name"
             )
 
 
 def _labels(headers: Sequence[Header]) -> list[str]:
-    """What to call each recording's agent: as recorded, and in what it differs from others of that name."""
+    """A label for each recording's agent: its name, and where it differs from other recordings of that name."""
     labels: list[str] = []
     for header in headers:
         others = [
@@ -194,7 +193,7 @@ def _labels(headers: Sequence[Header]) -> list[str]:
             if (other.agent, other.settings, other.split) == (header.agent, header.settings, header.split)
         ]
         differences = [
-            f"{key} {setting_shown(header.recipe.get(key))}" for key in differing([o.recipe for o in others])
+            f"{key} {format_setting(header.recipe.get(key))}" for key in differing_keys([o.recipe for o in others])
         ]
         if len({other.actions for other in others}) > 1:
             differences.append("sampled" if header.actions == SAMPLED else "greedy")
@@ -206,20 +205,20 @@ def _labels(headers: Sequence[Header]) -> list[str]:
     return labels
 
 
-def differing(recipes: Sequence[Any]) -> list[str]:
-    """Keys, but for the seed, in which recipes differ."""
+def differing_keys(recipes: Sequence[Any]) -> list[str]:
+    """Keys, except the seed, in which recipes differ."""
     keys = dict.fromkeys(key for recipe in recipes for key in recipe if key != "seed")
     return [key for key in keys if len({json.dumps(recipe.get(key)) for recipe in recipes}) > 1]
 
 
-def setting_shown(value: Any) -> str:
+def format_setting(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
 
 
-def _curves(places: Iterable[Path]) -> Iterator[Curve]:
-    """The progress of every training run in the directories."""
+def _curves(places: Iterable[Path]) -> Iterator[TrainingCurve]:
+    """The curve of every training run in the directories."""
     for place in places:
         for file in sorted(place.rglob(PROGRESS_FILE)) if place.is_dir() else ():
             description = file.with_name(RUN_FILE)
@@ -227,26 +226,30 @@ def _curves(places: Iterable[Path]) -> Iterator[Curve]:
                 continue
             try:
                 run = json.loads(description.read_text(encoding="utf-8"))
-                lines, evaluations = (_json_lines(file.with_name(name)) for name in (PROGRESS_FILE, EVALUATIONS_FILE))
+                progress, evaluations = (
+                    _json_lines(file.with_name(name)) for name in (PROGRESS_FILE, EVALUATIONS_FILE)
+                )
                 identity = run.get("identity", run)
                 settings = identity.get("environment", identity.get("settings", {}))
                 name: str = identity.get("learner") or run["format"].removeprefix("lilgym_mp-")
                 configuration: str = settings.get("configuration", "")
                 recipe: Mapping[str, Any] = identity.get("recipe", {})
             except (OSError, ValueError, AttributeError, KeyError, TypeError) as fault:
-                raise ReportError(f"{file}: damaged, or no progress of a training run: {fault}") from None
-            yield Curve(file.parent, LEARNERS.get(name, name), configuration, lines, evaluations, recipe)
+                raise ReportError(f"{file}: damaged, or not the progress of a training run: {fault}") from None
+            yield TrainingCurve(
+                file.parent, LEARNER_BY_FORMAT.get(name, name), configuration, progress, evaluations, recipe
+            )
 
 
 def _json_lines(file: Path) -> tuple[dict[str, Any], ...]:
-    """What each line of the file holds; nothing where there is no such file."""
+    """The records of a JSON Lines file; empty if there is no such file."""
     if not file.exists():
         return ()
     return tuple(json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
 
 
 def _training_commands(places: Iterable[Path]) -> Iterator[str]:
-    """How the runs of the experiments in the places were trained."""
+    """The commands that trained the runs of the experiments in the places."""
     for place in places:
         for file in sorted(place.rglob(f"{FINISHED}/*.json")) if place.is_dir() else ():
             try:

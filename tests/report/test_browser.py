@@ -1,4 +1,4 @@
-"""The report's page in a real browser."""
+"""The report's page in Chromium."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lilgym_mp.report import make_report
 from tests.browser import chromium, watched_page
 from tests.report.test_items import EPISODES, written
 
-# What a reader cannot see: images that are not drawn or have no size, tables and images outside of the window.
+# Ids of sections with invisible or empty images and tables, and of sections wider than the window.
 HIDDEN = """() => [...document.querySelectorAll('section img, section table')].filter(part => {
     const place = part.getBoundingClientRect();
     const shown = part.checkVisibility({opacityProperty: true, visibilityProperty: true});
@@ -43,7 +43,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("width", [1280, 420])
-def test_report__shows_its_tables_and_figures_and_asks_nothing_of_the_network(browser: Any, report: Path, width: int):
+def test_report__shows_all_tables_and_figures_without_network_requests(browser: Any, report: Path, width: int):
     with watched_page(browser, width) as watched:
         watched.page.goto(report.as_uri())
         assert watched.page.locator("section table").count() > 10
@@ -55,7 +55,7 @@ def test_report__shows_its_tables_and_figures_and_asks_nothing_of_the_network(br
         assert watched.faults == []
 
 
-def test_report__its_index_leads_to_every_item(browser: Any, report: Path):
+def test_report__navigation_links_to_every_item(browser: Any, report: Path):
     with watched_page(browser) as watched:
         watched.page.goto(report.as_uri())
         links = watched.page.locator("nav a")
@@ -67,7 +67,7 @@ def test_report__its_index_leads_to_every_item(browser: Any, report: Path):
         watched.page.wait_for_function(at_the_top, arg=targets[middle])
 
 
-def test_report__its_figures_are_drawn(browser: Any, report: Path):
+def test_report__figures_are_not_blank(browser: Any, report: Path):
     with watched_page(browser) as watched:
         watched.page.goto(report.as_uri())
         for image in watched.page.locator("section img").all():

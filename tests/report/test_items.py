@@ -1,4 +1,4 @@
-"""Every number of a report against a handful of episodes counted by hand, and the page that shows them."""
+"""Report numbers against a few hand-counted episodes, and the files of a report."""
 
 from __future__ import annotations
 
@@ -20,16 +20,23 @@ from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.report import ReportError, html_report, make_report
-from lilgym_mp.report.aggregation import Spread, accuracy, by_statement, over_runs, paired_difference, spread
-from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT, action_map, error_kind, errors
-from lilgym_mp.report.difficulty import _regret, calibration_line, edits_name
+from lilgym_mp.report.aggregation import (
+    MeanStd,
+    accuracy,
+    aggregate_runs,
+    mean_std,
+    paired_difference,
+    successes_by_statement,
+)
+from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
+from lilgym_mp.report.difficulty import _regret, calibration_line, edits_category
 from lilgym_mp.report.html_report import chapters
-from lilgym_mp.report.items import Chart, Lacking, Table
-from lilgym_mp.report.language import by_novelty, by_phenomenon, read_tags
+from lilgym_mp.report.items import Chart, MissingItem, Table
+from lilgym_mp.report.language import accuracy_by_novelty, accuracy_by_phenomenon, read_tags
 from lilgym_mp.report.learning_curves import dev_curves, mean_line
 from lilgym_mp.report.markdown_report import commits_text
-from lilgym_mp.report.report_data import Gathered, gather
-from lilgym_mp.report.results import figure_5, mean_reward, recorded_by, table_2
+from lilgym_mp.report.report_data import ReportData, load_report_data
+from lilgym_mp.report.results import figure_5, mean_reward, provenance, table_2
 from lilgym_mp.scene import Scene
 
 SCATTER = Settings("ScatterFlipIt")
@@ -82,7 +89,7 @@ def episode(outcome: str, *names: str, **changes: Any) -> RecordedEpisode:
     return replace(made, **changes)
 
 
-# Two successes of six; one of them takes an edit more than is needed.
+# Two successes in six; one of them takes an edit more than necessary.
 EPISODES = (
     episode("success", "REMOVE(0, 0)", "STOP", statement_seen=True, form_seen=True),
     episode("success", "ADD(0, 4, CIRCLE, BLUE, SMALL)", "REMOVE(0, 0)", "STOP", statement="No blue.", form_seen=True),
@@ -102,13 +109,13 @@ def written(directory: Path, episodes: Sequence[RecordedEpisode] = EPISODES, **c
 
 
 @pytest.fixture
-def found(tmp_path: Path) -> Gathered:
+def data(tmp_path: Path) -> ReportData:
     written(tmp_path)
-    return gather([tmp_path])
+    return load_report_data([tmp_path])
 
 
-def runs(found: Gathered) -> tuple[Recording, ...]:
-    return found.entries[0].runs
+def runs(data: ReportData) -> tuple[Recording, ...]:
+    return data.entries[0].runs
 
 
 def rows(table: Any) -> list[tuple[Any, ...]]:
@@ -116,42 +123,42 @@ def rows(table: Any) -> list[tuple[Any, ...]]:
     return list(table.rows)
 
 
-def test_spread__one_success_in_three_times_591_is_as_the_paper_says():
-    assert str(spread([100 / 591, 0, 0])) == "0.06 ± 0.10"
+def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
+    assert str(mean_std([100 / 591, 0, 0])) == "0.06 ± 0.10"
 
 
-def test_spread__one_run_has_no_deviation_and_none_no_mean():
-    assert spread([50.0]) == Spread(50.0, None, 1)
-    assert spread([]) is None
+def test_mean_std__of_one_run_has_no_deviation_and_of_none_is_none():
+    assert mean_std([50.0]) == MeanStd(50.0, None, 1)
+    assert mean_std([]) is None
 
 
-def test_accuracy__and_reward_are_counted_by_episode(found: Gathered):
-    assert over_runs(runs(found), accuracy) == Spread(pytest.approx(100 / 3), None, 1)
+def test_accuracy__and_reward_are_counted_by_episode(data: ReportData):
+    assert aggregate_runs(runs(data), accuracy) == MeanStd(pytest.approx(100 / 3), None, 1)
     assert mean_reward(EPISODES) == pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6)
 
 
-def test_table_2__sets_ours_over_seeds_beside_the_papers(tmp_path: Path):
+def test_table_2__aggregates_seeds_next_to_the_papers_rows(tmp_path: Path):
     for seed, kept in enumerate((EPISODES, EPISODES[2:], EPISODES[:2])):
         written(tmp_path, kept, training_seed=seed)
-    table = table_2(gather([tmp_path]))
+    table = table_2(load_report_data([tmp_path]))
     (ours, *published) = rows(table)
     assert isinstance(table, Table)
     dev = table.columns.index("ScatterFlipIt dev")
-    assert ours[dev] == Spread(pytest.approx(400 / 9), pytest.approx(50.917508), 3)
+    assert ours[dev] == MeanStd(pytest.approx(400 / 9), pytest.approx(50.917508), 3)
     assert ours[table.columns.index("TowerScratch dev")] is None
     assert str(published[0][table.columns.index("ScatterFlipIt test")]) == "0.06 ± 0.10"
 
 
-def test_figure_5__parts_by_target(found: Gathered):
-    _, table = figure_5(found)
+def test_figure_5__splits_by_target(data: ReportData):
+    _, table = figure_5(data)
     assert [(row[2], row[3], row[5]) for row in rows(table)] == [
-        ("True", 2, Spread(0.0, None, 1)),
-        ("False", 4, Spread(50.0, None, 1)),
+        ("True", 2, MeanStd(0.0, None, 1)),
+        ("False", 4, MeanStd(50.0, None, 1)),
     ]
 
 
 def test_figures_6_and_9__rollout_statistics():
-    shares = {name: number(EPISODES) for name, number in ROLLOUT.items()}
+    shares = {name: number(EPISODES) for name, number in ROLLOUT_STATISTICS.items()}
     assert shares == {
         "without STOP (%)": pytest.approx(100 / 6),
         "with an invalid action (%)": pytest.approx(100 / 6),
@@ -161,89 +168,94 @@ def test_figures_6_and_9__rollout_statistics():
     }
 
 
-def test_section_d2__errors_by_reason_and_by_kind_of_stop(found: Gathered):
+def test_section_d2__errors_by_reason_and_by_kind_of_stop(data: ReportData):
     assert [error_kind(kept) for kept in EPISODES] == [
         *(None, None, "direct stop", "early stop", "erroneous stop", "nothing to remove"),
     ]
     assert error_kind(replace(EPISODES[3], actions_left=None)) == "later stop"
     assert error_kind(episode("horizon", *["REMOVE(0, 0)"] * 12)) == "horizon"
-    table = next(errors(found))
+    table = next(errors(data))
     (ours, *published) = rows(table)
     assert ours[:4] == ("mine", "ScatterFlipIt", 4, 0.0)
     assert sum(ours[3:]) == pytest.approx(100)
     assert sum(cell or 0 for cell in published[0][3:]) == pytest.approx(100)
 
 
-def test_figure_10__counts_actions_by_cell_and_type(found: Gathered):
-    removed = action_map(found.entries[0], (19, 5), REMOVES)
+def test_figure_10__counts_actions_by_cell_and_type(data: ReportData):
+    removed = action_map(data.entries[0], (19, 5), REMOVES)
     assert (removed[0][0], removed[4][18], sum(map(sum, removed))) == (4, 1, 5)
-    assert action_map(found.entries[0], (19, 5), ADDS)[4][0] == 1
+    assert action_map(data.entries[0], (19, 5), ADDS)[4][0] == 1
 
 
-def test_tables_of_phenomena__are_rule_made_unless_a_file_is_given(found: Gathered, tmp_path: Path):
-    (table,) = by_phenomenon(found, None)
+def test_phenomena__tags_are_rule_made_unless_a_file_is_given(data: ReportData, tmp_path: Path):
+    (table,) = accuracy_by_phenomenon(data, None)
     by_name = {row[0]: row[1:] for row in rows(table)}
-    assert by_name["existence"] == (4, 6, 192, Spread(pytest.approx(100 / 3), None, 1))
-    assert by_name["negation"] == (1, 1, 52, Spread(0.0, None, 1))
+    assert by_name["existence"] == (4, 6, 192, MeanStd(pytest.approx(100 / 3), None, 1))
+    assert by_name["negation"] == (1, 1, 52, MeanStd(0.0, None, 1))
     assert by_name["syntax: coordination"] == (0, 0, 20, None)
     assert "the words of the statement for the two rows of syntax" in table.note
     assert "rule-made" in table.title
     (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
-    (table,) = by_phenomenon(found, read_tags(tmp_path / "tags.json"))
+    (table,) = accuracy_by_phenomenon(data, read_tags(tmp_path / "tags.json"))
     by_name = {row[0]: row[1:] for row in rows(table)}
-    assert by_name["syntax: coordination"] == (1, 1, 20, Spread(100.0, None, 1))
+    assert by_name["syntax: coordination"] == (1, 1, 20, MeanStd(100.0, None, 1))
     assert "hand-made" in table.title
 
 
-def test_tables_of_phenomena__the_rows_of_syntax_are_told_from_the_statement(tmp_path: Path):
+def test_phenomena__syntax_rows_are_derived_from_the_statement(tmp_path: Path):
     joined = "We see a box with a circle and a blue square."
     nested = "We see a box with a square on a triangle."
     kept = [replace(EPISODES[0], statement=joined), replace(EPISODES[2], statement=nested), *EPISODES[3:]]
     written(tmp_path, kept)
-    (table,) = by_phenomenon(gather([tmp_path]), None)
+    (table,) = accuracy_by_phenomenon(load_report_data([tmp_path]), None)
     by_name = {row[0]: row[1:] for row in rows(table)}
-    assert by_name["syntax: coordination"] == (1, 1, 20, Spread(100.0, None, 1))
-    assert by_name["syntax: prepositional attachment"] == (1, 1, 8, Spread(0.0, None, 1))
+    assert by_name["syntax: coordination"] == (1, 1, 20, MeanStd(100.0, None, 1))
+    assert by_name["syntax: prepositional attachment"] == (1, 1, 8, MeanStd(0.0, None, 1))
 
 
-def test_seen_and_new__part_the_accuracy(found: Gathered):
-    _, table = by_novelty(found)
-    assert rows(table)[0][2:] == (1, Spread(100.0, None, 1), 1, Spread(100.0, None, 1), 4, Spread(0.0, None, 1))
+def test_seen_and_new__splits_accuracy_by_novelty(data: ReportData):
+    _, table = accuracy_by_novelty(data)
+    assert rows(table)[0][2:] == (1, MeanStd(100.0, None, 1), 1, MeanStd(100.0, None, 1), 4, MeanStd(0.0, None, 1))
 
 
-def test_edits_needed__are_the_experts():
-    assert [edits_name(kept) for kept in EPISODES[:4]] == ["1", "1", "1", "4"]
-    assert edits_name(replace(EPISODES[0], optimal_actions=9)) == "6 or more"
-    assert edits_name(replace(EPISODES[0], optimal_actions=None)) is None
+def test_edits_needed__come_from_the_experts_solution():
+    assert [edits_category(kept) for kept in EPISODES[:4]] == ["1", "1", "1", "4"]
+    assert edits_category(replace(EPISODES[0], optimal_actions=9)) == "6 or more"
+    assert edits_category(replace(EPISODES[0], optimal_actions=None)) is None
 
 
-def test_regret__extra_actions_and_shares_that_are_optimal(found: Gathered):
-    assert _regret(found.entries[0]) == (
-        Spread(0.5, None, 1),
-        Spread(50.0, None, 1),
-        Spread(pytest.approx(100 / 6), None, 1),
+def test_regret__extra_actions_and_shares_of_optimal_episodes(data: ReportData):
+    assert _regret(data.entries[0]) == (
+        MeanStd(0.5, None, 1),
+        MeanStd(50.0, None, 1),
+        MeanStd(pytest.approx(100 / 6), None, 1),
     )
 
 
-def test_calibration__compares_how_probable_stop_was_with_whether_it_was_right(tmp_path: Path):
-    # Blue is there until it is removed, and must not be: STOP is wrong, then right.
+def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path: Path):
+    # The target is "no blue item": STOP is wrong before the removal and right after it.
     kept = (
         episode("success", "REMOVE(0, 0)", "STOP", stop_probabilities=(0.12, 0.97)),
         episode("wrong_stop", "STOP", stop_probabilities=(0.18,)),
     )
     written(tmp_path, kept)
-    line = calibration_line(gather([tmp_path]).entries[0])
+    line = calibration_line(load_report_data([tmp_path]).entries[0])
     assert line is not None
     assert line.xs == [pytest.approx(0.15), 0.97]
     assert line.ys == [0.0, 1.0]
 
 
-def test_statements__are_what_is_drawn_again(found: Gathered, tmp_path: Path):
-    assert by_statement(runs(found)) == {"There is a blue item.": (1, 1), "No blue.": (1, 1), "B": (0, 2), "C": (0, 2)}
+def test_bootstrap__resamples_statements(data: ReportData, tmp_path: Path):
+    assert successes_by_statement(runs(data)) == {
+        "There is a blue item.": (1, 1),
+        "No blue.": (1, 1),
+        "B": (0, 2),
+        "C": (0, 2),
+    }
     solved = [episode("success", "STOP", statement=kept.statement) for kept in EPISODES]
     written(tmp_path / "other", solved, agent="other")
-    other = gather([tmp_path / "other"]).entries[0].runs
-    difference = paired_difference(other, runs(found))
+    other = load_report_data([tmp_path / "other"]).entries[0].runs
+    difference = paired_difference(other, runs(data))
     assert difference is not None
     assert difference.points == pytest.approx(200 / 3)
     assert 0 <= difference.low <= difference.points <= difference.high <= 100
@@ -252,8 +264,8 @@ def test_statements__are_what_is_drawn_again(found: Gathered, tmp_path: Path):
     assert (same.points, same.low, same.high, same.p_value) == (0, 0, 0, 1)
 
 
-def test_chapters__name_every_item_as_the_paper_does(found: Gathered):
-    names = " ".join(item.item for _, items in chapters(found, None) for item in items)
+def test_chapters__name_every_item_as_the_paper_does(data: ReportData):
+    names = " ".join(item.item for _, items in chapters(data, None) for item in items)
     for table in range(1, 7):
         assert f"Table {table}" in names
     for figure in (1, 2, 3, 4, 5, 6, 7, 9, 10):
@@ -261,13 +273,13 @@ def test_chapters__name_every_item_as_the_paper_does(found: Gathered):
     assert "Section D.2" in names
 
 
-def test_chapters__what_cannot_be_made_says_why(tmp_path: Path):
+def test_chapters__missing_items_say_why(tmp_path: Path):
     written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
-    lacking = {
+    missing = {
         item.item: item
-        for _, items in chapters(gather([tmp_path]), None)
+        for _, items in chapters(load_report_data([tmp_path]), None)
         for item in items
-        if isinstance(item, Lacking)
+        if isinstance(item, MissingItem)
     }
     assert {
         "Figure 1",
@@ -276,8 +288,8 @@ def test_chapters__what_cannot_be_made_says_why(tmp_path: Path):
         "Regret",
         "Calibration of STOP",
         "Horizon left at STOP",
-    } <= lacking.keys()
-    assert "--optimal" in lacking["Regret"].note
+    } <= missing.keys()
+    assert "--optimal" in missing["Regret"].note
 
 
 def digests(directory: Path) -> dict[str, str]:
@@ -286,15 +298,15 @@ def digests(directory: Path) -> dict[str, str]:
 
 
 @pytest.mark.long
-def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
+def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
     before = digests(tmp_path)
     (tmp_path / "one" / "figures" / "old.svg").touch()
-    make_report([tmp_path / "kept"], tmp_path / "one")  # takes the place of the report that is there
+    make_report([tmp_path / "kept"], tmp_path / "one")  # replaces the existing report
     assert digests(tmp_path) == before
-    assert "http" not in page.replace("http://www.w3.org", "")  # nothing from elsewhere
-    made = [item for _, items in chapters(gather([tmp_path / "kept"]), None) for item in items]
+    assert "http" not in page.replace("http://www.w3.org", "")  # no external resources
+    made = [item for _, items in chapters(load_report_data([tmp_path / "kept"]), None) for item in items]
     for item in made:
         assert f'id="{item.name}"' in page
         for suffix in {Table: ("tables/{}.csv", "tables/{}.md"), Chart: ("figures/{}.svg", "figures/{}.png")}.get(
@@ -307,8 +319,8 @@ def test_report__same_input_same_bytes_and_every_item_as_files(tmp_path: Path):
     assert (first["agent"], first["ScatterFlipIt dev sd"], first["ScatterFlipIt dev runs"]) == ("mine", "", "1")
 
 
-def test_report__statements_are_shown_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(html_report, "save", lambda figure, path, kind: path.write_bytes(b""))  # drawing takes time
+def test_report__escapes_statements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(html_report, "save", lambda figure, path, kind: path.write_bytes(b""))  # drawing is slow
     written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
     page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
     assert "<b>mine" not in page
@@ -325,7 +337,7 @@ def test_report__statements_are_shown_as_text(tmp_path: Path, monkeypatch: pytes
         ({"training_seed": None}, "training_seed is missing"),
     ],
 )
-def test_report__what_does_not_belong_together_is_refused_naming_file_and_key(
+def test_report__incomparable_recordings_are_refused_naming_file_and_key(
     tmp_path: Path, change: dict[str, Any], said: str
 ):
     written(tmp_path / "kept" / "a")
@@ -343,14 +355,14 @@ def cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("prepare", "words", "said"),
     [
-        (lambda place: (place / "empty").mkdir(), ["empty"], "empty is no run and no results"),
+        (lambda place: (place / "empty").mkdir(), ["empty"], "empty contains no training run and no recorded episodes"),
         (lambda place: None, ["absent"], "absent: there is no such file"),
         (lambda place: cut(written(place / "kept")), ["kept"], "truncated"),
         (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or not a file of recorded episodes"),
         (lambda place: written(place / "kept"), ["kept", "--tags", "{}/no"], "no: cannot be read"),
     ],
 )
-def test_report_command__bad_input_is_told_in_a_line_and_nothing_is_written(
+def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], words: list[str], said: str
 ):
     prepare(tmp_path)
@@ -368,7 +380,7 @@ def test_report__an_unknown_phenomenon_in_hand_made_tags_is_named_with_the_choic
         read_tags(tmp_path / "tags.json")
 
 
-def test_report__a_directory_with_something_else_is_left_alone(tmp_path: Path):
+def test_report__a_directory_with_other_files_is_not_touched(tmp_path: Path):
     written(tmp_path / "kept")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "precious").write_text("x")
@@ -378,7 +390,7 @@ def test_report__a_directory_with_something_else_is_left_alone(tmp_path: Path):
 
 
 def trained(directory: Path, seed: int, points: Sequence[tuple[float | None, ...]], **recipe: Any) -> None:
-    """A PPO run on TowerScratch with evaluations: all tasks' accuracy, that of tasks with an image, image accuracy."""
+    """A PPO run on TowerScratch with evaluations: accuracy on all tasks, on tasks with an image, and image accuracy."""
     directory.mkdir(parents=True)
     environment = {"configuration": "TowerScratch"}
     run = {"format": "lilgym_mp-run", "environment": environment, "recipe": {"seed": seed, **recipe}}
@@ -389,53 +401,53 @@ def trained(directory: Path, seed: int, points: Sequence[tuple[float | None, ...
     (directory / "evaluations.jsonl").write_text("\n".join(lines))
 
 
-def test_figure_4__is_the_mean_over_seeds_of_accuracy_on_dev_by_reward(tmp_path: Path):
+def test_figure_4__averages_dev_accuracy_over_seeds_by_reward(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0, 0.1, 0), (0, 0.5, 0), (0, 0.9, 0)])
     trained(tmp_path / "b", 1, [(0, 0.3, 0), (0, 0.7, 0)])
     trained(tmp_path / "c", 0, [(0, 0.2, 0), (0, 0.4, 0.25)], nlvr_reward=True)
-    found = gather([tmp_path])
+    found = load_report_data([tmp_path])
     line = mean_line("x", [curve.evaluations for curve in found.curves[:2]], "accuracy_with_image")
     assert (line.xs, line.ys) == ([0, 32], [pytest.approx(20), pytest.approx(60)])
     assert line.deviations == [pytest.approx(200**0.5), pytest.approx(200**0.5)]
     chart, table = dev_curves(found.curves)
     assert isinstance(chart, Chart)
     assert rows(table) == [
-        ("ppo, program reward", "TowerScratch", 2, 32, Spread(pytest.approx(80), pytest.approx(200**0.5), 2)),
-        ("ppo, NLVR reward", "TowerScratch", 1, 32, Spread(25.0, None, 1)),
-        ("ppo, NLVR reward, by program", "TowerScratch", 1, 32, Spread(40.0, None, 1)),
+        ("ppo, program reward", "TowerScratch", 2, 32, MeanStd(pytest.approx(80), pytest.approx(200**0.5), 2)),
+        ("ppo, NLVR reward", "TowerScratch", 1, 32, MeanStd(25.0, None, 1)),
+        ("ppo, NLVR reward, by program", "TowerScratch", 1, 32, MeanStd(40.0, None, 1)),
     ]
 
 
-def test_figure_4__of_flipit_takes_all_tasks_and_without_evaluations_says_what_would_make_them(tmp_path: Path):
+def test_figure_4__uses_all_flipit_tasks_and_explains_missing_evaluations(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
-    _, table = dev_curves(gather([tmp_path]).curves)
-    assert rows(table)[0][-1] == Spread(50.0, None, 1)
-    (lacking,) = dev_curves(())
-    assert isinstance(lacking, Lacking)
-    assert "--evaluate-every" in lacking.note
+    _, table = dev_curves(load_report_data([tmp_path]).curves)
+    assert rows(table)[0][-1] == MeanStd(50.0, None, 1)
+    (missing,) = dev_curves(())
+    assert isinstance(missing, MissingItem)
+    assert "--evaluate-every" in missing.note
 
 
 def test_report__damaged_evaluations_are_named(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
     (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
-    with pytest.raises(ReportError, match="damaged, or no progress"):
-        gather([tmp_path])
+    with pytest.raises(ReportError, match="damaged, or not the progress"):
+        load_report_data([tmp_path])
 
 
-def test_basis__tells_when_where_and_by_what_episodes_were_recorded(tmp_path: Path):
+def test_provenance__lists_commands_dates_commits_and_machines(tmp_path: Path):
     for seed, date in enumerate(("2026-01-01 10:00", "2026-01-02 11:00")):
         recording = written(tmp_path, training_seed=seed)
         RecordingMetadata(date, "lilgym-mp evaluate x", "abc", "a processor, 2 cores", {}).write(recording)
-    table = recorded_by(gather([tmp_path]))
+    table = provenance(load_report_data([tmp_path]))
     assert rows(table) == [
         ("lilgym-mp evaluate x", "2026-01-01 10:00, 2026-01-02 11:00", "abc", "a processor, 2 cores", 2),
     ]
 
 
-def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_statement(tmp_path: Path):
+def test_document__has_tables_pictures_and_provenance_but_no_statement(tmp_path: Path):
     recording = written(tmp_path / "kept" / "episodes")
     RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
     (tmp_path / "kept" / "finished").mkdir()
@@ -465,11 +477,11 @@ def test_document__holds_tables_and_pictures_and_where_they_come_from_but_no_sta
             ["abc with changes", "abc", "def with changes", "fed"],
             "commits abc (with and without uncommitted changes), def (with uncommitted changes) and fed",
         ),
-        (["abc", None], "commit abc, of some unknown"),
+        (["abc", None], "commit abc, unknown for some recordings"),
         ([None], "commit unknown"),
     ],
 )
-def test_document__commits_read_as_a_list(commits: list[str | None], text: str):
+def test_document__commits_are_listed_in_words(commits: list[str | None], text: str):
     made = [RecordingMetadata(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
     assert commits_text(made) == text
 
@@ -482,7 +494,7 @@ def test_recording_metadata__an_older_file_s_changed_commit_is_read(tmp_path: Pa
     assert made.commit == "abc with changes"
 
 
-def test_document__a_page_of_somebody_else_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_document__another_page_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     written(tmp_path / "kept")
     (tmp_path / "mine.md").write_text("# Mine")
     command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document"]
@@ -493,24 +505,24 @@ def test_document__a_page_of_somebody_else_is_left_alone(tmp_path: Path, capsys:
     assert not (tmp_path / "out").exists()
 
 
-def test_labels__runs_that_differ_by_more_than_the_seed_are_told_apart(tmp_path: Path):
+def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Path):
     written(tmp_path / "a", recipe={"width": 64, "seed": 0})
     written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
     written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
-    found = gather([tmp_path])
+    found = load_report_data([tmp_path])
     assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
 
 
-def test_report__of_random_play_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
     assert main(["evaluate", *words, "--record", str(kept), "--json", str(results)]) == 0
-    found = gather([kept])
+    found = load_report_data([kept])
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
         assert entry is not None
-        assert over_runs(entry.runs, accuracy) == Spread(pytest.approx(100 * row["accuracy"]), None, 1)
-        assert over_runs(entry.runs, mean_reward) == Spread(pytest.approx(row["mean_reward"]), None, 1)
-        invalid = over_runs(entry.runs, ROLLOUT["with an invalid action (%)"])
+        assert aggregate_runs(entry.runs, accuracy) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
+        assert aggregate_runs(entry.runs, mean_reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
+        invalid = aggregate_runs(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
