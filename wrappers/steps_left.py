@@ -31,7 +31,7 @@ class Countdown(Format):
 
 
 class StepsLeft(EnvWrapper[Countdown]):
-    """Adds "steps_left", 0 .. horizon, which the Markov state includes."""
+    """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
 
     transformation_class = Countdown
 

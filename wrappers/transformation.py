@@ -20,7 +20,7 @@ Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or 
 
 
 class Transformation:
-    """TransformationT nothing. A wrapper's transformation overrides what it changes; all of it is pure."""
+    """The identity. Subclasses override what they change, with pure methods."""
 
     changes_observations: ClassVar[bool] = False
     changes_actions: ClassVar[bool] = False

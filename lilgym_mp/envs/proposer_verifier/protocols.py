@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from lilgym_mp.envs.proposer_verifier.types import (
     BOTH_MOVE,
+    ENDINGS,
     PROPOSER_MOVES,
     MDPMove,
     ProposalType,
@@ -138,16 +139,9 @@ def _verdicts(config: ProtocolConfig) -> tuple[str, ...]:
 PROTOCOLS: Mapping[str, GameProtocol] = {
     protocol.name: protocol
     for protocol in (
-        GameProtocol("veto", ("agreement", "proposer", "verifier", "either"), PROPOSER_MOVES, _proposal_answers, _veto),
+        GameProtocol("veto", tuple(ENDINGS), PROPOSER_MOVES, _proposal_answers, _veto),
         GameProtocol("joint", ("verifier", "either", "agreement"), BOTH_MOVE, _joint_answers, _joint),
         GameProtocol("audit", ("proposer",), PROPOSER_MOVES, _verdicts, _audit, takes_bins=True),
-        GameProtocol(
-            "critique",
-            ("agreement", "proposer", "verifier", "either"),
-            PROPOSER_MOVES,
-            _proposal_answers,
-            _critique,
-            message_sizes=(0, 4),
-        ),
+        GameProtocol("critique", tuple(ENDINGS), PROPOSER_MOVES, _proposal_answers, _critique, message_sizes=(0, 4)),
     )
 }
