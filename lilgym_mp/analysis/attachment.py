@@ -1,7 +1,7 @@
-"""Whether a statement's words leave open what a conjunct or a prepositional phrase belongs to.
+"""Detects ambiguous attachment of conjuncts and prepositional phrases in statements.
 
-Each word becomes a letter for its part of speech, and a regular expression over the letters looks for two places to
-attach to. There is no parser: words outside the lists below end every phrase.
+Each word is tagged with a letter for its part of speech, and regular expressions over the letters look for phrases with
+two possible attachment sites. There is no parser: words outside the lists below end every phrase.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _WORDS: dict[str, Sequence[str]] = {
     "m": ("touching", "having", "containing", "stacked", "attached", "which", "that", "whose"),
     "v": ("is", "are", "has", "have", "contains", "contain"),
 }
-_LETTERS = {word: letter for letter, words in _WORDS.items() for word in words}
+_TAGS = {word: tag for tag, words in _WORDS.items() for word in words}
 _OTHER = "x"
 _LIMITS = {"at": ("least", "most"), "more": ("than",), "less": ("than",), "fewer": ("than",)}
 
@@ -48,24 +48,24 @@ _COORDINATION = (
 )
 
 
-def _letters(statement: str) -> str:
-    """A letter a word; "at least" and the like are one determiner."""
+def _tagged(statement: str) -> str:
+    """One part-of-speech letter per word; "at least" and the like are one determiner."""
     words = plain_words(statement)
-    letters: list[str] = []
+    tags: list[str] = []
     for index, word in enumerate(words):
         following = words[index + 1] if index + 1 < len(words) else ""
         if word in ("least", "most") and index and words[index - 1] == "at":
             continue
-        letters.append("d" if word.isdigit() or following in _LIMITS.get(word, ()) else _LETTERS.get(word, _OTHER))
-    return "".join(letters)
+        tags.append("d" if word.isdigit() or following in _LIMITS.get(word, ()) else _TAGS.get(word, _OTHER))
+    return "".join(tags)
 
 
 def has_ambiguous_coordination(statement: str) -> bool:
-    """Whether a phrase joined by "and" or "or" could be joined to an earlier one, or share a modifier with it."""
-    letters = _letters(statement)
-    return any(pattern.search(letters) for pattern in _COORDINATION)
+    """Whether a conjunct ("and", "or") could attach to an earlier phrase, or share a modifier with the other one."""
+    tags = _tagged(statement)
+    return any(pattern.search(tags) for pattern in _COORDINATION)
 
 
 def has_ambiguous_preposition(statement: str) -> bool:
-    """Whether a prepositional phrase could belong to the noun before it or to an earlier one."""
-    return _PREPOSITIONAL.search(_letters(statement)) is not None
+    """Whether a prepositional phrase could attach to the preceding noun or to an earlier one."""
+    return _PREPOSITIONAL.search(_tagged(statement)) is not None

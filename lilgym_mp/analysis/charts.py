@@ -1,4 +1,4 @@
-"""Bar charts, and those that show a corpus's statistics."""
+"""Horizontal bar charts of corpus statistics."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 WIDTH = 760  # pixels
 BAR_HEIGHT, GROUP_GAP, HEAD_HEIGHT = 11, 9, 100
 BLUES, BROWNS = ("#1f4e9c", "#6f9bd8", "#b9cdec"), ("#8a5a00", "#d49a2a", "#efd59a")
-MOST_WORDS = 30  # program words shown
+MAX_WORDS = 30  # program words shown
 
 
 class Series(NamedTuple):
-    """One bar a category, all in one colour."""
+    """One bar per category, all in one colour."""
 
     name: str
     fill: str
@@ -31,9 +31,9 @@ class Series(NamedTuple):
 
 
 def bar_chart(title: str, categories: Sequence[str], series: Sequence[Series], unit: str = "") -> Figure:
-    """For each category one horizontal bar a series, from 0, with its value and `unit`.
+    """One horizontal bar per category and series, labelled with its value and `unit`.
 
-    Raises ValueError when a series has not one value a category, ImportError without matplotlib.
+    Raises ValueError when a series does not have one value per category, ImportError without matplotlib.
     """
     for one in series:
         if len(one.values) != len(categories):
@@ -42,8 +42,8 @@ def bar_chart(title: str, categories: Sequence[str], series: Sequence[Series], u
     figure: Any = new_figure(WIDTH, HEAD_HEIGHT + group_height * len(categories))
     axes: Any = figure.subplots()
     axes.set_title(title, loc="left", fontweight="bold")
-    for place, one in enumerate(series):
-        tops = [index * group_height + place * BAR_HEIGHT for index in range(len(categories))]
+    for bar_index, one in enumerate(series):
+        tops = [index * group_height + bar_index * BAR_HEIGHT for index in range(len(categories))]
         bars = axes.barh(tops, one.values, BAR_HEIGHT - 1, align="edge", color=one.fill, label=one.name)
         axes.bar_label(bars, [_shown(value) + unit for value in one.values], fontsize=7, padding=3)
     middles = [(index + 0.5) * group_height - GROUP_GAP / 2 for index in range(len(categories))]
@@ -61,7 +61,7 @@ def _shown(value: float) -> str:
 
 
 def write_charts(statistics: CorpusStatistics, directory: Path) -> list[Path]:
-    """Writes the corpus's charts as SVG files; gives their paths. Makes the directory.
+    """Writes the corpus's charts as SVG files into the directory, which is created; returns their paths.
 
     Raises ImportError without matplotlib.
     """
@@ -75,7 +75,7 @@ def write_charts(statistics: CorpusStatistics, directory: Path) -> list[Path]:
 
 
 def _by_group(statistics: CorpusStatistics, counts: Callable[[StatementStatistics], Sequence[int]]) -> list[Series]:
-    """A series for each appearance and split: the counts in per cent of the statements; a family of colours each."""
+    """One series per appearance and split: counts in per cent of the statements; one hue per appearance."""
     families = dict(zip(APPEARANCES, (BLUES, BROWNS), strict=True))
     return [
         Series(
@@ -94,8 +94,8 @@ def _phenomena(statistics: CorpusStatistics) -> Figure:
 
 def _program_words(statistics: CorpusStatistics) -> Figure:
     uses = Counter(name for group in statistics.statements for name in group.program_words.elements())
-    common = [name for name, _ in uses.most_common(MOST_WORDS)]
-    title = f"Programs of {statistics.corpus} that use a word (the {len(common)} commonest)"
+    common = [name for name, _ in uses.most_common(MAX_WORDS)]
+    title = f"Programs of {statistics.corpus} that use a word (the {len(common)} most common)"
     return bar_chart(title, common, _by_group(statistics, lambda group: [group.program_words[w] for w in common]), " %")
 
 
@@ -114,7 +114,7 @@ def _seen_in_train(statistics: CorpusStatistics) -> Figure:
         Series("form seen", BLUES[1], [_percent(overlap.seen_forms, group) for group, overlap in pairs]),
     ]
     categories = [f"{group.appearance} {group.split}" for group, _ in pairs]
-    return bar_chart(f"Statements of {statistics.corpus} that stand in train", categories, series, " %")
+    return bar_chart(f"Statements of {statistics.corpus} that occur in train", categories, series, " %")
 
 
 _CHARTS: Mapping[str, Callable[[CorpusStatistics], Figure]] = {

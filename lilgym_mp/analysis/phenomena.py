@@ -1,9 +1,8 @@
-"""Phenomena of a statement: semantic ones told from the structure of its program, syntactic ones from its words.
+"""Linguistic phenomena of statements: semantic ones detected in the program, syntactic ones in the wording.
 
-The categories are those by which lilGym's and NLVR's authors analyse statements (Suhr et al. 2017; Wu et al. 2023).
-They marked statements by hand; here a rule reads the program, which says what the statement means and not how it says
-it, or the words, where it matters how it is said. RULES and SYNTAX_RULES hold every rule, in words and as code;
-docs/official_data.md shows the words.
+The categories are those of the lilGym and NLVR papers (Suhr et al. 2017; Wu et al. 2023), whose authors annotated
+statements by hand. Here, rules over the program detect the semantic phenomena, and rules over the words the syntactic
+ones. RULES and SYNTAX_RULES contain each rule as a description and a predicate; docs/official_data.md lists them.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from lilgym_mp.analysis.structure import (
     counts_values,
     free_variables,
     is_count,
-    is_fixed,
+    is_literal,
     item_conditions,
+    literal_bool,
+    literal_int,
     nodes,
     selection_sources,
     selections,
     structure_key,
     uses,
-    written_number,
-    written_truth,
 )
 from lilgym_mp.programs.syntax import Call, Display, Lambda, Logic, Node, Not, SceneName, WordName, parse
 from lilgym_mp.scene import BOX_COUNT
@@ -57,7 +56,7 @@ class Phenomenon(StrEnum):
 
 
 class SyntacticPhenomenon(StrEnum):
-    """Words that leave open what a part of the statement attaches to."""
+    """Ambiguous attachment of a part of the statement."""
 
     COORDINATION = "syntax: coordination"
     PREPOSITION = "syntax: prepositional attachment"
@@ -66,10 +65,10 @@ class SyntacticPhenomenon(StrEnum):
 PHENOMENA: tuple[Phenomenon | SyntacticPhenomenon, ...] = (*Phenomenon, *SyntacticPhenomenon)
 
 
-_CHOOSING = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
-_SAMENESS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
-_STANDING = ("is_top", "is_bottom", "is_second", "is_third")
-_COMPANY = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # related by box, not by place
+_SELECTION_WORDS = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
+_SAMENESS_WORDS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
+_LEVEL_WORDS = ("is_top", "is_bottom", "is_second", "is_third")
+_MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # not spatial
 
 
 def _has_existence(tree: Node) -> bool:
@@ -78,7 +77,7 @@ def _has_existence(tree: Node) -> bool:
 
 def _has_exact_cardinality(tree: Node) -> bool:
     return any(
-        operator in ("==", "!=") and is_count(left) and (written_number(right) or 0) > (1 if counts_values(left) else 0)
+        operator in ("==", "!=") and is_count(left) and (literal_int(right) or 0) > (1 if counts_values(left) else 0)
         for left, operator, right in comparisons(tree)
     )
 
@@ -87,7 +86,7 @@ def _has_soft_cardinality(tree: Node) -> bool:
     return any(
         operator in MIRRORED
         and is_count(left)
-        and written_number(right) is not None
+        and literal_int(right) is not None
         and not _says_none(left, operator, right)
         for left, operator, right in comparisons(tree)
     )
@@ -96,7 +95,7 @@ def _has_soft_cardinality(tree: Node) -> bool:
 def _has_universal(tree: Node) -> bool:
     if uses(tree, "All", "all", "equal_set"):
         return True
-    if any(not is_fixed(arguments(call)[0]) for call in calls(tree, "contained")):
+    if any(not is_literal(arguments(call)[0]) for call in calls(tree, "contained")):
         return True
     return any(
         _selects_whole(left, right) or _selects_whole(right, left) or _counts_every_box(left, operator, right)
@@ -105,14 +104,14 @@ def _has_universal(tree: Node) -> bool:
 
 
 def _selects_whole(part: Node, whole: Node) -> bool:
-    """Whether a selection is compared with what it was selected from, or their numbers are."""
+    """Whether `part` is a selection from `whole`; also for their counts."""
     part, whole = counted_set(part) or part, counted_set(whole) or whole
     return any(structure_key(source) == structure_key(whole) for source in selection_sources(part))
 
 
 def _counts_every_box(left: Node, operator: str, right: Node) -> bool:
     counted = counted_set(left)
-    if counted is None or written_number(right) != BOX_COUNT or operator not in ("==", ">="):
+    if counted is None or literal_int(right) != BOX_COUNT or operator not in ("==", ">="):
         return False
     return any(isinstance(source, SceneName) and source.name == "all_boxes" for source in selection_sources(counted))
 
@@ -121,15 +120,15 @@ def _has_coordination(tree: Node) -> bool:
     if any(isinstance(node, Logic) and node.operator == "or" for node in nodes(tree)):
         return True
     if uses(tree, "OR", "union", "union_all") or any(
-        isinstance(node, Display) and len(node.elements) > 1 and is_fixed(node) for node in nodes(tree)
+        isinstance(node, Display) and len(node.elements) > 1 and is_literal(node) for node in nodes(tree)
     ):
         return True
-    return any(sum(uses(operand, *_CHOOSING) for operand in operands) > 1 for operands in conjunctions(tree))
+    return any(sum(uses(operand, *_SELECTION_WORDS) for operand in operands) > 1 for operands in conjunctions(tree))
 
 
 def _says_none(left: Node, operator: str, right: Node) -> bool:
-    """Whether a comparison says that there are none: exactly 0, at most 0, fewer than 1."""
-    return is_count(left) and (operator, written_number(right)) in (("==", 0), ("<=", 0), ("<", 1))
+    """Whether the comparison states that a count is zero."""
+    return is_count(left) and (operator, literal_int(right)) in (("==", 0), ("<=", 0), ("<", 1))
 
 
 def _has_negation(tree: Node) -> bool:
@@ -137,19 +136,19 @@ def _has_negation(tree: Node) -> bool:
         uses(tree, "NOT")
         or any(isinstance(node, Not) for node in nodes(tree))
         or any(
-            operator in ("!=", "not in") or _says_none(left, operator, right) or written_truth(right) is False
+            operator in ("!=", "not in") or _says_none(left, operator, right) or literal_bool(right) is False
             for left, operator, right in comparisons(tree)
         )
     )
 
 
 def _has_comparison(tree: Node) -> bool:
-    if uses(tree, "min", *_SAMENESS):
+    if uses(tree, "min", *_SAMENESS_WORDS):
         return True
     return any(
         counts_values(left)
-        if is_fixed(right)
-        else not (is_fixed(left) or _selects_whole(left, right) or _selects_whole(right, left))
+        if is_literal(right)
+        else not (is_literal(left) or _selects_whole(left, right) or _selects_whole(right, left))
         for left, operator, right in comparisons(tree)
         if operator not in ("in", "not in")
     )
@@ -158,7 +157,8 @@ def _has_comparison(tree: Node) -> bool:
 def _has_spatial_relation(tree: Node) -> bool:
     words = [node.word for node in nodes(tree) if isinstance(node, Call | WordName)]
     return any(
-        word.name in _STANDING or (word.group in ("walls", "two items", "related items") and word.name not in _COMPANY)
+        word.name in _LEVEL_WORDS
+        or (word.group in ("walls", "two items", "related items") and word.name not in _MEMBERSHIP_WORDS)
         for word in words
     )
 
@@ -176,7 +176,7 @@ def _has_presupposition(tree: Node) -> bool:
 
 
 def _has_coreference(tree: Node) -> bool:
-    """Whether a condition on one item speaks of the item of a condition around it."""
+    """Whether a condition on one item refers to the item of an enclosing condition."""
     return any(
         parameter in free_variables(inner)
         for parameter, body in item_conditions(tree)
@@ -186,74 +186,72 @@ def _has_coreference(tree: Node) -> bool:
 
 
 class Rule(NamedTuple):
-    """How one phenomenon is recognised: in words, and as a test of a program's tree."""
+    """Detects a phenomenon in a program's tree."""
 
-    words: str
+    description: str
     holds: Callable[[Node], bool]
 
 
 RULES: Mapping[Phenomenon, Rule] = {
-    Phenomenon.EXISTENCE: Rule("`exist` or `Any` is asked of some set", _has_existence),
+    Phenomenon.EXISTENCE: Rule("`exist` or `Any`", _has_existence),
     Phenomenon.EXACT_CARDINALITY: Rule(
-        "a count is compared by `==` or `!=` with a number from 1 on (from 2 on where colours, shapes or sizes are "
-        "counted)",
+        "`==` or `!=` compares a count with a number of at least 1 (2 for a count of colours, shapes or sizes)",
         _has_exact_cardinality,
     ),
     Phenomenon.SOFT_CARDINALITY: Rule(
-        "a count is compared by `<`, `<=`, `>` or `>=` with a number, unless that says that there are none",
+        "`<`, `<=`, `>` or `>=` compares a count with a number, except when it states that the count is zero",
         _has_soft_cardinality,
     ),
     Phenomenon.UNIVERSAL: Rule(
-        "`All`, `all`, `equal_set`, or `contained` of a set that depends on the scene; or a selection, or its count, "
-        "is compared with what it was selected from; or the boxes with a property are counted and compared by `==` or "
-        "`>=` with 3",
+        "`All`, `all`, `equal_set`, or `contained` for a set that depends on the scene; or a selection, or its count, "
+        "is compared with the set it was selected from; or `==` or `>=` compares the number of boxes with a property "
+        "with 3",
         _has_universal,
     ),
     Phenomenon.COORDINATION: Rule(
-        "`or`, `union`, or several values written out in a list or set; or `and` joins several conditions of which "
-        "at least two each select among the items or boxes (a filter, `All`, `Any`, ...)",
+        "`or`, `union`, or a list or set of several literal values; or `and` joins conditions, at least two of which "
+        "select items or boxes (a filter, `All`, `Any`, ...)",
         _has_coordination,
     ),
     Phenomenon.NEGATION: Rule(
-        "`not`, `!=`, `not in`, a comparison with False, or a count that says that there are none", _has_negation
+        "`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero", _has_negation
     ),
     Phenomenon.COMPARISON: Rule(
-        "two values that both depend on the scene are compared (but not a selection with its whole); or the number of "
-        "different colours, shapes or sizes is asked; or an `all_same` word or `min`",
+        "two values that both depend on the scene are compared (except a selection with its source); or the number of "
+        "distinct colours, shapes or sizes is compared; or an `all_same` word or `min`",
         _has_comparison,
     ),
     Phenomenon.SPATIAL_RELATION: Rule(
-        "a word about walls, corners, touching, above or below, or the place in a tower (`is_top`, `is_second`, ...)",
+        "a word about walls, corners, touching, above or below, or the level in a tower (`is_top`, `is_second`, ...)",
         _has_spatial_relation,
     ),
     Phenomenon.PRESUPPOSITION: Rule(
-        "`unique` of something other than an item's neighbours, or `min`; or two conditions joined by `and` speak of "
-        "the same selection",
+        "`unique` of anything but an item's neighbours, or `min`; or two conditions joined by `and` refer to the same "
+        "selection",
         _has_presupposition,
     ),
     Phenomenon.COREFERENCE: Rule(
-        "a condition on one item speaks of the item that a condition around it is about", _has_coreference
+        "a condition on one item refers to the item of an enclosing condition", _has_coreference
     ),
 }
 
 
 class SyntaxRule(NamedTuple):
-    """How one syntactic phenomenon is recognised: in words, and as a test of a statement."""
+    """Detects a syntactic phenomenon in a statement."""
 
-    words: str
+    description: str
     holds: Callable[[str], bool]
 
 
 SYNTAX_RULES: Mapping[SyntacticPhenomenon, SyntaxRule] = {
     SyntacticPhenomenon.COORDINATION: SyntaxRule(
-        "`and` or `or` joins a noun phrase to one that stands in a prepositional phrase after another noun; or the "
-        "second of two joined noun phrases has a modifier after it (a preposition, `touching`, `which`, ...); or an "
-        "adjective stands before the first of two joined nouns, nothing before the second",
+        "`and` or `or` joins a noun phrase to one inside a prepositional phrase after another noun; or the second of "
+        "two joined noun phrases is followed by a modifier (a preposition, `touching`, `which`, ...); or only the "
+        "first of two joined nouns is preceded by an adjective",
         has_ambiguous_coordination,
     ),
     SyntacticPhenomenon.PREPOSITION: SyntaxRule(
-        "a noun with a prepositional phrase (`of` too), whose own noun is followed by another prepositional phrase "
-        "(not `of`)",
+        "a noun is followed by a prepositional phrase (including `of`) and another one (except `of`)",
         has_ambiguous_preposition,
     ),
 }
@@ -261,12 +259,12 @@ SYNTAX_RULES: Mapping[SyntacticPhenomenon, SyntaxRule] = {
 
 @lru_cache(maxsize=CACHE_SIZE)
 def phenomena(program: str) -> frozenset[Phenomenon]:
-    """The phenomena that the program's structure shows, by RULES. Raises ProgramError for no program."""
+    """The semantic phenomena of a program, by RULES. Raises ProgramError for an invalid program."""
     tree = parse(program)
     return frozenset(phenomenon for phenomenon, rule in RULES.items() if rule.holds(tree))
 
 
 @lru_cache(maxsize=CACHE_SIZE)
 def syntactic_phenomena(statement: str) -> frozenset[SyntacticPhenomenon]:
-    """The phenomena that the statement's words show, by SYNTAX_RULES."""
+    """The syntactic phenomena of a statement, by SYNTAX_RULES."""
     return frozenset(phenomenon for phenomenon, rule in SYNTAX_RULES.items() if rule.holds(statement))

@@ -1,4 +1,4 @@
-"""What is in a corpus: tasks against the paper's numbers, words, forms, phenomena, program words, what splits share."""
+"""Corpus statistics: task counts (with the paper's), words, forms, phenomena, program words, and overlap of splits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lilgym_mp.programs.syntax import parse
 
 
 class SetCount(NamedTuple):
-    """How much of one configuration and split there is, and how much the paper reports of the official one."""
+    """Counts of one configuration and split, with those of the paper for the official corpus."""
 
     appearance: str
     start: str
@@ -45,7 +45,7 @@ class StatementStatistics:
 
     @cached_property
     def word_counts(self) -> list[int]:
-        """Words by statement."""
+        """The number of words in each statement."""
         return [len(words(statement)) for statement in self.programs]
 
     @cached_property
@@ -62,7 +62,7 @@ class StatementStatistics:
 
     @cached_property
     def phenomena(self) -> Counter[Phenomenon | SyntacticPhenomenon]:
-        """By phenomenon, how many statements show it."""
+        """The number of statements that show each phenomenon."""
         return Counter(
             found
             for statement, program in self.programs.items()
@@ -71,17 +71,17 @@ class StatementStatistics:
 
     @cached_property
     def program_words(self) -> Counter[str]:
-        """By word of the program language, how many programs use it."""
+        """The number of programs that use each word of the program language."""
         return Counter(name for program in self.programs.values() for name in word_names(parse(program)))
 
 
 class Overlap(NamedTuple):
-    """How many of a split's statements are seen in train: verbatim but for case and punctuation, and by form."""
+    """Statements of a split that also occur in train: up to case and punctuation (`seen`), and by form."""
 
     statements: int
     seen: int
     seen_forms: int
-    unseen_words: int  # distinct words that train lacks
+    unseen_words: int  # distinct words not in train
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class CorpusStatistics:
         return len({program for group in self.statements for program in group.programs.values()})
 
     def overlap(self, group: StatementStatistics) -> Overlap | None:
-        """What `group` shares with train of its appearance; None without a train split."""
+        """The overlap of `group` with the train split of its appearance; None without a train split."""
         train = next((g for g in self.statements if (g.appearance, g.split) == (group.appearance, "train")), None)
         if train is None:
             return None
@@ -120,7 +120,7 @@ class CorpusStatistics:
 
 
 def corpus_statistics(corpus: str | os.PathLike[str]) -> CorpusStatistics:
-    """The statistics of a corpus, named as for `load_tasks`. Raises CorpusError as that does."""
+    """The statistics of a corpus; `corpus` and errors as for `load_tasks`."""
     counts: list[SetCount] = []
     programs: dict[tuple[str, str], dict[str, str]] = {}
     path = ""

@@ -1,4 +1,4 @@
-"""What a program's tree says: what it counts, compares, selects, joins. `phenomena` reads programs through this."""
+"""Queries on syntax trees of programs: counts, comparisons, selections, conjunctions. Used by `phenomena`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from lilgym_mp.programs.syntax import (
 
 
 class Compared(NamedTuple):
-    """One comparison, written with an operator or with a word: `left operator right`."""
+    """A comparison `left operator right`, written with an operator or a word."""
 
     left: Node
     operator: str
     right: Node
 
 
-_OPERATOR_OF_WORD = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">"}  # the other words of comparison mean ==
+_OPERATOR_OF_WORD = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">"}  # all other comparison words mean ==
 MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _COUNTING = ("count", "len")
 FILTERING = ("filter_obj", "filter_color", "filter_shape", "filter_size")
@@ -38,14 +38,14 @@ _VALUE_SETS = ("get_set_colors", "get_set_shapes", "get_set_sizes", "query_color
 
 
 def nodes(tree: Node) -> Iterator[Node]:
-    """The node and all below it."""
+    """The node and all its descendants."""
     yield tree
     for child in children(tree):
         yield from nodes(child)
 
 
 def word_name(node: Node) -> str | None:
-    """The name of the word that the node calls or hands on."""
+    """The name of the word that the node calls or refers to."""
     return node.word.name if isinstance(node, Call | WordName) else None
 
 
@@ -64,12 +64,12 @@ def calls(tree: Node, *names: str) -> Iterator[Call]:
 
 
 def arguments(node: Node) -> tuple[Node, ...]:
-    """The arguments that a call is given; none for a node that is no call."""
+    """The explicit arguments of a call; empty for other nodes."""
     return tuple(children(node)) if isinstance(node, Call) else ()
 
 
 def comparisons(tree: Node) -> Iterator[Compared]:
-    """Every comparison in the tree; a number stands on the right."""
+    """Every comparison in the tree; a constant operand is moved to the right."""
     for node in nodes(tree):
         if isinstance(node, Comparison):
             lefts = (node.left, *node.rights)
@@ -86,17 +86,16 @@ def comparisons(tree: Node) -> Iterator[Compared]:
                 yield Compared(left, operator, right)
 
 
-def written_number(node: Node) -> int | None:
-    """The whole number that is written there."""
+def literal_int(node: Node) -> int | None:
     return node.value if isinstance(node, Constant) and type(node.value) is int else None
 
 
-def written_truth(node: Node) -> bool | None:
+def literal_bool(node: Node) -> bool | None:
     return node.value if isinstance(node, Constant) and isinstance(node.value, bool) else None
 
 
-def is_fixed(node: Node) -> bool:
-    """Whether the node names its value, whatever the scene."""
+def is_literal(node: Node) -> bool:
+    """Whether the node is a constant, or a list or set of constants."""
     return all(isinstance(part, Constant | Display) for part in nodes(node))
 
 
@@ -106,7 +105,7 @@ def counted_set(node: Node) -> Node | None:
 
 
 def is_count(node: Node) -> bool:
-    """Whether the node is a count, or a sum or remainder with one."""
+    """Whether the node is a count, or a sum or remainder with a count as an operand."""
     parts = (node.left, node.right) if isinstance(node, Arithmetic) else (node,)
     return any(counted_set(part) is not None for part in parts)
 
@@ -117,7 +116,7 @@ def selected_from(node: Node) -> Node | None:
 
 
 def selection_sources(node: Node) -> Iterator[Node]:
-    """The set that the node selects from, the set which that is selected from, and so on."""
+    """The set that the node selects from, followed by the set that one was selected from, and so on."""
     found = selected_from(node)
     while found is not None:
         yield found
@@ -125,7 +124,7 @@ def selection_sources(node: Node) -> Iterator[Node]:
 
 
 def structure_key(node: Node, bound: tuple[str, ...] = ()) -> tuple[object, ...]:
-    """Equal for expressions that differ only in the names of the variables bound inside them."""
+    """A key that is equal for alpha-equivalent expressions (up to renaming of bound variables)."""
     match node:
         case Variable(name=name):
             return ("bound", bound.index(name)) if name in bound else ("free", name)
@@ -149,7 +148,7 @@ def structure_key(node: Node, bound: tuple[str, ...] = ()) -> tuple[object, ...]
 
 
 def conjuncts(node: Node) -> Iterator[Node]:
-    """The operands of an `and`, and of every `and` among them; the node itself when it is none."""
+    """The operands of an `and`, with nested `and`s flattened; the node itself if it is not an `and`."""
     if (isinstance(node, Logic) and node.operator == "and") or (word_name(node) == "AND" and isinstance(node, Call)):
         for operand in children(node):
             yield from conjuncts(operand)
@@ -172,12 +171,12 @@ def counts_values(node: Node) -> bool:
 
 
 def are_neighbours(items: Node) -> bool:
-    """Whether the items are what stands above, below or beside an item."""
+    """Whether the items are the result of a related-items word, such as `get_above`."""
     return isinstance(items, Call) and items.word.group == "related items"
 
 
 def selections(tree: Node) -> set[tuple[object, ...]]:
-    """Keys of the sets that the tree selects, as far as they are the same everywhere in it."""
+    """Keys of the sets that the tree selects, without those that depend on variables bound in the tree."""
     bound_inside = {node.parameter for node in nodes(tree) if isinstance(node, Lambda)}
     return {
         structure_key(node)
@@ -187,11 +186,11 @@ def selections(tree: Node) -> set[tuple[object, ...]]:
 
 
 def item_conditions(tree: Node) -> Iterator[tuple[str, Node]]:
-    """Parameter and body of every lambda that is asked of a set other than the boxes."""
+    """Parameter and body of every lambda applied to a set other than the boxes."""
     for node in nodes(tree):
         match arguments(node):
-            case (asked_of, Lambda(parameter=parameter, body=body)):
-                origins = (asked_of, *selection_sources(asked_of))
+            case (collection, Lambda(parameter=parameter, body=body)):
+                origins = (collection, *selection_sources(collection))
                 if not any(isinstance(origin, SceneName) and origin.name == "all_boxes" for origin in origins):
                     yield parameter, body
             case _:
@@ -199,7 +198,7 @@ def item_conditions(tree: Node) -> Iterator[tuple[str, Node]]:
 
 
 def free_variables(node: Node) -> set[str]:
-    """The names of the variables that the node does not bind itself."""
+    """The names of the free variables of the node."""
     match node:
         case Variable(name=name):
             return {name}
