@@ -110,10 +110,10 @@ def main() -> None:
     for appearance in given.appearance:
         dynamics = make_dynamics(make_appearance(appearance, (19, 5)), "paper", 12)
         states = states_of(dynamics, given.corpus, ("scratch", "flipit"), given.programs, given.states)
-        print(f"sets {appearance}: states, sets/s, actions a set, complete", time_sets(dynamics, states), flush=True)
+        print(f"sets {appearance}: states, sets/s, actions per set, complete", time_sets(dynamics, states), flush=True)
         for start in ("scratch", "flipit"):
-            told = time_plans(dynamics, given.corpus, start, given.plans)
-            print(f"plans {appearance} {start}: mean ms, median, 90th percentile, mean mass", told, flush=True)
+            row = time_plans(dynamics, given.corpus, start, given.plans)
+            print(f"plans {appearance} {start}: mean ms, median, 90th percentile, mean mass", row, flush=True)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ MIN_ENV_STEPS = 3_000  # per round
 STOP_SHARE = 1 / 11  # gives episodes of about 11 steps
 
 
-def drawn(masks: np.ndarray, chance: np.random.Generator) -> np.ndarray:
+def sample_legal(masks: np.ndarray, chance: np.random.Generator) -> np.ndarray:
     """(N,) a legal action for each row of `masks` (N, actions): sometimes STOP, otherwise an edit."""
     weights = chance.random(masks.shape, np.float32) * masks
     weights[:, 0] = chance.random(len(masks)) < STOP_SHARE
@@ -42,7 +42,7 @@ def microseconds(env: Any, rounds: int, chance: np.random.Generator) -> list[flo
             start = process_time()
             masks = env.action_masks()
             spent += process_time() - start
-            env.step(drawn(masks, chance))
+            env.step(sample_legal(masks, chance))
         found.append(spent / steps / env.num_envs * 1e6)
     return found[1:]
 
@@ -67,7 +67,7 @@ def main() -> None:
             env: Any = gym.make_vec(env_id, num_envs=count, copy=False, **settings)
             cost = microseconds(env, given.rounds, np.random.default_rng(0))
             spread = f"{min(cost):.1f} .. {max(cost):.1f}"
-            print(f"{env_id:30} {count:5} environments  {statistics.median(cost):7.1f} us a mask  ({spread})")
+            print(f"{env_id:30} {count:5} environments  {statistics.median(cost):7.1f} us per mask  ({spread})")
             env.close()
 
 

@@ -2,7 +2,7 @@
 
 For the start scenes of a corpus and for random legal play from them: scenes read back as they were (sets of items by
 box), scenes read as others that draw alike, pictures refused, and boxes that equally few other items would draw too.
-Times are CPU seconds of this process, beside those of drawing the same scenes; nothing is remembered from before.
+Times are CPU seconds of this process, compared with those of drawing the same scenes; nothing is cached.
 Run: python benchmarks/perception.py [--corpus lilgym] [--scenes 10000] [--size half|native]
 """
 

@@ -49,14 +49,14 @@ def watched_parts(env: Any) -> Clocks:
     """Adds clocks to a batched environment."""
     clocks, core = Clocks(), env._engine.core
     watched = [
-        (env, "step", "the interface: arrays and dicts for the caller"),
-        (env, "_images", "images copied for the caller"),
-        (env, "_step", "whose turn it is, and which task is next"),
-        (core, "start", "episodes begun, with their pictures"),
-        (core, "step", "what actions mean, and verdicts"),
-        (core, "_edit", "items added and removed, and drawn"),
-        (core, "_scenes_of", "STOPs: scenes made"),
-        (core, "_solved", "STOPs: truth of programs"),
+        (env, "step", "API: arrays and dicts for the caller"),
+        (env, "_images", "copying images for the caller"),
+        (env, "_step", "autoreset and task selection"),
+        (core, "start", "resets, including their images"),
+        (core, "step", "decoding actions, computing outcomes"),
+        (core, "_edit", "adding, removing and drawing items"),
+        (core, "_scenes_of", "STOP: making scenes"),
+        (core, "_solved", "STOP: evaluating programs"),
     ]
     for owner, function, part in watched:
         clocks.watch(owner, function, part)

@@ -156,7 +156,7 @@ def _check_record(
 def _recorded(
     played: Iterable[Result], args: argparse.Namespace, plan: EvaluationPlan, seen: set[str]
 ) -> Iterator[Result]:
-    """The results, each recorded as soon as it is there."""
+    """Yields the results, recording each."""
     recorder = Recorder(
         plan.settings, plan.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
     )

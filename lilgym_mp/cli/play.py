@@ -28,13 +28,18 @@ def add_parser(subparsers: Any) -> None:
         "commands.",
     )
     add_configuration(parser, nargs="?", default="TowerScratch")
-    add_split(parser, "train")
-    parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
-    parser.add_argument("--seed", type=int, metavar="N", help="random seed of the tasks (default: not seeded)")
+    add_task_choice(parser)
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write the session as an animation")
     parser.add_argument("--window", action="store_true", help="play by mouse in a window (needs the extra human)")
     add_settings(parser)
     parser.set_defaults(run=run)
+
+
+def add_task_choice(parser: argparse.ArgumentParser) -> None:
+    """Options for the first task to play."""
+    add_split(parser, "train")
+    parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
+    parser.add_argument("--seed", type=int, metavar="N", help="random seed (default: not seeded)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -72,13 +77,13 @@ def _windowed(env: LilGymEnv) -> tuple[Session, Callable[[Session], None]]:
 
 def _converse(session: Session) -> None:
     """Reads commands until the person quits or the input ends."""
-    for line in typed_lines():
+    for line in input_lines():
         session.answer(line)
         if session.is_over:
             return
 
 
-def typed_lines() -> Iterator[str]:
+def input_lines() -> Iterator[str]:
     """Lines of standard input until it ends; on a terminal with line editing and a history."""
     interactive = sys.stdin.isatty()
     if interactive:

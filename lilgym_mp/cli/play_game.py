@@ -11,8 +11,8 @@ import numpy as np
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, given_settings
-from lilgym_mp.cli.play import typed_lines
+from lilgym_mp.cli.options import add_configuration, add_settings, given_settings
+from lilgym_mp.cli.play import add_task_choice, input_lines
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render import text
 from lilgym_mp.terminal import shows_colours
@@ -55,9 +55,7 @@ def add_parser(subparsers: Any) -> None:
         help="scripted policy of the other agent, such as oracle, helpful, sneaky, random (default: oracle as "
         "verifier, helpful as proposer)",
     )
-    add_split(parser, "train")
-    parser.add_argument("--task", metavar="ID", help="play this task (default: a random one)")
-    parser.add_argument("--seed", type=int, metavar="N", help="random seed of task and partner (default: not seeded)")
+    add_task_choice(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
 
@@ -90,7 +88,7 @@ def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.r
     """Plays one game to its end."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, PartnerTurn, Role
 
-    lines = typed_lines()
+    lines = input_lines()
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
     infos: dict[str, Any] = {}
     rewards = dict.fromkeys(AGENTS, 0.0)

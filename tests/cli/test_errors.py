@@ -53,7 +53,7 @@ CASES = {
     "unknown model of ppo": (["train", "ppo", "TowerScratch", "--model", "gpt"], "invalid choice: 'gpt'"),
     "no pretrained weights": (
         ["train", "ppo", "TowerScratch", "--model", "c3-bert"],
-        "the model 'c3-bert' needs pretrained weights: name their directory with --weights",
+        "the model 'c3-bert' needs pretrained weights: name a directory with --weights",
     ),
     "grid across separators": (
         ["train", "ppo", "ScatterScratch", "--grid", "20x5"],
