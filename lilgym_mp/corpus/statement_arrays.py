@@ -61,7 +61,7 @@ class StatementArrays:
         training = training_statements(tasks)
         self.vocabulary = Vocabulary.from_statements(training)
         self.length = default_length(training)
-        self.play(tasks)
+        self.set_tasks(tasks)
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks, keeping vocabulary and length. Raises ValueError when a statement is too long."""
