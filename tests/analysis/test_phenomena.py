@@ -174,11 +174,11 @@ def test_syntax_rule__does_not_hold(phenomenon: SyntacticPhenomenon, statement: 
 
 
 @given(st.text())
-def test_syntax_rules__any_text_is_read(statement: str):
+def test_syntax_rules__accept_any_text(statement: str):
     assert syntactic_phenomena(statement) <= set(SyntacticPhenomenon)
 
 
-def test_syntax_rules__case_punctuation_and_digits_do_not_matter():
+def test_syntax_rules__ignore_case_punctuation_and_digits():
     one = syntactic_phenomena("SOME corner, with 2 triangles and 1 square; exists!")
     assert one == syntactic_phenomena("some corner with two triangles and one square exists") == {COORDINATION}
 
@@ -200,7 +200,7 @@ def test_rules__accept_words_used_as_functions(word: str):
     assert isinstance(phenomena(f"Any(all_boxes, {word})"), frozenset)
 
 
-def test_phenomena__of_what_is_no_program_is_refused():
+def test_phenomena__an_invalid_program_is_an_error():
     with pytest.raises(ProgramError, match="unknown function"):
         phenomena("exists(all_items)")
 
@@ -211,16 +211,16 @@ def test_phenomena__every_builtin_statement_shows_some(appearance: str):
     assert [task.id for task in tasks if not phenomena(task.program)] == []
 
 
-def test_form__colours_shapes_sizes_and_numbers_are_blanked():
+def test_form__replaces_colours_shapes_sizes_and_numbers():
     statement = "At least two Small blue circles, 12 yellow squares and one block."
     assert statement_form(statement) == "at least NUMBER SIZE COLOUR SHAPE NUMBER COLOUR SHAPE and NUMBER block"
 
 
-def test_normalised__case_blanks_and_punctuation_do_not_matter():
+def test_normalised__ignores_case_whitespace_and_punctuation():
     assert normalised("A  Blue block, isn't it?") == normalised("a blue block isn't it") == "a blue block isn't it"
 
 
 @given(st.text())
-def test_form__is_the_normalised_statement_with_blanks(statement: str):
+def test_form__is_the_normalised_statement_with_placeholders(statement: str):
     blanked = zip(statement_form(statement).split(), normalised(statement).split(), strict=True)
     assert all(form == word or form in ("COLOUR", "SHAPE", "SIZE", "NUMBER") for form, word in blanked)

@@ -1,4 +1,4 @@
-"""A small corpus of our own, in both file formats, and a web server to get it from."""
+"""A small test corpus in both file formats, and a web server that serves it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def entries() -> list[dict[str, Any]]:
 
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
-    """A function that writes entries as a corpus file and gives its path."""
+    """A function that writes entries to a corpus file and returns its path."""
 
     def write(entries: list[dict[str, Any]], name: str = "own.jsonl") -> Path:
         write_corpus(tmp_path / name, "own", "MIT", entries)
@@ -31,13 +31,13 @@ def written(tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def released(tmp_path: Path) -> Path:
-    """A directory of released files, with a test split, of our own statements."""
+    """A directory of files in the released format, with a test split, of our own statements."""
     return write_released(tmp_path / "released")
 
 
 @pytest.fixture
 def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Two files that count as the release's: one known by content, one by numbers."""
+    """Two files registered as released: one verified by content, one by numbers."""
     return register_as_official(released, monkeypatch)
 
 

@@ -62,7 +62,7 @@ def test_builtin__is_small_and_has_the_recorded_checksum():
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__loads_like_a_copy_that_is_checked(appearance: str, start: str, tmp_path: Path):
+def test_builtin__loads_like_a_validated_copy(appearance: str, start: str, tmp_path: Path):
     text = gzip.decompress(SHIPPED.read_bytes())
     (tmp_path / "copy.jsonl").write_bytes(text + b"\n")
     copy = load_tasks(tmp_path / "copy.jsonl", appearance, start, "dev")

@@ -1,4 +1,4 @@
-"""What the documents tell of the corpora in figures is what the commands and scripts count now."""
+"""Corpus numbers in the documentation match the output of commands and scripts."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def report() -> Iterator[ModuleType]:
 
 @pytest.fixture(scope="module")
 def built(report: ModuleType) -> dict[str, list[Any]]:
-    """The builtin corpus as its report takes it, by appearance; steps as far as no solver is needed."""
+    """The builtin corpus as input of its report, by appearance; steps only where no solver is needed."""
     return {appearance: list(_built(report, appearance)) for appearance in APPEARANCES}
 
 
@@ -83,7 +83,7 @@ def official(official_data: Path) -> CorpusStatistics:
     return corpus_statistics("lilgym")
 
 
-def test_official_page__shows_what_the_command_counts(
+def test_official_page__matches_the_command_output(
     official: CorpusStatistics, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(statistics, "corpus_statistics", {"lilgym": official}.__getitem__)  # counted once
@@ -95,7 +95,7 @@ def test_official_page__shows_what_the_command_counts(
     assert [line for line in shown if line not in printed] == []
 
 
-def test_official_page__shares_of_syntax_are_the_rules(official_data: Path):
+def test_official_page__syntactic_shares_match_the_rules(official_data: Path):
     text = OFFICIAL.read_text(encoding="utf-8")
     for appearance in APPEARANCES:
         for start in ("scratch", "flipit"):
@@ -110,7 +110,7 @@ def test_official_page__shares_of_syntax_are_the_rules(official_data: Path):
                 assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
 
 
-def test_official_chart__is_the_one_that_the_command_draws(official: CorpusStatistics, tmp_path: Path):
+def test_official_chart__matches_the_command_output(official: CorpusStatistics, tmp_path: Path):
     def texts(path: Path) -> list[str | None]:
         return [element.text for element in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")]
 

@@ -1,4 +1,4 @@
-"""Downloading over HTTP from a server on loopback that breaks off, lies, refuses and forgets."""
+"""Downloads from a local server that misbehaves: broken connections, wrong content, refusals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REPOSITORY, COMMIT = "lil-lab/lilgym", "c0ffee" * 6 + "c0ff"
 
 
 def _nothing(have: int, total: int | None) -> None:
-    """Shows no progress."""
+    """A progress callback that does nothing."""
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def pauses() -> list[float]:
 
 @pytest.fixture
 def retries(pauses: list[float]) -> RetryPolicy:
-    """Waits in no time, and notes how long it would have been."""
+    """A retry policy that records its pauses instead of sleeping."""
     return RetryPolicy(tries=3, timeout=5.0, pause=pauses.append)
 
 
@@ -43,7 +43,7 @@ def part(tmp_path: Path) -> Path:
     return tmp_path / "file.part"
 
 
-def test_fetch__a_file_comes_whole_with_its_progress(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__downloads_the_whole_file_and_reports_progress(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     seen: list[tuple[int, int | None]] = []
     fetch(f"{web.url}/file", part, lambda have, total: seen.append((have, total)), retries)
@@ -52,7 +52,7 @@ def test_fetch__a_file_comes_whole_with_its_progress(web: Web, part: Path, retri
     assert seen[-1] == (len(CONTENT), len(CONTENT))
 
 
-def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__resumes_a_partial_download(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     part.write_bytes(CONTENT[:1000])
     fetch(f"{web.url}/file", part, _nothing, retries)
@@ -70,7 +70,7 @@ def test_fetch__goes_on_where_an_earlier_one_stopped(web: Web, part: Path, retri
         (Misdeed(status=403, headers={"Retry-After": "7"}), [None, None]),
     ],
 )
-def test_fetch__tries_again_after_what_may_pass(
+def test_fetch__retries_temporary_failures(
     misdeed: Misdeed, ranges: list[str | None], web: Web, part: Path, retries: RetryPolicy
 ):
     web.files["/file"] = CONTENT
@@ -90,9 +90,7 @@ def test_fetch__tries_again_after_what_may_pass(
     ],
     ids=["ignores the range", "another range", "no range", "no such range"],
 )
-def test_fetch__a_server_that_cannot_go_on_is_asked_for_all(
-    misdeed: Misdeed, web: Web, part: Path, retries: RetryPolicy
-):
+def test_fetch__restarts_when_the_server_cannot_resume(misdeed: Misdeed, web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [misdeed]
     part.write_bytes(b"x" * 1000)
@@ -100,23 +98,21 @@ def test_fetch__a_server_that_cannot_go_on_is_asked_for_all(
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__pauses_grow_and_follow_the_server(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
+def test_fetch__pauses_grow_and_honour_retry_after(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(status=500), Misdeed(status=503, headers={"Retry-After": "9"})]
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert pauses == [1.0, 9.0]
 
 
-def test_fetch__new_bytes_give_new_tries(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__progress_resets_the_tries(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(breaks_after=20_000)] * 6
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__a_server_that_stays_broken_is_given_up_and_what_came_is_kept(
-    web: Web, part: Path, retries: RetryPolicy
-):
+def test_fetch__gives_up_on_a_broken_server_and_keeps_the_partial_file(web: Web, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     web.misdeeds["/file"] = [Misdeed(breaks_after=5000)] + [Misdeed(resets=True)] * 3
     with pytest.raises(InterruptionError, match=r"invalid response.*tried 3 times"):
@@ -124,7 +120,7 @@ def test_fetch__a_server_that_stays_broken_is_given_up_and_what_came_is_kept(
     assert part.read_bytes() == CONTENT[:5000]
 
 
-def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
+def test_fetch__gives_up_when_asked_to_wait_too_long(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
     web.misdeeds["/file"] = [Misdeed(status=429, headers={"Retry-After": "3600"})]
     with pytest.raises(InterruptionError, match=r"answers 429.*tried once"):
         fetch(f"{web.url}/file", part, _nothing, retries)
@@ -139,14 +135,16 @@ def test_fetch__a_long_wait_is_not_waited_for(web: Web, part: Path, retries: Ret
         (Misdeed(content=b"", headers={"Content-Length": str(10**12)}), "more than any file of the release"),
     ],
 )
-def test_fetch__a_refusal_is_final(misdeed: Misdeed, message: str, web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__a_refusal_is_not_retried(misdeed: Misdeed, message: str, web: Web, part: Path, retries: RetryPolicy):
     web.misdeeds["/file"] = [misdeed]
     with pytest.raises(CorpusError, match=message):
         fetch(f"{web.url}/file", part, _nothing, retries)
     assert len(web.asked) == 1
 
 
-def test_fetch__without_a_server_the_host_is_named(part: Path, retries: RetryPolicy, monkeypatch: pytest.MonkeyPatch):
+def test_fetch__unreachable_server_error_names_the_host(
+    part: Path, retries: RetryPolicy, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
@@ -155,14 +153,14 @@ def test_fetch__without_a_server_the_host_is_named(part: Path, retries: RetryPol
             fetch(f"http://{host}/file", part, _nothing, retries)
 
 
-def test_fetch_text__an_answer_cut_short_is_asked_for_again(web: Web, retries: RetryPolicy):
+def test_fetch_text__retries_a_truncated_response(web: Web, retries: RetryPolicy):
     web.files["/text"] = "caf\u00e9".encode()
     web.misdeeds["/text"] = [Misdeed(breaks_after=2)]
     assert fetch_text(f"{web.url}/text", retries) == "caf\u00e9"
 
 
 @pytest.mark.parametrize("url", ["file:///etc/passwd", "ftp://host/file", "host/file", "http://"])
-def test_fetch__other_urls_are_refused(url: str, part: Path, retries: RetryPolicy):
+def test_fetch__unsupported_urls_are_errors(url: str, part: Path, retries: RetryPolicy):
     with pytest.raises(CorpusError, match="a URL must start with http:// or https://"):
         fetch(url, part, _nothing, retries)
     with pytest.raises(CorpusError, match="a URL must start with"):
@@ -170,7 +168,7 @@ def test_fetch__other_urls_are_refused(url: str, part: Path, retries: RetryPolic
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:port/file", "http://127.0.0.1/two words"])
-def test_fetch__a_url_that_cannot_be_is_final(url: str, part: Path, retries: RetryPolicy, pauses: list[float]):
+def test_fetch__an_invalid_url_is_not_retried(url: str, part: Path, retries: RetryPolicy, pauses: list[float]):
     with pytest.raises(CorpusError, match=r"cannot download from .http://127"):
         fetch(url, part, _nothing, retries)
     assert pauses == []
@@ -201,7 +199,7 @@ def _scratch_path(web: Web) -> str:
     return f"/{REPOSITORY}/{COMMIT}/some/where/{SCRATCH}"
 
 
-def test_download__installs_what_load_tasks_reads(download: Download, target: Path):
+def test_download__installs_files_that_load_tasks_reads(download: Download, target: Path):
     installation = download()
     assert [task.id for task in load_tasks(target, "tower", "flipit", "test")] == ["blue-yes", "blue-no", "pair-no"]
     assert (installation.revision, installation.source) == (COMMIT, f"{REPOSITORY} at HEAD")
@@ -209,7 +207,7 @@ def test_download__installs_what_load_tasks_reads(download: Download, target: Pa
     assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
 
 
-def test_download__goes_on_after_an_interruption(download: Download, target: Path, web: Web):
+def test_download__resumes_after_an_interruption(download: Download, target: Path, web: Web):
     broken = Misdeed(breaks_after=10)
     web.misdeeds[_scratch_path(web)] = [broken, *[Misdeed(resets=True)] * 3]
     with pytest.raises(InterruptionError):
@@ -220,7 +218,7 @@ def test_download__goes_on_after_an_interruption(download: Download, target: Pat
     assert read_installation(target) is not None
 
 
-def test_download__files_that_came_whole_are_not_asked_for_again(download: Download, target: Path, web: Web):
+def test_download__complete_files_are_not_requested_again(download: Download, target: Path, web: Web):
     second = next(path for path in web.files if path.endswith(FLIPIT))
     web.misdeeds[second] = [Misdeed(resets=True)] * 3
     with pytest.raises(InterruptionError):
@@ -229,7 +227,7 @@ def test_download__files_that_came_whole_are_not_asked_for_again(download: Downl
     assert len(web.asked_for(_scratch_path(web))) == 1
 
 
-def test_download__wrong_bytes_are_refused_and_removed(download: Download, target: Path, web: Web):
+def test_download__files_with_a_wrong_checksum_are_removed(download: Download, target: Path, web: Web):
     content = web.files[_scratch_path(web)]
     web.misdeeds[_scratch_path(web)] = [Misdeed(content=content.replace(b"Blue", b"Pink"))]
     with pytest.raises(CorpusError, match=r"tower_scratch_test.json: checksum mismatch: Git object id"):
@@ -237,7 +235,7 @@ def test_download__wrong_bytes_are_refused_and_removed(download: Download, targe
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__a_spoilt_beginning_is_fetched_anew(download: Download, target: Path, web: Web):
+def test_download__a_corrupt_partial_file_is_restarted(download: Download, target: Path, web: Web):
     web.misdeeds[_scratch_path(web)] = [
         Misdeed(content=b"?" * 10, headers={"Content-Length": "90"}),
         *[Misdeed(resets=True)] * 3,
@@ -249,7 +247,7 @@ def test_download__a_spoilt_beginning_is_fetched_anew(download: Download, target
     assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
 
 
-def test_download__a_repository_without_the_files_is_refused_by_name(
+def test_download__missing_files_in_the_repository_are_named(
     web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"data/{SCRATCH}": small_release[SCRATCH]})
@@ -258,7 +256,7 @@ def test_download__a_repository_without_the_files_is_refused_by_name(
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__two_different_files_of_one_name_are_refused(
+def test_download__different_files_of_one_name_are_an_error(
     web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"a/{SCRATCH}": small_release[SCRATCH], f"b/{SCRATCH}": b"{}"})
@@ -267,14 +265,14 @@ def test_download__two_different_files_of_one_name_are_refused(
 
 
 @pytest.mark.parametrize("answer", [b"<html>", b"[]", b'{"sha": 1}'])
-def test_download__a_listing_that_is_none_is_refused(answer: bytes, web: Web, target: Path, retries: RetryPolicy):
+def test_download__an_invalid_listing_is_an_error(answer: bytes, web: Web, target: Path, retries: RetryPolicy):
     web.files[f"/repos/{REPOSITORY}/commits/HEAD"] = answer
     with pytest.raises(CorpusError, match=r"the response cannot be read|not a JSON object|contains no commit"):
         download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
     assert not target.exists()
 
 
-def test_download__an_exhausted_allowance_tells_when_to_come_back(web: Web, target: Path, retries: RetryPolicy):
+def test_download__rate_limit_error_says_when_to_retry(web: Web, target: Path, retries: RetryPolicy):
     web.misdeeds[f"/repos/{REPOSITORY}/commits/HEAD"] = [Misdeed(status=403, headers={"X-RateLimit-Remaining": "0"})]
     with pytest.raises(InterruptionError, match="rate limit exceeded; try again in an hour"):
         download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
@@ -307,7 +305,7 @@ def test_download__a_web_directory_needs_no_listing(
     ],
     ids=["another statement", "another number", "a wrong label", "broken"],
 )
-def test_download__files_of_another_version_are_refused_and_removed(
+def test_download__files_of_another_version_are_removed(
     name: str,
     old: str,
     new: str,
@@ -324,9 +322,7 @@ def test_download__files_of_another_version_are_refused_and_removed(
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__a_disk_too_small_is_told_before_anything_comes(
-    download: Download, target: Path, web: Web, monkeypatch: pytest.MonkeyPatch
-):
+def test_download__checks_disk_space_first(download: Download, target: Path, web: Web, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 5}))
     with pytest.raises(CorpusError, match=r"no space left on the disk of .*: the files need \d+ bytes, 5 are free"):
         download()
@@ -334,9 +330,7 @@ def test_download__a_disk_too_small_is_told_before_anything_comes(
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__a_disk_that_fills_up_leaves_nothing(
-    download: Download, target: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_download__a_full_disk_leaves_no_files(download: Download, target: Path, monkeypatch: pytest.MonkeyPatch):
     def full(*_: object) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -346,7 +340,7 @@ def test_download__a_disk_that_fills_up_leaves_nothing(
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__progress_is_told_by_file(
+def test_download__reports_progress_per_file(
     repository: GitHub, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     seen: dict[str, int] = {}
@@ -359,7 +353,7 @@ def test_download__progress_is_told_by_file(
     assert seen == {name: len(content) for name, content in small_release.items()}
 
 
-def test_download__the_listing_names_the_files_of_the_commit_that_was_asked(
+def test_download__uses_the_files_of_the_requested_commit(
     web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {SCRATCH: small_release[SCRATCH]})

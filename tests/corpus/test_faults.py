@@ -1,4 +1,4 @@
-"""Faulty corpora: each is refused with file, place and fault, and `check_corpus` finds them all."""
+"""Faulty corpora: errors name the file, the place and the fault, and `check_corpus` finds all faults."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FILE_FAULTS = {
 
 
 @pytest.mark.parametrize("case", FILE_FAULTS)
-def test_file__broken_ones_are_refused_by_name_and_fault(case: str, tmp_path: Path):
+def test_file__errors_name_the_file_and_the_fault(case: str, tmp_path: Path):
     content, message = FILE_FAULTS[case]
     path = tmp_path / "own.jsonl"
     path.write_bytes(content)
@@ -48,25 +48,25 @@ def test_file__broken_ones_are_refused_by_name_and_fault(case: str, tmp_path: Pa
     assert not check_corpus(path).ok
 
 
-def test_file__plain_text_named_gz_is_refused(tmp_path: Path):
+def test_file__plain_text_named_gz_is_an_error(tmp_path: Path):
     path = tmp_path / "own.jsonl.gz"
     path.write_bytes(HEADER + GOOD_ENTRY)
     with pytest.raises(CorpusError, match=r"own\.jsonl\.gz: broken gzip file"):
         load_tasks(path, "tower", "scratch", "train")
 
 
-def test_file__a_missing_one_is_refused_with_the_choices(tmp_path: Path):
+def test_file__missing_file_error_names_the_choices(tmp_path: Path):
     with pytest.raises(CorpusError, match=r"no corpus .*gone\.jsonl.*choose from \"builtin\""):
         load_tasks(tmp_path / "gone.jsonl", "tower", "scratch", "train")
 
 
-def test_file__an_unreadable_one_is_refused(tmp_path: Path):
+def test_file__an_unreadable_file_is_an_error(tmp_path: Path):
     (tmp_path / "tower_scratch_train.json").mkdir()
     with pytest.raises(CorpusError, match=r"tower_scratch_train\.json: cannot be read"):
         load_tasks(tmp_path, "tower", "scratch", "train")
 
 
-def test_directory__without_released_files_is_refused(tmp_path: Path):
+def test_directory__without_released_files_is_an_error(tmp_path: Path):
     with pytest.raises(CorpusError, match=r"lacks tower_scratch_train\.json; it has none of the released files"):
         load_tasks(tmp_path, "tower", "scratch", "train")
     assert "none of the released files" in str(check_corpus(tmp_path))
@@ -129,7 +129,7 @@ ENTRY_FAULTS: dict[str, tuple[Callable[[Entries], Entries], str]] = {
 
 
 @pytest.mark.parametrize("case", ENTRY_FAULTS)
-def test_entry__faulty_ones_are_refused_by_name_and_fault(case: str, entries: Entries, written: Writer):
+def test_entry__errors_name_the_entry_and_the_fault(case: str, entries: Entries, written: Writer):
     spoil, message = ENTRY_FAULTS[case]
     path = written(spoil(entries))
     with pytest.raises(CorpusError, match=rf"own\.jsonl, line [234].*{message}"):
@@ -142,7 +142,7 @@ def test_entry__faulty_ones_are_refused_by_name_and_fault(case: str, entries: En
     [({"x_loc": 90}, "box 1"), ({"y_loc": -1}, "box 1")],
     ids=["crosses the wall", "above the box"],
 )
-def test_scatter_entry__items_outside_the_box_are_refused(
+def test_scatter_entry__items_outside_the_box_are_faults(
     change: dict[str, int], message: str, entries: Entries, written: Writer
 ):
     entries[2]["starts"][0]["scene"][1][0].update(change)
@@ -150,7 +150,7 @@ def test_scatter_entry__items_outside_the_box_are_refused(
         load_tasks(written(entries), "scatter", "flipit", "dev")
 
 
-def test_scatter_entry__overlapping_items_are_refused(entries: Entries, written: Writer):
+def test_scatter_entry__overlapping_items_are_faults(entries: Entries, written: Writer):
     circles = entries[2]["starts"][0]["scene"][1]
     circles.append({**circles[0], "x_loc": circles[0]["x_loc"] + 10})
     with pytest.raises(CorpusError, match="start 'round-yes': scene: box 1"):
@@ -166,7 +166,7 @@ RELEASED_FAULTS = {
 
 
 @pytest.mark.parametrize("case", RELEASED_FAULTS)
-def test_released_entry__faulty_ones_are_refused_by_name_and_fault(case: str, released: Path):
+def test_released_entry__errors_name_the_entry_and_the_fault(case: str, released: Path):
     change, message = RELEASED_FAULTS[case]
     path = released / "tower_flipit_test.json"
     content = json.loads(path.read_text())
@@ -180,7 +180,7 @@ def test_released_entry__faulty_ones_are_refused_by_name_and_fault(case: str, re
     ("text", "message"),
     [("[]", "must be one JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
 )
-def test_released_file__broken_ones_are_refused_by_name(text: str, message: str, released: Path):
+def test_released_file__errors_name_the_file(text: str, message: str, released: Path):
     (released / "tower_scratch_test.json").write_text(text)
     with pytest.raises(CorpusError, match=rf"tower_scratch_test\.json: {message}"):
         load_tasks(released, "tower", "scratch", "test")
@@ -189,7 +189,7 @@ def test_released_file__broken_ones_are_refused_by_name(text: str, message: str,
     assert sum(count.tasks for count in report.counts) == 3  # the other file's are counted all the same
 
 
-def test_check__a_faultless_corpus_is_counted(entries: Entries, written: Writer):
+def test_check__counts_the_tasks_of_a_valid_corpus(entries: Entries, written: Writer):
     report = check_corpus(written(entries))
     assert report.ok
     counts = {(c.appearance, c.start, c.split): (c.tasks, c.contexts) for c in report.counts if c.tasks}
@@ -214,7 +214,7 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
         assert message in fault
 
 
-def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
+def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(
     entries: Entries, written: Writer, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
@@ -234,7 +234,7 @@ def test_check__a_program_that_needs_too_many_steps_is_tried_on_one_scene(
     assert "needs more than 1000000 steps on this scene" in fault.what
 
 
-def test_check__a_generated_corpus_is_counted(monkeypatch: pytest.MonkeyPatch):
+def test_check__counts_the_tasks_of_a_generated_corpus(monkeypatch: pytest.MonkeyPatch):
     only = [load_tasks("generated:2", "tower", "flipit", "dev")]
     monkeypatch.setattr("lilgym_mp.corpus.checking.load_all_tasks", lambda corpus: only)
     report = check_corpus("generated:2")
@@ -242,12 +242,12 @@ def test_check__a_generated_corpus_is_counted(monkeypatch: pytest.MonkeyPatch):
     assert [count[:4] for count in report.counts] == [("tower", "flipit", "dev", len(only[0]))]
 
 
-def test_check__a_generated_corpus_that_cannot_be_is_refused():
+def test_check__an_invalid_generated_corpus_is_an_error():
     with pytest.raises(CorpusError, match="generated:9"):
         check_corpus("generated:9")
 
 
-def test_check__absent_released_files_are_listed_and_no_fault(released: Path):
+def test_check__missing_released_files_are_listed_but_not_faults(released: Path):
     report = check_corpus(released)
     assert report.ok
     assert len(report.absent_files) == 10

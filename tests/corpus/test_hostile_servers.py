@@ -1,4 +1,4 @@
-"""Downloads from some servers of checks/hostile_servers.py end soon with one clear error."""
+"""Downloads from servers of checks/hostile_servers.py end quickly with one clear error."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MESSAGES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MESSAGES)
-def test_hostile_servers__fail_soon_with_one_printable_line(name: str) -> None:
+def test_hostile_servers__cause_one_printable_error_line_quickly(name: str) -> None:
     message, seconds = outcome(name, text=False)
     assert seconds < MAX_SECONDS
     assert MESSAGES[name] in message
@@ -32,7 +32,7 @@ def test_hostile_servers__fail_soon_with_one_printable_line(name: str) -> None:
 
 
 @pytest.mark.long
-def test_hostile_servers__a_dripping_text_fails_too() -> None:
+def test_hostile_servers__a_slow_text_response_is_an_error() -> None:
     message, seconds = outcome("drips a body of unknown length", text=True)
     assert seconds < MAX_SECONDS
     assert TOO_SLOW in message

@@ -1,4 +1,4 @@
-"""Installing the official corpus from a directory: whole or not at all."""
+"""Atomic installation of the official corpus from a directory."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def target(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def checkout(tmp_path: Path, small_release: dict[str, bytes]) -> Path:
-    """A checkout whose files lie in different directories, one of them twice."""
+    """A checkout with files in different directories, one of them twice."""
     for name, place in ((SCRATCH, "data"), (FLIPIT, "data/deep"), (FLIPIT, "copy")):
         path = tmp_path / "checkout" / place / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -33,7 +33,7 @@ def checkout(tmp_path: Path, small_release: dict[str, bytes]) -> Path:
     return tmp_path / "checkout"
 
 
-def test_import__files_are_found_wherever_they_lie(checkout: Path, target: Path):
+def test_import__finds_files_in_any_directory(checkout: Path, target: Path):
     installation = import_official(checkout, NAMES, target)
     assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
     assert installation.source == str(checkout)
@@ -50,18 +50,18 @@ def test_import__missing_files_are_named(checkout: Path, target: Path):
     assert not target.parent.exists()
 
 
-def test_import__no_directory_is_refused(tmp_path: Path, target: Path):
+def test_import__a_missing_directory_is_an_error(tmp_path: Path, target: Path):
     with pytest.raises(CorpusError, match="nowhere: no such directory"):
         import_official(tmp_path / "nowhere", NAMES, target)
 
 
-def test_import__two_different_files_of_one_name_are_refused(checkout: Path, target: Path):
+def test_import__different_files_of_one_name_are_an_error(checkout: Path, target: Path):
     (checkout / "copy" / FLIPIT).write_text("{}")
     with pytest.raises(CorpusError, match=f"several different files {FLIPIT}"):
         import_official(checkout, NAMES, target)
 
 
-def test_import__files_of_another_version_leave_what_was_installed(checkout: Path, target: Path):
+def test_import__files_of_another_version_keep_the_previous_installation(checkout: Path, target: Path):
     first = import_official(checkout, NAMES, target)
     (checkout / "data" / SCRATCH).write_text('{"7": {"sentence": "Other.", "lf": "exist(all_items)"}}')
     with pytest.raises(CorpusError, match=rf"^{SCRATCH}: is not the file of release 0\.0\.1"):
@@ -70,13 +70,13 @@ def test_import__files_of_another_version_leave_what_was_installed(checkout: Pat
     assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
 
 
-def test_import__takes_the_place_of_what_was_installed(checkout: Path, target: Path):
+def test_import__replaces_the_previous_installation(checkout: Path, target: Path):
     import_official(checkout, NAMES, target)
     import_official(checkout, [SCRATCH], target)
     assert sorted(path.name for path in target.iterdir()) == ["installed.json", SCRATCH]
 
 
-def test_install__a_swap_that_was_cut_short_is_undone(checkout: Path, target: Path):
+def test_install__an_interrupted_swap_is_undone(checkout: Path, target: Path):
     first = import_official(checkout, NAMES, target)
     target.rename(target.with_name("lilgym.previous"))
     with pytest.raises(CorpusError, match="lacks"):
@@ -86,7 +86,7 @@ def test_install__a_swap_that_was_cut_short_is_undone(checkout: Path, target: Pa
     assert read_installation(target) == first
 
 
-def test_staging__is_for_one_at_a_time(target: Path):
+def test_staging__is_exclusive(target: Path):
     message = "another process is installing the official corpus"
     with staging_area(target, "here"), pytest.raises(CorpusError, match=message), staging_area(target, "there"):
         pass
@@ -106,19 +106,19 @@ def test_staging__files_are_kept_for_the_same_source(target: Path):
     assert list(target.parent.iterdir()) == []
 
 
-def test_staging__nothing_is_kept_where_nothing_came(target: Path):
+def test_staging__is_removed_when_empty(target: Path):
     with contextlib.suppress(KeyboardInterrupt), staging_area(target, "here"):
         raise KeyboardInterrupt
     assert list(target.parent.iterdir()) == []
 
 
-def test_staging__files_from_another_source_are_not_used(target: Path):
+def test_staging__files_from_another_source_are_removed(target: Path):
     _interrupted(target, "here")
     with staging_area(target, "there") as files:
         assert list(files.iterdir()) == []
 
 
-def test_staging__a_place_that_cannot_be_written_is_named(tmp_path: Path):
+def test_staging__error_names_an_unwritable_directory(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(CorpusError, match=r"file.*cannot be written"),
@@ -127,7 +127,7 @@ def test_staging__a_place_that_cannot_be_written_is_named(tmp_path: Path):
         pass
 
 
-def test_intact_installation__has_the_files_unchanged_from_the_source(checkout: Path, target: Path):
+def test_intact_installation__requires_unmodified_files_from_the_source(checkout: Path, target: Path):
     assert intact_installation(target, NAMES, None) is None
     installation = import_official(checkout, NAMES, target)
     assert intact_installation(target, [SCRATCH], None) == installation
@@ -140,7 +140,7 @@ def test_intact_installation__has_the_files_unchanged_from_the_source(checkout: 
     assert intact_installation(target, NAMES, None) is None
 
 
-def test_check__changed_and_lost_files_of_an_installation_are_faults(checkout: Path, target: Path):
+def test_check__modified_and_missing_installed_files_are_faults(checkout: Path, target: Path):
     import_official(checkout, NAMES, target)
     assert check_corpus(target).ok
     text = (target / FLIPIT).read_text()
@@ -152,20 +152,20 @@ def test_check__changed_and_lost_files_of_an_installation_are_faults(checkout: P
     ]
 
 
-def test_check__a_broken_record_of_the_installation_is_a_fault(checkout: Path, target: Path):
+def test_check__an_invalid_manifest_is_a_fault(checkout: Path, target: Path):
     import_official(checkout, NAMES, target)
     for record in ("{", "{}", '{"format": "other", "version": 1}', '{"format": "lilgym_mp-official", "version": 1}'):
         (target / "installed.json").write_text(record)
         assert any("installed.json: cannot be read" in str(fault) for fault in check_corpus(target).faults)
 
 
-def test_facts__every_released_file_has_its_numbers():
+def test_file_facts__cover_every_released_file():
     assert set(FILE_FACTS) == set(official_names())
     scratch = sum(facts.tasks for name, facts in FILE_FACTS.items() if "scratch" in name)
     assert STATEMENT_COUNT < scratch == 2_959
 
 
-def test_import__the_official_dev_files_are_known_by_content(official_data: Path, target: Path):
+def test_import__official_dev_files_are_verified_by_content(official_data: Path, target: Path):
     installation = import_official(official_data, official_names(["dev"]), target)
     assert [(file.proof, file.remark) for file in installation.files] == [("content digest", None)] * 4
 
@@ -175,7 +175,7 @@ def test_import__the_official_files_without_test_are_partial(official_data: Path
         import_official(official_data, official_names(), target)
 
 
-def test_content_digest__blanks_and_order_of_keys_do_not_matter(tmp_path: Path):
+def test_content_digest__ignores_whitespace_and_key_order(tmp_path: Path):
     compact = '{"a":{"sentence":"S.","lf":"exist(all_items)","label":"true","structured_rep":[[],[],[]]}}'
     spread = '{ "a": {"structured_rep": [[ ], [ ], [ ]], "label": "true", "lf": "exist(all_items)", "sentence": "S."} }'
     other = compact.replace("true", "false")

@@ -1,4 +1,4 @@
-"""Loading tasks: which ones, in what order, from where, and how often the file is read."""
+"""Loading tasks: contents, order, locations and caching."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_load__equal_start_scenes_are_one_object(tower_starts: TaskSet):
     assert tower_starts.by_id("pair-no").start is tower_starts.by_id("blue-yes").start
 
 
-def test_load__the_same_file_is_read_once(entries: Entries, written: Writer):
+def test_load__caches_an_unchanged_file(entries: Entries, written: Writer):
     path = written(entries)
     assert load_tasks(path, "tower", "scratch", "train") is load_tasks(path, "tower", "scratch", "train")
 
@@ -63,7 +63,7 @@ def test_load__a_changed_file_is_read_again(entries: Entries, written: Writer):
     assert before.ids == ("blue", "pair")
 
 
-def test_load__a_split_without_tasks_is_refused_by_name(entries: Entries, written: Writer):
+def test_load__a_split_without_tasks_is_an_error(entries: Entries, written: Writer):
     with pytest.raises(CorpusError, match=r"own\.jsonl: has no tasks for .* tower flipit, split 'test'"):
         load_tasks(written(entries), "tower", "flipit", "test")
 
@@ -76,12 +76,12 @@ def test_load__a_split_without_tasks_is_refused_by_name(entries: Entries, writte
         ("tower", "scratch", "valid", "unknown split 'valid'; choose from dev, test, train"),
     ],
 )
-def test_load__unknown_names_are_refused_with_the_choices(appearance: str, start: str, split: str, message: str):
+def test_load__unknown_names_are_errors_with_the_choices(appearance: str, start: str, split: str, message: str):
     with pytest.raises(ValueError, match=message):
         load_tasks("builtin", appearance, start, split)
 
 
-def test_provenance__tells_file_and_its_sha256(entries: Entries, written: Writer):
+def test_provenance__has_the_file_and_its_sha256(entries: Entries, written: Writer):
     path = written(entries)
     provenance = load_tasks(path, "scatter", "flipit", "dev").provenance
     assert (provenance.name, provenance.path, provenance.split) == ("own", str(path), "dev")
@@ -90,7 +90,7 @@ def test_provenance__tells_file_and_its_sha256(entries: Entries, written: Writer
     assert load_tasks(path, "scatter", "flipit", "dev").provenance.sha256 != provenance.sha256
 
 
-def test_by_id__an_unknown_id_names_the_set_and_close_ids(tower_starts: TaskSet):
+def test_by_id__unknown_id_error_names_the_task_set_and_similar_ids(tower_starts: TaskSet):
     with pytest.raises(ValueError, match=r"no task 'blue-yess' in .* tower flipit, split 'train'.*blue-yes"):
         tower_starts.by_id("blue-yess")
 
@@ -104,7 +104,7 @@ def test_task_set__is_a_sequence_that_survives_pickling(tower_starts: TaskSet):
     assert copied.by_id("blue-no") == tower_starts.by_id("blue-no")
 
 
-def test_tags__are_the_entrys_for_its_task_and_for_those_of_its_starts(entries: Entries, written: Writer):
+def test_tags__apply_to_all_tasks_of_the_entry(entries: Entries, written: Writer):
     entries[0]["tags"] = ["easy", "level 1"]
     path = written(entries)
     assert load_tasks(path, "tower", "scratch", "train").tags("blue") == ("easy", "level 1")
@@ -132,7 +132,7 @@ def test_released_directory__a_missing_file_is_named(released: Path):
         load_tasks(released, "scatter", "flipit", "dev")
 
 
-def test_official_corpus__is_found_through_the_variable(released: Path, monkeypatch: pytest.MonkeyPatch):
+def test_official_corpus__is_found_through_the_environment_variable(released: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("LILGYM_DATA", str(released))
     assert load_tasks("lilgym", "tower", "scratch", "test").provenance.corpus == "lilgym"
 
@@ -144,7 +144,7 @@ def test_official_corpus__is_looked_for_in_the_user_cache(tmp_path: Path, monkey
     assert official_directory() == tmp_path / "lilgym_mp" / "lilgym"
 
 
-def test_official_corpus__its_absence_tells_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_official_corpus__missing_corpus_error_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(CorpusError, match=r"nowhere is not a directory .*LILGYM_DATA.*lilgym-mp data download"):
         load_tasks("lilgym", "tower", "scratch", "train")

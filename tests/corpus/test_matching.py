@@ -1,4 +1,4 @@
-"""Tasks that only scenes of the corpus solve, where there are such scenes."""
+"""Tasks solved only by scenes of the corpus."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.corpus.matching import matching_corpus, solvable_matching_corpus
 from tests.own_corpus import write_own_corpus
 
 
-def test_solvable_matching_corpus__leaves_out_tasks_without_a_scene_to_reach(tmp_path: Path):
+def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path: Path):
     corpus = write_own_corpus(tmp_path / "own.jsonl")
     lines = [json.loads(line) for line in corpus.read_text().splitlines()]
     without = next(line for line in lines[1:] if (line["appearance"], line["split"]) == ("tower", "train"))

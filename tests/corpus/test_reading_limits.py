@@ -1,4 +1,4 @@
-"""Files that are no files, or too large: one clear error, little memory, no waiting."""
+"""Irregular or too large files: one clear error, little memory, no blocking."""
 
 from __future__ import annotations
 
@@ -29,33 +29,33 @@ except CorpusError as fault:
 
 
 def read_in_child(path: Path) -> str:
-    """What reading the file says, in a process of limited memory and time."""
+    """The output of reading the file in a process with limited memory and time."""
     done = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr[-500:]
     return done.stdout
 
 
-def test_read__a_file_that_unpacks_to_gigabytes_is_refused(tmp_path: Path) -> None:
+def test_read__a_decompression_bomb_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "bomb.jsonl.gz"
     megabyte = gzip.compress(bytes(1_000_000))
     path.write_bytes(megabyte * 3_000)  # three gigabytes, in three megabytes
     assert "a corpus file may have at most 268435456 bytes when unpacked" in read_in_child(path)
 
 
-def test_read__a_device_is_no_file(tmp_path: Path) -> None:
+def test_read__a_device_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "zero.jsonl"
     path.symlink_to("/dev/zero")
     assert f"{path}: cannot be read: not a regular file" in read_in_child(path)
 
 
-def test_read__a_large_file_is_refused(tmp_path: Path) -> None:
+def test_read__a_large_file_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "sparse.jsonl"
     with path.open("wb") as file:
         file.truncate(10**11)
     assert "a corpus file may have at most 268435456 bytes" in read_in_child(path)
 
 
-def test_read__a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+def test_read__a_pipe_does_not_block(tmp_path: Path) -> None:
     path = tmp_path / "pipe.jsonl"
     os.mkfifo(path)
     with pytest.raises(CorpusError, match="not a regular file"):
@@ -65,18 +65,18 @@ def test_read__a_pipe_is_not_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a" * 5_000, "a\0b"])
-def test_read__names_that_cannot_be_are_faults(name: str, tmp_path: Path) -> None:
+def test_read__invalid_file_names_are_errors(name: str, tmp_path: Path) -> None:
     with pytest.raises(CorpusError, match="cannot be read"):
         read_bytes(tmp_path / name)
 
 
-def test_import__takes_no_pipe_for_a_file(tmp_path: Path) -> None:
+def test_import__a_pipe_is_an_error(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "tower_scratch_dev.json")
     with pytest.raises(CorpusError, match="not a regular file"):
         import_official(tmp_path, ["tower_scratch_dev.json"], tmp_path / "target")
 
 
-def test_errors__write_control_characters_out(tmp_path: Path) -> None:
+def test_errors__escape_control_characters(tmp_path: Path) -> None:
     path = tmp_path / "red\x1b[31m.jsonl"
     with pytest.raises(CorpusError) as fault:
         read_text(path)

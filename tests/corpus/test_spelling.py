@@ -1,4 +1,4 @@
-"""Words out of statements as people type them: lilgym_mp.corpus.spelling."""
+"""Normalisation and spelling correction of statements."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_normalised_words__unknown_words_may_be_marked() -> None:
     assert normalised_words("a purple box", KNOWN, unknown="?") == ["a", "?", "box"]
 
 
-def test_normalised_words__a_word_near_to_two_stays() -> None:
+def test_normalised_words__ambiguous_corrections_are_not_made() -> None:
     assert normalised_words("bat", ["cat", "bar"]) == ["bat"]
     assert normalised_words("bqr", ["bar", "cqr"]) == ["bar"], "the one with the same first and last letter"
 
@@ -48,12 +48,12 @@ def test_normalised_words__known_words_are_never_changed() -> None:
     assert normalised_words("tower towel", ["tower", "towel"]) == ["tower", "towel"]
 
 
-def test_normalised_words__short_words_bear_one_slip_and_long_ones_two() -> None:
+def test_normalised_words__corrects_one_edit_in_short_words_and_two_in_long_ones() -> None:
     assert normalised_words("blcok blxxk", KNOWN) == ["block", "blxxk"]
     assert normalised_words("trxangxe", KNOWN) == ["triangle"]
 
 
-def test_normalised_words__absurd_lengths_are_passed_through() -> None:
+def test_normalised_words__very_long_words_are_kept() -> None:
     assert normalised_words("x" * 10_000, KNOWN) == ["x" * 10_000]
     assert len(normalised_words("qzfw yelow " * 5_000, KNOWN)) == 10_000
 

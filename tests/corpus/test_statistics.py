@@ -1,4 +1,4 @@
-"""What a corpus's statistics count, and the charts of them."""
+"""Corpus statistics and their charts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 @pytest.fixture
 def statistics(entries: Entries, written: Writer) -> CorpusStatistics:
-    """Of two train statements about towers, and of three of dev that share one with them, and a form."""
+    """Statistics of two Tower train statements, and of three dev statements that share one statement and one form."""
     program = "count(filter_color(all_items, Color.BLACK)) == 3"
     dev = [("again", "blue is HERE"), ("form", "Black is here."), ("new", "Nothing alike at all.")]
     entries += [
@@ -34,7 +34,7 @@ def statistics(entries: Entries, written: Writer) -> CorpusStatistics:
     return corpus_statistics(written(entries))
 
 
-def test_all_tasks__sets_that_are_not_there_are_left_out(entries: Entries, written: Writer):
+def test_load_all_tasks__omits_empty_sets(entries: Entries, written: Writer):
     found = [
         (s.provenance.appearance, s.provenance.start, s.provenance.split) for s in load_all_tasks(written(entries))
     ]
@@ -46,14 +46,14 @@ def test_all_tasks__sets_that_are_not_there_are_left_out(entries: Entries, writt
     ]
 
 
-def test_all_tasks__a_corpus_without_any_is_refused(written: Writer, tmp_path: Path):
+def test_load_all_tasks__a_corpus_without_tasks_is_an_error(written: Writer, tmp_path: Path):
     with pytest.raises(NoTasksError, match="has no tasks"):
         list(load_all_tasks(written([])))
     with pytest.raises(NoTasksError, match="has no tasks"):
         list(load_all_tasks(tmp_path))
 
 
-def test_all_tasks__a_faulty_corpus_is_refused(entries: Entries, written: Writer):
+def test_load_all_tasks__a_faulty_corpus_is_an_error(entries: Entries, written: Writer):
     entries[0]["program"] = "exist("
     with pytest.raises(CorpusError, match="never closed"):
         corpus_statistics(written(entries))
@@ -81,20 +81,20 @@ def test_statistics__phenomena_and_program_words_are_counted_by_statement(statis
     assert dev.program_words == {"count": 3, "filter_color": 3}
 
 
-def test_statistics__the_statement_s_words_are_asked_for_syntax(entries: Entries, written: Writer):
+def test_statistics__syntactic_phenomena_come_from_the_statement(entries: Entries, written: Writer):
     entries[0]["statement"] = "We see a box with a circle and a square."
     train = corpus_statistics(written(entries)).statements[0]
     assert train.phenomena[SyntacticPhenomenon.COORDINATION] == 1
     assert train.phenomena[SyntacticPhenomenon.PREPOSITION] == 0
 
 
-def test_statistics__what_stands_in_train_is_seen_whatever_its_case(statistics: CorpusStatistics):
+def test_statistics__seen_in_train_ignores_case(statistics: CorpusStatistics):
     _, dev, scatter = statistics.statements
     assert statistics.overlap(dev) == (3, 1, 2, 4)
     assert statistics.overlap(scatter) is None
 
 
-def test_statistics__released_files_are_held_against_the_paper(released: Path):
+def test_statistics__include_the_papers_counts_for_released_files(released: Path):
     paper = {count.start: count.paper for count in corpus_statistics(released).counts}
     assert paper["flipit"] is not None
     assert (paper["flipit"].tasks, paper["flipit"].contexts) == (1_383, 619)
@@ -112,7 +112,7 @@ def _texts(chart: str) -> list[str | None]:
     return [element.text for element in ElementTree.fromstring(chart).iter(f"{SVG}text")]
 
 
-def test_chart__bars_are_as_long_as_their_values():
+def test_chart__bar_lengths_equal_the_values():
     series = [Series("one", "#111111", [1, 2]), Series("two", "#222222", [4, 0])]
     (axes,) = bar_chart("Title", ["a < b", "c & d"], series, " %").axes
     assert [[bar.get_width() for bar in bars] for bars in axes.containers] == [[1, 2], [4, 0]]
@@ -121,18 +121,18 @@ def test_chart__bars_are_as_long_as_their_values():
     assert "4 %" in [text.get_text() for text in axes.texts]
 
 
-def test_chart__without_any_value_is_a_chart():
+def test_chart__may_be_empty():
     assert bar_chart("Nothing", [], []).axes
 
 
-def test_charts__without_matplotlib_say_what_to_install(monkeypatch: pytest.MonkeyPatch):
+def test_charts__without_matplotlib_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
     for name in ("matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ImportError, match=r'pip install "matplotlib>=.*the extra charts'):
         bar_chart("Title", [], [])
 
 
-def test_chart__a_series_of_the_wrong_length_is_refused():
+def test_chart__a_series_of_the_wrong_length_is_an_error():
     with pytest.raises(ValueError, match="series 'one' has 1 values for 2 categories"):
         bar_chart("Title", ["a", "b"], [Series("one", "red", [1])])
 

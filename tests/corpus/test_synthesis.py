@@ -1,4 +1,4 @@
-"""Start scenes that are found for statements, and the random scenes they come from."""
+"""Synthesized start scenes, and the random scenes they are based on."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_sampled_scenes__are_legal_and_not_empty(seed: int, appearance: str):
 
 
 def _item_changes(one: Scene, other: Scene) -> int:
-    """How many items one scene has that the other lacks, both ways, box by box."""
+    """The number of items that are in only one of the scenes, summed over boxes."""
 
     def lacking(box: Box, of: Box) -> int:
         return (Counter(box.items) - Counter(of.items)).total()
@@ -54,7 +54,7 @@ def test_changed_scene__differs_by_one_item(seed: int, appearance: str):
 
 
 @pytest.mark.parametrize("appearance", APPEARANCE_NAMES)
-def test_start_scenes__are_pairs_that_differ_by_one_item_and_the_truth(appearance: str):
+def test_start_scenes__are_pairs_that_differ_by_one_item_and_truth_value(appearance: str):
     starts = start_scenes(THREE_BLUE, appearance, random.Random(1), count=6)
     assert [start.label for start in starts] == [True, False] * 3
     assert [start.label for start in starts] == [compile_program(THREE_BLUE)(start.scene) for start in starts]
@@ -64,18 +64,18 @@ def test_start_scenes__are_pairs_that_differ_by_one_item_and_the_truth(appearanc
 
 
 @pytest.mark.parametrize(("program", "value"), [("exist(all_items)", True), ("count(all_items) > 900", False)])
-def test_start_scenes__have_the_one_truth_value_that_is_met(program: str, value: bool):
+def test_start_scenes__may_have_a_single_truth_value(program: str, value: bool):
     starts = start_scenes(program, "tower", random.Random(1), count=4, walks=20)
     assert [start.label for start in starts] == [value] * 4
 
 
-def test_start_scenes__where_the_program_has_no_value_are_passed_over():
+def test_start_scenes__scenes_without_a_truth_value_are_skipped():
     starts = start_scenes("is_blue(unique(filter_obj(all_items, is_top)))", "tower", random.Random(1), count=6)
     assert [sum(bool(box.items) for box in start.scene.boxes) for start in starts] == [1] * 6
     assert {start.label for start in starts} == {True, False}
 
 
-def test_synthesize__gives_a_corpus_without_faults(entries: Entries, written: Writer, tmp_path: Path):
+def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tmp_path: Path):
     found = synthesize(written(entries), SynthesisSettings(starts=2))
     path = tmp_path / "new.jsonl"
     write_corpus(path, "new", "MIT", (entry.to_json() for entry in found))
@@ -85,7 +85,7 @@ def test_synthesize__gives_a_corpus_without_faults(entries: Entries, written: Wr
     assert [task.target for task in tasks] == [False, True, False, True]
 
 
-def test_synthesize__the_seed_decides_whatever_other_statements_there_are(entries: Entries, written: Writer):
+def test_synthesize__scenes_depend_on_seed_and_statement_only(entries: Entries, written: Writer):
     settings = SynthesisSettings(appearances=["tower"], seed=3)
     both = list(synthesize(written(entries), settings))
     alone = list(synthesize(written(entries[1:2]), settings))
@@ -93,11 +93,11 @@ def test_synthesize__the_seed_decides_whatever_other_statements_there_are(entrie
     assert alone != list(synthesize(written(entries[1:2]), settings._replace(seed=4)))
 
 
-def test_synthesize__ids_that_are_taken_twice_are_told_apart(released: Path):
+def test_synthesize__duplicate_ids_are_made_unique(released: Path):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
     assert [entry.id for entry in synthesize(released, SynthesisSettings())] == ["tower-dev-7", "tower-test-7"]
 
 
-def test_synthesize__a_corpus_without_statements_of_the_split_is_refused(entries: Entries, written: Writer):
+def test_synthesize__a_split_without_statements_is_an_error(entries: Entries, written: Writer):
     with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks for the requested configurations"):
         list(synthesize(written(entries), SynthesisSettings(splits=["test"])))

@@ -1,4 +1,4 @@
-"""Words of statements and their numbers."""
+"""Tokenisation of statements and vocabularies."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lilgym_mp.corpus import Vocabulary, VocabularyError, words
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN
 
 
-def test_words__punctuation_goes_and_apostrophes_inside_words_stay():
+def test_words__keep_only_apostrophes_inside_words():
     assert words("There isn't  a Blue-ish block, 2 'at' most!") == [
         "there", "isn't", "a", "blue", "ish", "block", "2", "at", "most",
     ]  # fmt: skip
 
 
-def test_vocabulary__words_are_sorted_lower_case_and_once():
+def test_vocabulary__words_are_sorted_lower_case_and_distinct():
     vocabulary = Vocabulary.from_statements(["Two blue.", "blue TWO at 3"])
     assert vocabulary.words == ("3", "at", "blue", "two")
     assert len(vocabulary) == 6
@@ -32,51 +32,51 @@ def test_encode__pads_at_the_end_and_marks_unknown_words():
     assert encoded.dtype == np.int64
 
 
-def test_encode__cuts_what_is_longer():
+def test_encode__truncates_longer_statements():
     assert Vocabulary(("a", "b")).encode("a b a", 2).tolist() == [2, 3]
 
 
-def test_encode__a_length_below_one_is_refused():
+def test_encode__a_length_below_one_is_an_error():
     with pytest.raises(VocabularyError, match="length must be at least 1, not 0"):
         Vocabulary(("a",)).encode("a", 0)
 
 
-def test_decode__gives_the_words_back():
+def test_decode__inverts_encode():
     vocabulary = Vocabulary(("blue", "two"))
     assert vocabulary.decode(vocabulary.encode("two green blue", 6)) == ["two", "?", "blue"]
 
 
-def test_decode__a_number_out_of_range_is_refused():
+def test_decode__an_invalid_token_id_is_an_error():
     with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
         Vocabulary(("blue", "two")).decode([9])
 
 
-def test_vocabulary__a_repeated_word_is_refused():
+def test_vocabulary__duplicate_words_are_an_error():
     with pytest.raises(VocabularyError, match="duplicate words: a"):
         Vocabulary(("a", "b", "a"))
 
 
 @given(st.lists(st.text()))
-def test_vocabulary__knows_every_word_it_was_made_from(statements: list[str]):
+def test_vocabulary__contains_every_word_of_its_statements(statements: list[str]):
     vocabulary = Vocabulary.from_statements(statements)
     for statement in statements:
         assert UNKNOWN not in vocabulary.encode(statement, len(statement) + 1)
 
 
-def test_save__load_gives_it_back(tmp_path: Path):
+def test_load__inverts_save(tmp_path: Path):
     vocabulary = Vocabulary.from_statements(["It's caf\u00e9 blue."])
     vocabulary.save(tmp_path / "words.json")
     assert Vocabulary.load(tmp_path / "words.json") == vocabulary
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "other", "version": 1, "words": []}', '{"words": ["a"]}'])
-def test_load__other_files_are_refused_by_name(tmp_path: Path, text: str):
+def test_load__invalid_files_are_errors_naming_the_file(tmp_path: Path, text: str):
     (tmp_path / "words.json").write_text(text)
     with pytest.raises(VocabularyError, match=r"words\.json"):
         Vocabulary.load(tmp_path / "words.json")
 
 
-def test_load__words_that_are_no_texts_are_refused(tmp_path: Path):
+def test_load__words_must_be_strings(tmp_path: Path):
     (tmp_path / "words.json").write_text('{"format": "lilgym_mp-vocabulary", "version": 1, "words": [1]}')
     with pytest.raises(VocabularyError, match="words must be a list of texts"):
         Vocabulary.load(tmp_path / "words.json")
