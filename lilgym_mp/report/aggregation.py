@@ -44,6 +44,11 @@ def accuracy(episodes: Sequence[RecordedEpisode]) -> float | None:
     return share(episodes, lambda episode: episode.is_success)
 
 
+def accuracy_where(runs: Iterable[Recording], predicate: Callable[[RecordedEpisode], bool]) -> MeanStd | None:
+    """Accuracy over runs on the episodes that satisfy a predicate."""
+    return aggregate_runs(runs, lambda episodes: accuracy(list(filter(predicate, episodes))))
+
+
 def share(episodes: Sequence[RecordedEpisode], holds: Callable[[RecordedEpisode], bool]) -> float | None:
     """Per cent of the episodes that satisfy a predicate; None for no episodes."""
     return 100 * sum(map(holds, episodes)) / len(episodes) if episodes else None

@@ -29,11 +29,11 @@ def count_actions(episode: RecordedEpisode, types: tuple[type, ...]) -> int:
 
 # Metrics of a run's episodes by name.
 ROLLOUT_STATISTICS: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
-    "without STOP (%)": lambda kept: share(kept, lambda episode: not ends_with_stop(episode)),
-    "with an invalid action (%)": lambda kept: share(kept, lambda episode: episode.invalid_reason is not None),
-    "mean actions": lambda kept: average(kept, lambda episode: len(episode.actions)),
-    "mean ADD": lambda kept: average(kept, lambda episode: count_actions(episode, ADDS)),
-    "mean REMOVE": lambda kept: average(kept, lambda episode: count_actions(episode, REMOVES)),
+    "without STOP (%)": lambda episodes: share(episodes, lambda episode: not ends_with_stop(episode)),
+    "with an invalid action (%)": lambda episodes: share(episodes, lambda episode: episode.invalid_reason is not None),
+    "mean actions": lambda episodes: average(episodes, lambda episode: len(episode.actions)),
+    "mean ADD": lambda episodes: average(episodes, lambda episode: count_actions(episode, ADDS)),
+    "mean REMOVE": lambda episodes: average(episodes, lambda episode: count_actions(episode, REMOVES)),
 }
 
 

@@ -12,6 +12,7 @@ from lilgym_mp.report.aggregation import (
     RESAMPLES,
     accuracy,
     accuracy_interval,
+    accuracy_where,
     aggregate_runs,
     average,
     paired_difference,
@@ -83,10 +84,7 @@ def _panels(
     for configuration in data.configurations:
         entries = [entry for entry in data.of(configuration) if only(entry)]
         values = {
-            entry.agent: [
-                aggregate_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if key(e) == name]))
-                for name in names
-            ]
+            entry.agent: [accuracy_where(entry.runs, lambda episode, name=name: key(episode) == name) for name in names]
             for entry in entries
         }
         used = [index for index in range(len(names)) if any(row[index] is not None for row in values.values())]
@@ -153,16 +151,16 @@ def regret(data: ReportData) -> Item:
 
 
 def _regret(entry: AgentResults) -> Sequence[Cell]:
-    def solved(kept: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
-        return [episode for episode in kept if episode.is_success and episode.optimal_actions is not None]
+    def solved(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
+        return [episode for episode in episodes if episode.is_success and episode.optimal_actions is not None]
 
     def optimal(episode: RecordedEpisode) -> bool:
         return bool(solved([episode])) and extra_actions(episode) <= 0
 
     return (
-        aggregate_runs(entry.runs, lambda kept: average(solved(kept), extra_actions)),
-        aggregate_runs(entry.runs, lambda kept: share(solved(kept), optimal)),
-        aggregate_runs(entry.runs, lambda kept: share(kept, optimal)),
+        aggregate_runs(entry.runs, lambda episodes: average(solved(episodes), extra_actions)),
+        aggregate_runs(entry.runs, lambda episodes: share(solved(episodes), optimal)),
+        aggregate_runs(entry.runs, lambda episodes: share(episodes, optimal)),
     )
 
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, accuracy, aggregate_runs
+from lilgym_mp.report.aggregation import MeanStd, accuracy_where
 from lilgym_mp.report.charts import BarPanel, bar_chart
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import ReportData, ReportError
@@ -69,24 +69,22 @@ def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item
         rows: list[list[Cell]] = []
         for name in PHENOMENON_NAMES:
             published = paper.START_SCENES_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
-            chosen = [episode for episode in first if name in (episode_phenomena(episode, tags) or ())]
+
+            def has_phenomenon(episode: RecordedEpisode, name: str = name) -> bool:
+                return name in (episode_phenomena(episode, tags) or ())
+
+            chosen = list(filter(has_phenomenon, first))
             rows.append(
                 [
                     name,
                     len({episode.statement for episode in chosen}),
                     len(chosen) // entries[0].header.passes,
                     published,
-                    *(_accuracy_of(entry.runs, name, tags) for entry in entries),
+                    *(accuracy_where(entry.runs, has_phenomenon) for entry in entries),
                 ]
             )
         columns = ("phenomenon", "statements", "start scenes", "start scenes †", *(entry.agent for entry in entries))
         yield table(ITEM, f"Accuracy (%) by phenomenon, {configuration} {data.main_split}, {made}", columns, rows, note)
-
-
-def _accuracy_of(runs: Sequence[Recording], name: str, tags: Tags | None) -> MeanStd | None:
-    return aggregate_runs(
-        runs, lambda kept: accuracy([episode for episode in kept if name in (episode_phenomena(episode, tags) or ())])
-    )
 
 
 def novelty(episode: RecordedEpisode) -> str:
@@ -104,8 +102,7 @@ def accuracy_by_novelty(data: ReportData) -> Iterator[Item]:
         for entry in data.of(configuration):
             first = entry.runs[0].episodes
             values[entry.agent] = [
-                aggregate_runs(entry.runs, lambda kept, name=name: accuracy([e for e in kept if novelty(e) == name]))
-                for name in NOVELTY
+                accuracy_where(entry.runs, lambda episode, name=name: novelty(episode) == name) for name in NOVELTY
             ]
             starts = [sum(novelty(e) == name for e in first) // entry.header.passes for name in NOVELTY]
             pairs = zip(starts, values[entry.agent], strict=True)

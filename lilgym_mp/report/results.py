@@ -9,7 +9,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, accuracy, aggregate_runs, average
+from lilgym_mp.report.aggregation import MeanStd, accuracy, accuracy_where, aggregate_runs, average
 from lilgym_mp.report.charts import BarPanel, bar_chart
 from lilgym_mp.report.items import MISSING, Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import AgentResults, ReportData
@@ -164,9 +164,7 @@ def figure_5(data: ReportData) -> Iterator[Item]:
         for entry in data.of(configuration):
             first = entry.runs[0].episodes
             values[entry.agent] = [
-                aggregate_runs(
-                    entry.runs, lambda kept, target=target: accuracy([e for e in kept if e.target == target])
-                )
+                accuracy_where(entry.runs, lambda episode, target=target: episode.target == target)
                 for target in (True, False)
             ]
             starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]

@@ -51,7 +51,7 @@ class StatementsBody(BaseModel):
 
 
 class ChoicesBody(BaseModel):
-    """Filter values for the statements of an appearance and split, with the number of statements for each."""
+    """Filter values for the statements of an appearance and split, with the number of statements for statement."""
 
     phenomena: dict[str, int]
     words: dict[str, int]
@@ -122,7 +122,7 @@ def _program_words(node: Node) -> Iterator[str]:
 
 
 @lru_cache(STATEMENT_CACHE_SIZE)
-def statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
+def list_statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
     """The statements of an appearance and split, in file order. Responds with 404 if there are none."""
     found: dict[tuple[str, str], CorpusStatement] = {}
     for start in (SCRATCH, FLIPIT):
@@ -138,17 +138,17 @@ def statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[Corpu
     return tuple(found.values())
 
 
-def choices(catalogue: Catalogue, appearance: str, split: str) -> ChoicesBody:
-    found = statements(catalogue, appearance, split)
-    used = sorted({word for each in found for word in each.words})
+def filter_choices(catalogue: Catalogue, appearance: str, split: str) -> ChoicesBody:
+    found = list_statements(catalogue, appearance, split)
+    used = sorted({word for statement in found for word in statement.words})
     return ChoicesBody(
-        phenomena={str(kind): sum(str(kind) in each.phenomena for each in found) for kind in Phenomenon},
-        words={word: sum(word in each.words for each in found) for word in used},
-        longest=max(each.length for each in found),
+        phenomena={str(kind): sum(str(kind) in statement.phenomena for statement in found) for kind in Phenomenon},
+        words={word: sum(word in statement.words for statement in found) for word in used},
+        longest=max(statement.length for statement in found),
     )
 
 
-def search(
+def search_statements(
     catalogue: Catalogue,
     appearance: str,
     split: str,
@@ -164,33 +164,34 @@ def search(
 
     `least` and `most` bound the statement's length in words.
     """
-    wanted = text.lower()
+    needle = text.lower()
     found = [
-        each
-        for each in statements(catalogue, appearance, split)
-        if wanted in each.statement.lower() or wanted in each.program.lower() or wanted == each.id.lower()
-        if phenomenon is None or phenomenon in each.phenomena
-        if word is None or word in each.words
-        if least <= each.length <= most
+        statement
+        for statement in list_statements(catalogue, appearance, split)
+        if any(needle in field.lower() for field in (statement.statement, statement.program))
+        or needle == statement.id.lower()
+        if phenomenon is None or phenomenon in statement.phenomena
+        if word is None or word in statement.words
+        if least <= statement.length <= most
     ]
     lines = [
         StatementSummary(
-            id=each.id,
-            statement=each.statement,
-            length=each.length,
-            phenomena=each.phenomena,
-            scenes=sum(start == FLIPIT for start, _ in each.tasks),
+            id=statement.id,
+            statement=statement.statement,
+            length=statement.length,
+            phenomena=statement.phenomena,
+            scenes=sum(start == FLIPIT for start, _ in statement.tasks),
         )
-        for each in found[first : first + PAGE_SIZE]
+        for statement in found[first : first + PAGE_SIZE]
     ]
     return StatementsBody(total=len(found), first=first, page=PAGE_SIZE, statements=lines)
 
 
-def find(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> CorpusStatement:
+def find_statement(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> CorpusStatement:
     """The statement of the task with that id. Responds with 404 if there is none."""
-    for each in statements(catalogue, appearance, split):
-        if each.id == statement_id or any(task.id == statement_id for _, task in each.tasks):
-            return each
+    for statement in list_statements(catalogue, appearance, split):
+        if statement.id == statement_id or any(task.id == statement_id for _, task in statement.tasks):
+            return statement
     raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
 
 

@@ -30,7 +30,7 @@ def explore_page(request: Request) -> Response:
 def statement_page(
     request: Request, services: Services, appearance: AppearanceName, split: SplitName, statement_id: str
 ) -> Response:
-    found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
+    found = corpus_statements.find_statement(services.catalogue, appearance, split, statement_id)
     query = {"appearance": appearance, "split": split, "statement_id": found.id}
     return render_page(request, "explore_statement.html", statement=found.statement, query=query)
 
@@ -40,7 +40,7 @@ def choices(
     services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev"
 ) -> corpus_statements.ChoicesBody:
     """Filter values, with the number of statements for each."""
-    return corpus_statements.choices(services.catalogue, appearance, split)
+    return corpus_statements.filter_choices(services.catalogue, appearance, split)
 
 
 @api.get("/statements")
@@ -56,7 +56,7 @@ def statements(
     first: Count = 0,
 ) -> corpus_statements.StatementsBody:
     """Statements that contain the text (in statement or program, or as the whole id) and match the filters."""
-    return corpus_statements.search(
+    return corpus_statements.search_statements(
         services.catalogue,
         appearance,
         split,
@@ -77,7 +77,7 @@ def statement(
     split: SplitName = "dev",
 ) -> corpus_statements.StatementBody:
     """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
-    found = corpus_statements.find(services.catalogue, appearance, split, statement_id)
+    found = corpus_statements.find_statement(services.catalogue, appearance, split, statement_id)
     return corpus_statements.statement_body(services.catalogue, found, appearance, services.recorded_outcomes)
 
 

@@ -99,8 +99,8 @@ def tasks(
         found = services.catalogue.tasks(configuration, split)
     except (ValueError, CorpusError) as fault:
         raise http_error(404, str(fault)) from None
-    wanted = text.lower()
-    matching = [task for task in found if wanted in task.statement.lower() or wanted in task.id.lower()]
+    needle = text.lower()
+    matching = [task for task in found if needle in task.statement.lower() or needle in task.id.lower()]
     lines = [TaskSummary(id=task.id, statement=task.statement, target=task.target) for task in matching[:MAX_TASKS]]
     return TasksBody(total=len(matching), tasks=lines)
 
