@@ -310,10 +310,10 @@ class _Generator:
             case Arithmetic():
                 return self.arithmetic(node, scope)
             case Subscript(of=of, index=Constant(value=int() as index)):
-                held = self.lower(of, scope)
-                self.charge_operator(held)
-                if isinstance(held, StaticList) and held.unconditional and index < len(held.elements):
-                    return held.elements[index]
+                collection = self.lower(of, scope)
+                self.charge_operator(collection)
+                if isinstance(collection, StaticList) and collection.unconditional and index < len(collection.elements):
+                    return collection.elements[index]
                 unsupported("subscript")
             case Member():
                 return self.member(node, scope)
@@ -377,13 +377,13 @@ class _Generator:
             case _:
                 unsupported("order")
 
-    def membership(self, value: Value, held: Value) -> Bool:
-        held = as_collection(held)
-        total = all_total((value, held))
-        if isinstance(value, AttributeValue) and isinstance(held, AttributeSet) and value.enum is held.enum:
-            return Bool(f"({held.text} >> {value.text} & 1)", total)
-        if isinstance(value, ItemRef) and isinstance(held, Items) and len(held.parts) == 1:
-            part = held.parts[0]
+    def membership(self, value: Value, collection: Value) -> Bool:
+        collection = as_collection(collection)
+        total = all_total((value, collection))
+        if isinstance(value, AttributeValue) and isinstance(collection, AttributeSet) and value.enum is collection.enum:
+            return Bool(f"({collection.text} >> {value.text} & 1)", total)
+        if isinstance(value, ItemRef) and isinstance(collection, Items) and len(collection.parts) == 1:
+            part = collection.parts[0]
             if part.box == value.box:
                 return Bool(f"({part.mask} >> {value.text} & 1)", total)
         unsupported("membership")
@@ -474,55 +474,57 @@ class _Generator:
 
     def quantifier(self, node: Call, scope: Scope) -> Value:
         """filter_obj, All and Any."""
-        held = as_collection(self.lower(cast("Node", node.arguments[0]), scope))
-        self.charge_call(node.word, held, Int("0"))
+        collection = as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, collection, Int("0"))
         parameter, body = _as_lambda(cast("Node", node.arguments[1]))
         name = node.word.name
         strict = name != "filter_obj"
-        if isinstance(held, AttributeSet):
-            held = as_static_list(held)
-        if isinstance(held, Combinations):
-            found = self.filter_combinations(parameter, body, held, scope, strict=strict)
-            return found if name == "filter_obj" else self.quantify_combinations(name, held, found)
-        if isinstance(held, StaticList):
-            found = self.filter_static(parameter, body, held, scope, strict=strict)
-            return found if name == "filter_obj" else self.quantify_static(name, held, found)
-        if not isinstance(held, Items):
+        if isinstance(collection, AttributeSet):
+            collection = as_static_list(collection)
+        if isinstance(collection, Combinations):
+            found = self.filter_combinations(parameter, body, collection, scope, strict=strict)
+            return found if name == "filter_obj" else self.quantify_combinations(name, collection, found)
+        if isinstance(collection, StaticList):
+            found = self.filter_static(parameter, body, collection, scope, strict=strict)
+            return found if name == "filter_obj" else self.quantify_static(name, collection, found)
+        if not isinstance(collection, Items):
             unsupported("collection")
-        parts = [self.filter_part(parameter, body, part, scope, strict=strict) for part in held.parts]
+        parts = [self.filter_part(parameter, body, part, scope, strict=strict) for part in collection.parts]
         found = Items(tuple(parts), ordered=True)
         if name == "filter_obj":
             return found
         if name == "Any":
             return existence(found)
-        some = existence(held)
-        same = [f"({part.mask} == {kept.mask})" for part, kept in zip(held.parts, parts, strict=True)]
-        return Bool(f"({some.text} and {' and '.join(same)})", held.total and found.total)
+        some = existence(collection)
+        same = [f"({part.mask} == {filtered.mask})" for part, filtered in zip(collection.parts, parts, strict=True)]
+        return Bool(f"({some.text} and {' and '.join(same)})", collection.total and found.total)
 
-    def quantify_static(self, name: str, held: StaticList, found: StaticList) -> Bool:
-        if not held.elements or not (held.unconditional or (held.total and found.total)):
+    def quantify_static(self, name: str, collection: StaticList, found: StaticList) -> Bool:
+        if not collection.elements or not (collection.unconditional or (collection.total and found.total)):
             unsupported("quantifier that may fail")
-        kept = [condition.text for condition in found.conditions]
+        conditions = [condition.text for condition in found.conditions]
         if name == "Any":
-            return Bool(f"({' or '.join(kept)})", found.total)
-        if held.unconditional:
-            return Bool(f"({' and '.join(kept)})", found.total)
-        same = [f"(not {before.text} or {after})" for before, after in zip(held.conditions, kept, strict=True)]
-        return Bool(f"({existence(held).text} and {' and '.join(same)})", found.total)
+            return Bool(f"({' or '.join(conditions)})", found.total)
+        if collection.unconditional:
+            return Bool(f"({' and '.join(conditions)})", found.total)
+        same = [
+            f"(not {before.text} or {after})" for before, after in zip(collection.conditions, conditions, strict=True)
+        ]
+        return Bool(f"({existence(collection).text} and {' and '.join(same)})", found.total)
 
-    def quantify_combinations(self, name: str, held: Combinations, found: Combinations) -> Bool:
+    def quantify_combinations(self, name: str, collection: Combinations, found: Combinations) -> Bool:
         if name == "Any":
             return existence(found)
-        return Bool(f"({held.count} == {found.count} != 0)", held.total and found.total)
+        return Bool(f"({collection.count} == {found.count} != 0)", collection.total and found.total)
 
     def filter_combinations(
-        self, parameter: str, body: Node, held: Combinations, scope: Scope, *, strict: bool
+        self, parameter: str, body: Node, collection: Combinations, scope: Scope, *, strict: bool
     ) -> Combinations:
-        if held.filtered:
+        if collection.filtered:
             unsupported("combinations filtered twice")
         texts: list[str] = []
-        total = held.total
-        for parts in itertools.combinations_with_replacement(held.parts, held.size):
+        total = collection.total
+        for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
             items: list[ItemRef] = []
             loops: list[str] = []
             for box, same in itertools.groupby(parts, key=lambda part: part.box):
@@ -541,34 +543,36 @@ class _Generator:
             self.loop_depth, self.max_runs = self.loop_depth - 1, max_runs
             total = total and condition.total
             texts.append(f"sum([1 {' '.join(loops)} if {condition.text}])")
-        return Combinations(held.parts, held.size, f"({' + '.join(texts)})", total, filtered=True)
+        return Combinations(collection.parts, collection.size, f"({' + '.join(texts)})", total, filtered=True)
 
     def all_same_attribute(self, node: Call, scope: Scope) -> Bool:
-        held = self.lower(cast("Node", node.arguments[0]), scope)
+        collection = self.lower(cast("Node", node.arguments[0]), scope)
         parameter, body = _as_lambda(cast("Node", node.arguments[1]))
-        self.charge_call(node.word, held, Int("0"))
-        if isinstance(held, AttributeSet):
-            held = as_static_list(held)
-        if not isinstance(held, StaticList):
+        self.charge_call(node.word, collection, Int("0"))
+        if isinstance(collection, AttributeSet):
+            collection = as_static_list(collection)
+        if not isinstance(collection, StaticList):
             unsupported("all_same_attribute")
-        self.charge_lambda(body, len(held.elements))
-        values = [self.lower(body, {**scope, parameter: element}) for element in held.elements]
+        self.charge_lambda(body, len(collection.elements))
+        values = [self.lower(body, {**scope, parameter: element}) for element in collection.elements]
         if not all(isinstance(value, Int) for value in values) and not all(isinstance(v, Bool) for v in values):
             unsupported("all_same_attribute of other values")
         sets = [
             f"({{{cast('Int', value).text} + 0}} if {condition.text} else empty)"
-            for value, condition in zip(values, held.conditions, strict=True)
+            for value, condition in zip(values, collection.conditions, strict=True)
         ]
-        return Bool(f"(len({' | '.join(sets)}) == 1)", held.total and all_total(values))
+        return Bool(f"(len({' | '.join(sets)}) == 1)", collection.total and all_total(values))
 
-    def filter_static(self, parameter: str, body: Node, held: StaticList, scope: Scope, *, strict: bool) -> StaticList:
+    def filter_static(
+        self, parameter: str, body: Node, collection: StaticList, scope: Scope, *, strict: bool
+    ) -> StaticList:
         conditions: list[Bool] = []
-        for element, before in zip(held.elements, held.conditions, strict=True):
+        for element, before in zip(collection.elements, collection.conditions, strict=True):
             condition = self.element_condition(parameter, body, element, scope, strict=strict)
             if before.text != "True":
                 condition = Bool(f"({before.text} and {condition.text})", before.total and condition.total)
             conditions.append(condition)
-        return StaticList(held.elements, tuple(conditions))
+        return StaticList(collection.elements, tuple(conditions))
 
     def element_condition(self, parameter: str, body: Node, element: Value, scope: Scope, *, strict: bool) -> Bool:
         self.charge_lambda(body)

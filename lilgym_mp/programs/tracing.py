@@ -69,12 +69,14 @@ def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
 
 
 def _satisfied_by(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
-    run = Evaluation(scene)
+    evaluation = Evaluation(scene)
     try:
-        collection = build_closure(elements)(run, {})
+        collection = build_closure(elements)(evaluation, {})
         body = build_closure(condition.body)
-        held = [element for element in collection if _holds(body(run, {condition.parameter: element}))]
-        return f"satisfied by {_value_text(held) if held else 'none'} of {len(collection)}", _item_indices(held)
+        satisfying = [element for element in collection if _holds(body(evaluation, {condition.parameter: element}))]
+        return f"satisfied by {_value_text(satisfying) if satisfying else 'none'} of {len(collection)}", _item_indices(
+            satisfying
+        )
     except (ProgramRuntimeError, TypeError) as fault:
         return f"no value: {fault}", ()
 

@@ -48,16 +48,14 @@ class Generator(Protocol):
 
     def box_call(self, name: str, function: Any, box: str) -> str: ...
     def attribute_of(self, item: ItemRef, name: str) -> AttributeValue: ...
-    def membership(self, value: Value, held: Value) -> Bool: ...
+    def membership(self, value: Value, collection: Value) -> Bool: ...
     def charge(self, steps: int) -> None: ...
 
 
 def _lower_exist(_: Generator, s: Value) -> Bool:
-    return (
-        as_truth(s)
-        if isinstance(s, Items | StaticList | Combinations | AttributeSet | AttributeList)
-        else unsupported()
-    )
+    if not isinstance(s, Items | StaticList | Combinations | AttributeSet | AttributeList):
+        unsupported("exist")
+    return as_truth(s)
 
 
 def _lower_count(_: Generator, s: Value) -> Int:
