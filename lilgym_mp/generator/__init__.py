@@ -7,7 +7,7 @@ program on scenes of a pool (`scene_sampling`); `start_selection` selects start 
 templates for a stream of more varied statements without scenes. See docs/corpus.md.
 """
 
-from lilgym_mp.generator.generated_corpus import CorpusSpec, generated_entries, generated_tasks
+from lilgym_mp.generator.generated_corpus import CorpusSpec, generated_entries, load_generated
 from lilgym_mp.generator.meaning_sampling import LEVELS, random_meaning
 from lilgym_mp.generator.start_selection import ScenePool, StartScene
 from lilgym_mp.generator.validation import Draft, Entry, drafts, realise, validate_draft
@@ -21,7 +21,7 @@ __all__ = [
     "StartScene",
     "drafts",
     "generated_entries",
-    "generated_tasks",
+    "load_generated",
     "random_meaning",
     "realise",
     "validate_draft",

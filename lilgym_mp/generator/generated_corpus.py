@@ -44,35 +44,30 @@ class CorpusSpec(NamedTuple):
     seed: int = 0
 
     @classmethod
-    def parse(cls, corpus: object) -> CorpusSpec | None:
-        """Parses a corpus name; None if it does not name a generated corpus.
-
-        Raises CorpusError for an unknown level or a malformed level or seed.
-        """
-        if not isinstance(corpus, str) or not is_generated(corpus):
-            return None
+    def parse(cls, corpus: str) -> CorpusSpec:
+        """The parameters in a corpus name. Raises CorpusError for a malformed name or an unknown level."""
         parts = corpus.split(":")[1:]
-        levels = ", ".join(map(str, LEVELS))
-        if len(parts) not in (1, 2) or not all(part.isascii() and part.isdigit() for part in parts):
+        if not is_generated(corpus) or len(parts) not in (1, 2) or not all(map(_is_number, parts)):
             raise CorpusError(
                 f'no corpus {corpus!r}: a generated corpus is "generated:LEVEL" or "generated:LEVEL:SEED"'
             )
         spec = cls(*map(int, parts))
         if spec.level not in LEVELS:
+            levels = ", ".join(map(str, LEVELS))
             raise CorpusError(f"no corpus {corpus!r}: unknown level {spec.level}; choose from {levels}")
         return spec
 
 
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit()
+
+
 def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
-    """The tasks of "generated:LEVEL" or "generated:LEVEL:SEED". Raises CorpusError for other names."""
+    """The tasks of "generated:LEVEL" or "generated:LEVEL:SEED", deterministic in the arguments.
+
+    Raises CorpusError for other names.
+    """
     spec = CorpusSpec.parse(corpus)
-    if spec is None:
-        raise CorpusError(f"{corpus!r} is not a generated corpus; choose for example generated:1 or generated:1:7")
-    return generated_tasks(corpus, spec, appearance, start, split)
-
-
-def generated_tasks(corpus: str, spec: CorpusSpec, appearance: str, start: str, split: str) -> TaskSet:
-    """The tasks of one configuration and split of a generated corpus, deterministic in the arguments."""
     entries = generated_entries(spec, appearance, split)
     sha256 = hashlib.sha256(repr([(entry.statement, entry.program) for entry in entries]).encode()).hexdigest()
     provenance = Provenance(corpus, NAME, corpus, appearance, start, split, sha256)

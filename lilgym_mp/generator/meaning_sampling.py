@@ -66,7 +66,7 @@ from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 
 LEVELS = (1, 2, 3, 4, 5)
 Option = TypeVar("Option")
-WeightedMakers = Sequence[tuple[int, Callable[[], Clause]]]  # with weights
+WeightedSamplers = Sequence[tuple[int, Callable[[], Clause]]]  # weight, sampler of one kind of clause
 
 
 def random_meaning(appearance: str, level: int, rng: random.Random) -> Clause:
@@ -83,19 +83,17 @@ def random_meaning(appearance: str, level: int, rng: random.Random) -> Clause:
 
 
 class MeaningSampler:
-    """Samplers of clauses, noun phrases, predicates and quantities common to both appearances."""
-
-    max_count = 5
+    """Samples clauses and their parts; subclasses add those of one appearance."""
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
     def sample(self, level: int) -> Clause:
-        makers = self.makers_by_level()[level]
-        (maker,) = self.rng.choices([make for _, make in makers], [weight for weight, _ in makers])
-        return maker()
+        weights, samplers = zip(*self.samplers_by_level()[level], strict=True)
+        (sample,) = self.rng.choices(samplers, weights)
+        return sample()
 
-    def makers_by_level(self) -> dict[int, WeightedMakers]:
+    def samplers_by_level(self) -> dict[int, WeightedSamplers]:
         raise NotImplementedError
 
     def pick(self, *options: Option) -> Option:
@@ -107,11 +105,10 @@ class MeaningSampler:
     def colours(self, number: int = 1) -> frozenset[Colour]:
         return frozenset(self.rng.sample(list(Colour), number))
 
-    def quantity(self, max_count: int | None = None, *, none: float = 0.08) -> Quantity:
+    def quantity(self, max_count: int = 5, *, none: float = 0.08) -> Quantity:
         """Mostly existence, exact counts and lower bounds; zero with probability `none`."""
         if self.chance(none):
             return NONE
-        max_count = max_count or self.max_count
         number = min(max_count, self.pick(1, 2, 2, 3, 3, 4, 5))
         match self.pick("some", "some", "some", "exact", "exact", "least", "least", "most", "range", "vague"):
             case "exact":
@@ -176,7 +173,7 @@ class MeaningSampler:
         while True:
             found = [self.condition() for _ in range(number)]
             if not any(_clash(one, other) for one, other in combinations(found, 2)):
-                return tuple(sorted(found, key=_order_in_list))
+                return tuple(sorted(found, key=_list_position))
 
     def condition(self) -> BoxCondition:
         raise NotImplementedError
@@ -206,7 +203,7 @@ def _clash(one: BoxCondition, other: BoxCondition) -> bool:
     return type(one) is type(other)
 
 
-def _order_in_list(condition: BoxCondition) -> int:
+def _list_position(condition: BoxCondition) -> int:
     """Sort key for the conditions of a box: total counts first, negative conditions last."""
     if isinstance(condition, Contains):
         return 3 if condition.quantity == NONE else 0 if condition.noun == ANYTHING else 1
@@ -237,13 +234,9 @@ def _sensible(clause: Clause) -> bool:
                 one.description.colours & other.description.colours and one.description.shape == other.description.shape
             )
         case Compound(conjunctive, clauses):
-            if not conjunctive and any(
-                part.noun.description.colours
-                for part in clauses
-                if isinstance(part, ItemCount) and len(part.noun.description.colours) > 1
-            ):
-                return False
             nouns = [part.noun for part in clauses if isinstance(part, ItemCount)]
+            if not conjunctive and any(len(noun.description.colours) > 1 for noun in nouns):
+                return False
             return len(set(clauses)) == len(clauses) and len(set(nouns)) == len(nouns) and all(map(_sensible, clauses))
         case _:
             return True
@@ -251,12 +244,8 @@ def _sensible(clause: Clause) -> bool:
 
 def _is_negative_or_bounded(condition: BoxCondition) -> bool:
     """Whether "no box has ..." would be confusing: "no box has no circles", "no box has no fewer than two"."""
-    return isinstance(condition, Contains) and condition.quantity not in (
-        SOME,
-        exactly(1),
-        exactly(2),
-        exactly(3),
-    )
+    usual = (SOME, exactly(1), exactly(2), exactly(3))
+    return isinstance(condition, Contains) and condition.quantity not in usual
 
 
 def _share_attribute(one: Description, other: Description) -> bool:
@@ -271,7 +260,7 @@ def _share_attribute(one: Description, other: Description) -> bool:
 class TowerMeaningSampler(MeaningSampler):
     """Meanings about towers of coloured blocks."""
 
-    def makers_by_level(self) -> dict[int, WeightedMakers]:
+    def samplers_by_level(self) -> dict[int, WeightedSamplers]:
         return {
             1: [
                 (6, self.item_count),
@@ -285,14 +274,14 @@ class TowerMeaningSampler(MeaningSampler):
                 (6, lambda: self.tower_count(1)),
                 (3, self.named_tower),
                 (2, lambda: self.box_count(1)),
-                (2, self.each_box),
+                (2, self.every_box),
             ],
             3: [
                 (5, lambda: self.tower_count(2)),
                 (4, self.stacked_existence),
                 (3, self.count_comparison),
                 (3, self.two_item_counts),
-                (2, self.each_tower),
+                (2, self.every_tower),
                 (2, self.every_item),
             ],
             4: [
@@ -331,16 +320,7 @@ class TowerMeaningSampler(MeaningSampler):
         )
 
     def at_position(self) -> Predicate:
-        return AtPosition(
-            self.pick(
-                TowerPosition.TOP,
-                TowerPosition.TOP,
-                TowerPosition.BOTTOM,
-                TowerPosition.BOTTOM,
-                TowerPosition.SECOND,
-                TowerPosition.THIRD,
-            )
-        )
+        return AtPosition(TowerPosition(self.pick("top", "top", "bottom", "bottom", "second", "third")))
 
     def items_at_position(self) -> Clause:
         return ItemCount(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
@@ -371,10 +351,10 @@ class TowerMeaningSampler(MeaningSampler):
     def named_box_with_two_conditions(self) -> Clause:
         return NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
 
-    def each_box(self) -> Clause:
+    def every_box(self) -> Clause:
         return BoxCount(exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
 
-    def each_tower(self) -> Clause:
+    def every_tower(self) -> Clause:
         return EveryTower(self.conditions(1))
 
     def stacked(self) -> RelatedTo | RelatedByAttribute:
@@ -432,7 +412,7 @@ class TowerMeaningSampler(MeaningSampler):
 class ScatterMeaningSampler(MeaningSampler):
     """Meanings about items of three shapes, colours and sizes anywhere in the boxes."""
 
-    def makers_by_level(self) -> dict[int, WeightedMakers]:
+    def samplers_by_level(self) -> dict[int, WeightedSamplers]:
         return {
             1: [
                 (7, self.item_count),
@@ -445,7 +425,7 @@ class ScatterMeaningSampler(MeaningSampler):
                 (6, self.items_with_predicate),
                 (6, lambda: self.box_count(1)),
                 (2, self.every_item),
-                (2, self.each_box),
+                (2, self.every_box),
                 (1, self.named_box_contents),
             ],
             3: [
@@ -558,7 +538,7 @@ class ScatterMeaningSampler(MeaningSampler):
     def positive_relation(self) -> RelatedTo | RelatedByAttribute:
         return replace(self.related_to(), positive=True)
 
-    def each_box(self) -> Clause:
+    def every_box(self) -> Clause:
         return BoxCount(
             exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
         )

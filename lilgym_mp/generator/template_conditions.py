@@ -25,7 +25,6 @@ from lilgym_mp.generator.template_phrases import (
 
 TRIES = 12  # to find compatible conditions
 BOX_WORDS = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
-ATTRIBUTES = ("color", "shape", "size")
 ORDERS = {"more": ">", "fewer": "<", "equal": "==", "at least": ">="}
 TWO_COLOURS = (("yellow", "black"), ("yellow", "blue"), ("black", "blue"))
 
@@ -45,7 +44,7 @@ class ConditionTemplate:
     max_items: int | None = None  # most items
 
 
-WeightedTemplate = tuple[float, Callable[[], TrainingPair]]
+WeightedTemplate = tuple[float, Callable[[], TrainingPair]]  # weight, template
 
 
 class BoxConditionTemplates(PhraseTemplates):

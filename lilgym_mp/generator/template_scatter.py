@@ -15,7 +15,6 @@ from lilgym_mp.generator.template_phrases import (
     AttributeWords,
     NounTemplate,
     PredicateTemplate,
-    ProgramTest,
     TrainingPair,
     box_items,
     item_set,
@@ -125,35 +124,24 @@ class ScatterTemplates(StatementTemplates):
     def wall_predicate(self) -> PredicateTemplate:
         positive = self.chance(0.85)
         touching, verb_forms, close = self.touching_words()
-        name, side, both = self.wall_words(positive)
+        name, sides = self.wall_words(positive)
         function = "is_closely_touching_wall" if close else "is_touching_wall"
         complement = f"{touching} {name}"
-        test: ProgramTest
-        if both:
 
-            def either(variable: str) -> str:
-                return f"({function}({variable}, Side.LEFT) or {function}({variable}, Side.RIGHT))"
+        def test(variable: str) -> str:
+            tests = [f"{function}({variable}, Side.{side})" for side in sides] or [f"{function}({variable})"]
+            return tests[0] if len(tests) == 1 else f"({' or '.join(tests)})"
 
-            test = either
-        else:
-            argument = "" if side is None else f", Side.{side}"
-
-            def one(variable: str) -> str:
-                return f"{function}({variable}{argument})"
-
-            test = one
-        full = (f"{verb_forms[0]} {name}", f"{verb_forms[1]} {name}") if verb_forms else None
+        if verb_forms is not None:
+            verb_forms = (f"{verb_forms[0]} {name}", f"{verb_forms[1]} {name}")
         negated = complement
         if not positive and complement.startswith(f"{touching} a "):
-            negated = self.pick(
-                complement,
-                f"{touching} any {complement.removeprefix(f'{touching} a ')}",
-                f"{touching} any of the walls",
-            )
-        return PredicateTemplate(complement, test, full, positive, negated, kind="wall")
+            any_wall = complement.removeprefix(f"{touching} a ")
+            negated = self.pick(complement, f"{touching} any {any_wall}", f"{touching} any of the walls")
+        return PredicateTemplate(complement, test, verb_forms, positive, negated, kind="wall")
 
-    def wall_words(self, positive: bool) -> tuple[str, str | None, bool]:
-        """Words for a wall, its side (None: any), and whether both the left and the right one count."""
+    def wall_words(self, positive: bool) -> tuple[str, tuple[str, ...]]:
+        """Words for a wall, and the sides that count; none means any."""
         wall, box = self.style.wall, self.style.box
         of_box = self.pick("", "", "", f" of a {box}", f" of the {box}", f" of its {box}", " of box")
         draw = self.rng.random()
@@ -162,11 +150,11 @@ class ScatterTemplates(StatementTemplates):
                 f"the {wall}", f"the {wall}", f"the {wall}", f"a {wall}", f"a {wall}", f"the {wall}{of_box}",
                 f"a {wall}{of_box}", f"one {wall}", f"one of the {pluralised(wall)}", f"the {pluralised(wall)}",
             )  # fmt: skip
-            return name.replace("a edge", "an edge"), None, False
+            return name.replace("a edge", "an edge"), ()
         if draw < 0.58 and positive:
-            part, side, both = self.item_side()
+            part, sides = self.item_side()
             the = self.pick(f"the {wall}", f"the {wall}", f"a {wall}").replace("a edge", "an edge")
-            return f"{the} with its {part}", side, both
+            return f"{the} with its {part}", sides
         side = self.pick("LEFT", "RIGHT", "BOTTOM", "BOTTOM", "BOTTOM", "TOP", "TOP")
         adjective = self.choice(SIDES[side])
         names = [f"the {adjective} {wall}{of_box}"] * 3 + [f"{adjective} {wall}{of_box}"]
@@ -184,15 +172,14 @@ class ScatterTemplates(StatementTemplates):
                 f"the {adjective} hand side{of_box}",
                 f"the {wall} on the {adjective}",
             ]
-        return self.choice(names), side, False
+        return self.choice(names), (side,)
 
-    def item_side(self) -> tuple[str, str | None, bool]:
-        """Words for the touching side of an item, with the results of `wall_words`: "top", "left side"."""
+    def item_side(self) -> tuple[str, tuple[str, ...]]:
+        """Words for the touching side of an item, and the walls that it may touch: "top", "left side"."""
         return self.pick(
-            ("top", "TOP", False), ("top", "TOP", False), ("tip", "TOP", False), ("base", "BOTTOM", False),
-            ("bottom", "BOTTOM", False), ("base", "BOTTOM", False), ("side", None, True), ("side", None, True),
-            ("left side", "LEFT", False), ("right side", "RIGHT", False), ("top side", "TOP", False),
-            ("bottom side", "BOTTOM", False), ("upper side", "TOP", False),
+            ("top", ("TOP",)), ("top", ("TOP",)), ("tip", ("TOP",)), ("base", ("BOTTOM",)), ("bottom", ("BOTTOM",)),
+            ("base", ("BOTTOM",)), ("side", ("LEFT", "RIGHT")), ("side", ("LEFT", "RIGHT")), ("left side", ("LEFT",)),
+            ("right side", ("RIGHT",)), ("top side", ("TOP",)), ("bottom side", ("BOTTOM",)), ("upper side", ("TOP",)),
         )  # fmt: skip
 
     def corner_predicate(self) -> PredicateTemplate:

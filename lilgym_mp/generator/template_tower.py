@@ -609,7 +609,7 @@ class TowerTemplates(StatementTemplates):
     def touching_pair(self) -> TrainingPair:
         """ "two black blocks touching each other" """
         attributes = AttributeWords(self.colour())
-        conjunction = self.pick(
+        relation = self.pick(
             "touching each other", "stacked together", "on top of each other", "touching one another",
             "next to each other", "stacked on top of each other", "attached to each other", "one above the other",
             "stacked directly on each other",
@@ -617,7 +617,7 @@ class TowerTemplates(StatementTemplates):
         nouns, attribute_test = self.noun(NounTemplate(attributes), True), attributes.tests()[0]
         draw = self.rng.random()
         if draw > 0.75:
-            text = self.existential_words(f"two {pluralised(self.style.item)} of the same color {conjunction}")
+            text = self.existential_words(f"two {pluralised(self.style.item)} of the same color {relation}")
             same = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
             return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {same}))")
         below = f"exist({item_set(NounTemplate(attributes), 'get_below(x)', 'y')})"
@@ -626,7 +626,7 @@ class TowerTemplates(StatementTemplates):
             number = self.pick("three", "3")
             lower = f"exist({item_set(NounTemplate(attributes), 'get_below(y)', 'z')})"
             below = f"exist(filter_obj(get_below(x), lambda y: {attribute_test('y')} and {lower}))"
-        text = self.existential_words(f"{number} {nouns} {conjunction}")
+        text = self.existential_words(f"{number} {nouns} {relation}")
         return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {attribute_test('x')} and {below}))")
 
     def existential_words(self, text: str) -> str:
