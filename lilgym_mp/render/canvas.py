@@ -225,8 +225,8 @@ class Canvas:
         self._whole = _as_one_value(self.pixels)
         self._patches = _patches(self._shrink)
         self._memo_key = f"picture {image_size}"
-        # Keys in a box's memo for the blits that show and hide its last item, often reused for Tower's shared boxes.
-        self._last_shown, self._last_hidden = f"last shown {image_size}", f"last hidden {image_size}"
+        # Keys in a box's memo for the blits that add and remove its last item, which Tower's shared boxes need often.
+        self._added_key, self._removed_key = f"added {image_size}", f"removed {image_size}"
         self._shown: tuple[Box, Box, Box] | None = None  # None if the buffer must be redrawn completely
 
     def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
@@ -248,28 +248,34 @@ class Canvas:
         return self.pixels
 
     def _update(self, index: int, before: Box, after: Box) -> bool:
-        """Redraws a box if one item was added at the end or removed; else returns False and does nothing."""
+        """Makes a box show `after`; False, and nothing done, unless one item was added at the end or removed."""
         old, new = before.items, after.items
-        difference = len(new) - len(old)
-        if difference == 1 and new[:-1] == old:
-            blit = after.memo.get(self._last_shown)
-            if blit is None:
-                blit = _patch_blit(new[-1], old, self._patches, self._shrink, shown=True)
-                after.memo[self._last_shown] = blit
-        elif difference == -1 and old[:-1] == new:
-            blit = before.memo.get(self._last_hidden)
-            if blit is None:
-                blit = _patch_blit(old[-1], new, self._patches, self._shrink, shown=False)
-                before.memo[self._last_hidden] = blit
-        elif difference == -1 and (removed := _removed(old, new)) is not None:
-            blit = _patch_blit(removed, new, self._patches, self._shrink, shown=False)
-        else:
-            return False
+        kept = after.memo.get(self._added_key)
+        if kept is None or kept[0] is not old:
+            kept = before.memo.get(self._removed_key)
+            if kept is None or kept[0] is not new:
+                kept = None
+        blit = self._blit(before, after) if kept is None else kept[1]
         if blit is None:
             return False
         top, bottom, left, right, pixels = blit
         self._boxes[index][top:bottom, left:right] = pixels
         return True
+
+    def _blit(self, before: Box, after: Box) -> Blit | None:
+        """The blit that turns `before` into `after`, None as in `_update`."""
+        old, new = before.items, after.items
+        difference = len(new) - len(old)
+        if difference == 1 and new[:-1] == old:
+            blit = _patch_blit(new[-1], old, self._patches, self._shrink, shown=True)
+            after.memo[self._added_key] = old, blit
+        elif difference == -1 and (removed := _removed(old, new)) is not None:
+            blit = _patch_blit(removed, new, self._patches, self._shrink, shown=False)
+            if removed is old[-1]:
+                before.memo[self._removed_key] = new, blit
+        else:
+            return None
+        return blit
 
     def _begin(self, scene: Scene) -> None:
         """Shows an unrelated scene; its picture is cached from the second time on."""
