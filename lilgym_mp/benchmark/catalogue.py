@@ -55,15 +55,15 @@ def _vector(
 
 
 def _batched() -> list[BenchmarkCase]:
-    kept, reused = players.batched_env, partial(players.batched_env, copy=False)
+    copied, not_copied = players.batched_env, partial(players.batched_env, copy=False)
     return [
         case
         for count in BATCHES
         for case in (
-            _vector("batched", "batched", count, kept),
-            _vector("batched", "batched, no copy", count, reused),
-            _vector("batched", "batched, masks", count, kept, masks=True),
-            _vector("batched", "batched, no copy, masks", count, reused, masks=True),
+            _vector("batched", "batched", count, copied),
+            _vector("batched", "batched, no copy", count, not_copied),
+            _vector("batched", "batched, masks", count, copied, masks=True),
+            _vector("batched", "batched, no copy, masks", count, not_copied, masks=True),
             _vector("batched", "batched, stop forcing", count, players.stop_forced, masks=True),
         )
     ]
@@ -86,12 +86,12 @@ def _workers() -> list[BenchmarkCase]:
     for count in WORKER_BATCHES:
         for processes in process_counts():
             name = worker_name(processes)
-            kept = partial(players.worker_env, processes=processes)
-            reused = partial(players.worker_env, processes=processes, copy=False)
+            copied = partial(players.worker_env, processes=processes)
+            not_copied = partial(players.worker_env, processes=processes, copy=False)
             found += [
-                _vector("workers", name, count, kept),
-                _vector("workers", f"{name}, no copy", count, reused),
-                _vector("workers", f"{name}, masks", count, kept, masks=True),
+                _vector("workers", name, count, copied),
+                _vector("workers", f"{name}, no copy", count, not_copied),
+                _vector("workers", f"{name}, masks", count, copied, masks=True),
             ]
     return found
 

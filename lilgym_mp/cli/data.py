@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
     from lilgym_mp.corpus.official.installing import Installation
 
-FAULTS_FOUND = 1  # exit code of `check`
+INVALID_CORPUS = 1  # exit code of `check`
 SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
 
 
@@ -73,7 +73,7 @@ def _add_stats(actions: Any) -> None:
 
 
 def _add_check(actions: Any) -> None:
-    parser = actions.add_parser("check", help=f"check every entry; the exit code is {FAULTS_FOUND} if any is invalid")
+    parser = actions.add_parser("check", help=f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
     _add_corpus_argument(parser)
     parser.set_defaults(run=_check)
 
@@ -232,7 +232,7 @@ def _check(args: argparse.Namespace) -> int:
 
     report = check_corpus(args.corpus)
     print(report)
-    return 0 if report.ok else FAULTS_FOUND
+    return 0 if report.ok else INVALID_CORPUS
 
 
 def _show(args: argparse.Namespace) -> int:

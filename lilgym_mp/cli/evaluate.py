@@ -223,29 +223,28 @@ def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
 def training_facts(description: ModelDescription) -> dict[str, float]:
     """The steps and CPU minutes of an agent's training, as far as its description has them."""
     details, recipe = description.details, description.recipe
-    found: dict[str, float] = {}
+    facts: dict[str, float] = {}
     if (steps := details.get("steps", recipe.get("steps"))) is not None:
-        found["steps"] = steps
+        facts["steps"] = steps
     if (minutes := details.get("cpu_minutes")) is not None:
-        found["cpu_minutes"] = minutes
+        facts["cpu_minutes"] = minutes
     elif (seconds := details.get("cpu_seconds", details.get("seconds"))) is not None:
-        found["cpu_minutes"] = round(seconds / 60, 2)
-    return found
+        facts["cpu_minutes"] = round(seconds / 60, 2)
+    return facts
 
 
 def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[Settings]:
     """The environments to evaluate in, in the order of CONFIGURATIONS unless named."""
-    named = [
-        choose("configuration", name, {name: name for name in CONFIGURATIONS}) for name in args.configuration or ()
-    ]
-    playable = {name for agent in agents for name in agent.configurations} if agents else set(CONFIGURATIONS)
-    for name in named:
+    requested: Sequence[str] = args.configuration or ()
+    supported = {name for agent in agents for name in agent.configurations} if agents else set(CONFIGURATIONS)
+    for name in requested:
+        choose("configuration", name, CONFIGURATIONS)
         for agent in agents:
             if name not in agent.configurations:
                 raise CommandError(f"{agent.name} does not play {name}; it plays {', '.join(agent.configurations)}")
     environment = given_environment(args)
-    chosen = [Settings(name, **environment) for name in named or CONFIGURATIONS if name in playable]
-    return chosen if named else [settings for settings in chosen if _has_tasks(settings, args.split)]
+    chosen = [Settings(name, **environment) for name in requested or CONFIGURATIONS if name in supported]
+    return chosen if requested else [settings for settings in chosen if _has_tasks(settings, args.split)]
 
 
 def _has_tasks(settings: Settings, split: str) -> bool:

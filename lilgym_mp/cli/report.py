@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
         "evaluated first, together with the expert and random policies.",
     )
     parser.add_argument(
-        "places",
+        "paths",
         nargs="+",
         type=Path,
         metavar="DIR_OR_RUN",
@@ -56,17 +56,17 @@ def run(args: argparse.Namespace) -> int:
     check_directory(args.out)
     if args.document is not None:
         check_document(args.document)
-    runs = [place for place in args.places if is_unrecorded_run(place)]
-    places = [place for place in args.places if place not in runs]
-    recorded = recorded_runs(places)
-    unplayed = [place for place in runs if place.resolve() not in recorded]
+    runs = [path for path in args.paths if is_unrecorded_run(path)]
+    paths = [path for path in args.paths if path not in runs]
+    recorded = recorded_runs(paths)
+    unrecorded = [path for path in runs if path.resolve() not in recorded]
     try:
-        with tempfile.TemporaryDirectory() as played:
-            if unplayed:
-                _play(unplayed, Path(played), args.corpus, args.split)
-                places.append(Path(played))
+        with tempfile.TemporaryDirectory() as recordings:
+            if unrecorded:
+                _evaluate(unrecorded, Path(recordings), args.corpus, args.split)
+                paths.append(Path(recordings))
             command = " ".join(["lilgym-mp", *args.argv])
-            page = make_report(places, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
+            page = make_report(paths, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
     except ImportError as error:
         raise CommandError(str(error)) from None
     print(f"report: {page}")
@@ -75,32 +75,32 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def is_unrecorded_run(place: Path) -> bool:
+def is_unrecorded_run(path: Path) -> bool:
     """Whether the directory is a run with an agent but without recorded episodes."""
-    return (place / AGENT_FILE).is_file() and not any(place.rglob(f"*{SUFFIX}"))
+    return (path / AGENT_FILE).is_file() and not any(path.rglob(f"*{SUFFIX}"))
 
 
-def recorded_runs(places: Sequence[Path]) -> set[Path]:
+def recorded_runs(paths: Sequence[Path]) -> set[Path]:
     """The run directories of the recorded agents. Raises EpisodesError."""
-    files = [file for place in places if place.is_dir() for file in sorted(place.rglob(f"*{SUFFIX}"))]
-    headers = map(read_header, [*files, *(place for place in places if place.is_file())])
+    files = [file for path in paths if path.is_dir() for file in sorted(path.rglob(f"*{SUFFIX}"))]
+    headers = map(read_header, [*files, *(path for path in paths if path.is_file())])
     return {Path(header.run).resolve() for header in headers if header is not None and header.run is not None}
 
 
-def _play(places: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:
+def _evaluate(paths: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:
     """Evaluates and records the runs, the expert and random policies."""
     from lilgym_mp.cli import parse_args
 
-    for corpus_name in dict.fromkeys(corpus or training_corpus_of(place) for place in places):
-        own = [place for place in places if (corpus or training_corpus_of(place)) == corpus_name]
+    for corpus_name in dict.fromkeys(corpus or training_corpus_of(path) for path in paths):
+        runs = [path for path in paths if (corpus or training_corpus_of(path)) == corpus_name]
         options = ["--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name, "--split", split]
-        args = parse_args(["evaluate", *map(str, own), *options, "--record", str(directory), "--optimal"])
+        args = parse_args(["evaluate", *map(str, runs), *options, "--record", str(directory), "--optimal"])
         args.run(args)
 
 
-def training_corpus_of(place: Path) -> str:
+def training_corpus_of(path: Path) -> str:
     """The corpus that a run was trained on, from its description. Raises CommandError."""
-    file = place / RUN_FILE
+    file = path / RUN_FILE
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
         identity = data.get("identity", data)

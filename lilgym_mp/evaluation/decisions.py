@@ -76,17 +76,17 @@ class Decision:
 
     @classmethod
     def from_json(cls, data: Any) -> Self:
-        """What `to_json` gave. Raises ValueError, TypeError, KeyError for anything else."""
+        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
         for name in ("add_cells", "remove_cells"):
-            values[name] = {int(cell): _probability(name, found) for cell, found in values[name]}
+            values[name] = {int(cell): _probability(name, value) for cell, value in values[name]}
         likeliest = values["likeliest"]
-        values["likeliest"] = tuple((named(name), _probability("likeliest", found)) for name, found in likeliest)
-        values["types"] = tuple(_probability("types", found) for found in values["types"])
+        values["likeliest"] = tuple((named(name), _probability("likeliest", value)) for name, value in likeliest)
+        values["types"] = tuple(_probability("types", value) for value in values["types"])
         values["legal"] = tuple(map(int, values["legal"]))
         _probability("legal_probability", values["legal_probability"])
-        for name, found in dict(values["programs"]).items():
-            _probability(f"programs: {name:.40}", found)
+        for program, value in dict(values["programs"]).items():
+            _probability(f"programs: {program:.40}", value)
         values["answers"] = tuple(AgentAnswer(str(text), bool(known)) for text, known in values.get("answers", ()))
         if len(values["types"]) != len(ActionType) or len(values["legal"]) != len(ActionType):
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")
@@ -98,6 +98,7 @@ class Decision:
 
 
 def _probability(name: str, value: Any) -> float:
+    """`value` as a float. Raises ValueError naming the field unless it is a probability."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
         raise ValueError(f"{name} must be probabilities from 0 to 1, not {value!r:.80}")
     return float(value)

@@ -185,11 +185,11 @@ def write_episodes(path: Path, header: Header, episodes: Sequence[RecordedEpisod
 def read_episodes(path: Path) -> Recording:
     """Reads a file written by `write_episodes`. Raises EpisodesError naming the file, the line and the error."""
     lines = _lines(path)
-    number, first = next(lines, (1, None))
+    line_number, first = next(lines, (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
         raise EpisodesError(f"{path}: holds no recorded episodes: its first line must name the format {FORMAT!r}")
-    header = _read(path, number, Header.from_json, first)
-    episodes = tuple(_read(path, number, RecordedEpisode.from_json, line) for number, line in lines)
+    header = _read(path, line_number, Header.from_json, first)
+    episodes = tuple(_read(path, line_number, RecordedEpisode.from_json, line) for line_number, line in lines)
     if len(episodes) != header.episodes:
         raise EpisodesError(f"{path}: truncated after {len(episodes)} of {header.episodes} episodes")
     return Recording(path, header, episodes)
@@ -197,28 +197,28 @@ def read_episodes(path: Path) -> Recording:
 
 def read_header(path: Path) -> Header | None:
     """The header of the file, None if the first line is of another format. Raises EpisodesError if damaged."""
-    number, first = next(_lines(path), (1, None))
+    line_number, first = next(_lines(path), (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
         return None
-    return _read(path, number, Header.from_json, first)
+    return _read(path, line_number, Header.from_json, first)
 
 
-def _read(path: Path, number: int, parse: Callable[[Any], Any], data: Any) -> Any:
+def _read(path: Path, line_number: int, parse: Callable[[Any], Any], data: Any) -> Any:
     """`parse(data)`, its errors with the path and line number."""
     try:
         return parse(data)
     except KeyError as error:
-        raise EpisodesError(f"{path}, line {number}: missing key {error}") from None
+        raise EpisodesError(f"{path}, line {line_number}: missing key {error}") from None
     except (ActionError, SceneError, ValueError, TypeError) as error:
-        raise EpisodesError(f"{path}, line {number}: {error}") from None
+        raise EpisodesError(f"{path}, line {line_number}: {error}") from None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, Any]]:
     """Number and content of each line."""
     try:
         with gzip.open(path, "rt", encoding="utf-8") as file:
-            for number, line in enumerate(iter(lambda: file.readline(MAX_LINE_LENGTH), ""), start=1):
-                yield number, json.loads(line)
+            for line_number, line in enumerate(iter(lambda: file.readline(MAX_LINE_LENGTH), ""), start=1):
+                yield line_number, json.loads(line)
     except EOFError:
         raise EpisodesError(f"{path}: truncated: the compressed data end too early") from None
     except (gzip.BadGzipFile, zlib.error, UnicodeDecodeError, json.JSONDecodeError) as error:

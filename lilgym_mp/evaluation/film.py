@@ -81,8 +81,8 @@ def _tile(frame: FilmFrame) -> Image.Image:
     tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
     pen = ImageDraw.Draw(tile)
     font = ImageFont.load_default(FONT_PIXELS)
-    for number, line in enumerate(wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
-        pen.text((MARGIN, MARGIN + number * LINE_HEIGHT), line, fill=INK_RGB, font=font)
+    for index, line in enumerate(wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
+        pen.text((MARGIN, MARGIN + index * LINE_HEIGHT), line, fill=INK_RGB, font=font)
     top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
     border = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
     pen.rectangle(border, fill=frame.rgb)

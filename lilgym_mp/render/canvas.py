@@ -66,8 +66,8 @@ def _patch(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) 
     bare = empty_box(shrink)[:rows, :columns]
     mask = np.pad(item_mask(footprint), ((odd_y, 0), (odd_x, 0)))
     drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
-    number = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
-    return columns * shrink, rows * shrink, sprite, bare, drawn, number
+    packed_counts = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
+    return columns * shrink, rows * shrink, sprite, bare, drawn, packed_counts
 
 
 def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:

@@ -51,9 +51,9 @@ def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) 
     image = Image.new("RGB", (width, height), PAPER_RGB)
     image.paste(Image.fromarray(scene_picture(scene, marked)))
     pen, font = ImageDraw.Draw(image), caption_font()
-    for number, line in enumerate(lines):
+    for index, line in enumerate(lines):
         text = _fitted(line, width - 2 * MARGIN, pen, font)
-        pen.text((MARGIN, SCENE_SHAPE[0] + number * LINE_PIXELS), text, fill=INK_RGB, font=font)
+        pen.text((MARGIN, SCENE_SHAPE[0] + index * LINE_PIXELS), text, fill=INK_RGB, font=font)
     return np.asarray(image)
 
 
@@ -84,7 +84,7 @@ def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Imag
         pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=BOX_RGB)
         if grid is not None:
             for line in _cell_lines(left, grid):
-                pen.line([place * scale for place in line], fill=CELL_RGB, width=SUPERSAMPLING)
+                pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)
         for item in box.items:
             _draw_item(pen, item, left + item.x, scale)
     return image
@@ -143,12 +143,12 @@ def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
     for box in range(BOX_COUNT):
         left = BOX_PITCH * box
         for x in range(left, left + BOX_SIDE, width * _steps(width)):
-            place = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
-            pen.text(place, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
+            position = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
+            pen.text(position, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
         for y in range(0, BOX_SIDE, height * _steps(height)):
             ink = MARK_RGB if box == 0 else PAPER_RGB  # on the separators
-            place = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
-            pen.text(place, str(y // height), fill=ink, font=font, anchor="rm")
+            position = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
+            pen.text(position, str(y // height), fill=ink, font=font, anchor="rm")
 
 
 def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:

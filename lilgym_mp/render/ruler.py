@@ -28,9 +28,9 @@ def _column_line(columns: int) -> str:
     line = ""
     for box in range(BOX_COUNT):
         for x in range(0, BOX_SIDE, cell_width):
-            place = box * box_width + BORDER + x // TEXT_CELL[0]
-            if place > len(line) or not line:
-                line = line.ljust(place) + str((box * BOX_PITCH + x) // cell_width)
+            start = box * box_width + BORDER + x // TEXT_CELL[0]
+            if start > len(line) or not line:
+                line = line.ljust(start) + str((box * BOX_PITCH + x) // cell_width)
     return line
 
 
