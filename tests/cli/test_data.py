@@ -12,8 +12,8 @@ from PIL import Image
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.official.fetching import RetryPolicy
+from tests.file_server import FaultyResponse, file_server
 from tests.small_corpus import register_as_official, small_entries, write_released
-from tests.web import Misdeed, web_server
 
 Run = Callable[..., str]
 
@@ -104,12 +104,12 @@ def test_download__does_not_repeat_an_installation(
     data: Run, released: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    with web_server() as web:
+    with file_server() as web:
         web.files.update({f"/{path.name}": path.read_bytes() for path in released.iterdir()})
         assert f"installed in {cache} from {web.url}" in data("download", "--url", web.url)
-        asked = len(web.asked)
+        count = len(web.requests)
         assert f"already installed from {web.url}" in data("download", "--url", web.url)
-        assert len(web.asked) == asked
+        assert len(web.requests) == count
         assert "installed in" in data("download", "--url", web.url, "--force")
         assert f"from {web.url}/" in data("download", "--url", f"{web.url}/", "--splits", "test", "test")
     assert "no faults" in data("check", "lilgym")
@@ -123,8 +123,8 @@ def test_download__failure_names_alternatives(
     monkeypatch.setattr(
         "lilgym_mp.corpus.official.download.RetryPolicy", lambda: RetryPolicy(pause=lambda seconds: None)
     )
-    with web_server() as web:
-        web.misdeeds["/tower_scratch_test.json"] = [Misdeed(resets=True)] * 5
+    with file_server() as web:
+        web.faults["/tower_scratch_test.json"] = [FaultyResponse(resets=True)] * 5
         output = error_of("download", "--url", web.url)
     assert "invalid response" in output
     assert "run the same command again to resume" in output

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
+from tests.file_server import FileServer, file_server
 from tests.small_corpus import register_as_official, small_entries, write_released
-from tests.web import Web, web_server
 
 
 @pytest.fixture
@@ -42,8 +42,8 @@ def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, 
 
 
 @pytest.fixture
-def web(monkeypatch: pytest.MonkeyPatch) -> Generator[Web, None, None]:
+def web(monkeypatch: pytest.MonkeyPatch) -> Generator[FileServer, None, None]:
     """A web server on loopback, reached without a proxy."""
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    with web_server() as web:
+    with file_server() as web:
         yield web

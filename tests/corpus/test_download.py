@@ -16,7 +16,7 @@ from lilgym_mp.corpus.faults import InterruptionError
 from lilgym_mp.corpus.official.download import GitHub, WebDirectory, download_official
 from lilgym_mp.corpus.official.fetching import RetryPolicy, fetch, fetch_text
 from lilgym_mp.corpus.official.installing import read_installation
-from tests.web import Misdeed, Web
+from tests.file_server import FaultyResponse, FileServer
 
 CONTENT = bytes(range(256)) * 1000
 SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"
@@ -43,7 +43,7 @@ def part(tmp_path: Path) -> Path:
     return tmp_path / "file.part"
 
 
-def test_fetch__downloads_the_whole_file_and_reports_progress(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__downloads_the_whole_file_and_reports_progress(web: FileServer, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     seen: list[tuple[int, int | None]] = []
     fetch(f"{web.url}/file", part, lambda have, total: seen.append((have, total)), retries)
@@ -52,94 +52,104 @@ def test_fetch__downloads_the_whole_file_and_reports_progress(web: Web, part: Pa
     assert seen[-1] == (len(CONTENT), len(CONTENT))
 
 
-def test_fetch__resumes_a_partial_download(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__resumes_a_partial_download(web: FileServer, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
     part.write_bytes(CONTENT[:1000])
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
-    assert web.asked_for("/file") == ["bytes=1000-"]
+    assert web.requested_ranges("/file") == ["bytes=1000-"]
 
 
 @pytest.mark.parametrize(
-    ("misdeed", "ranges"),
+    ("fault", "ranges"),
     [
-        (Misdeed(breaks_after=5000), [None, "bytes=5000-"]),
-        (Misdeed(resets=True), [None, None]),
-        (Misdeed(status=503), [None, None]),
-        (Misdeed(status=429, headers={"Retry-After": "7"}), [None, None]),
-        (Misdeed(status=403, headers={"Retry-After": "7"}), [None, None]),
+        (FaultyResponse(breaks_after=5000), [None, "bytes=5000-"]),
+        (FaultyResponse(resets=True), [None, None]),
+        (FaultyResponse(status=503), [None, None]),
+        (FaultyResponse(status=429, headers={"Retry-After": "7"}), [None, None]),
+        (FaultyResponse(status=403, headers={"Retry-After": "7"}), [None, None]),
     ],
 )
 def test_fetch__retries_temporary_failures(
-    misdeed: Misdeed, ranges: list[str | None], web: Web, part: Path, retries: RetryPolicy
+    fault: FaultyResponse, ranges: list[str | None], web: FileServer, part: Path, retries: RetryPolicy
 ):
     web.files["/file"] = CONTENT
-    web.misdeeds["/file"] = [misdeed]
+    web.faults["/file"] = [fault]
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
-    assert web.asked_for("/file") == ranges
+    assert web.requested_ranges("/file") == ranges
 
 
 @pytest.mark.parametrize(
-    "misdeed",
+    "fault",
     [
-        Misdeed(ignores_range=True),
-        Misdeed(content_range="bytes 7-8/9"),
-        Misdeed(content_range="nonsense"),
-        Misdeed(status=416),
+        FaultyResponse(ignores_range=True),
+        FaultyResponse(content_range="bytes 7-8/9"),
+        FaultyResponse(content_range="nonsense"),
+        FaultyResponse(status=416),
     ],
     ids=["ignores the range", "another range", "no range", "no such range"],
 )
-def test_fetch__restarts_when_the_server_cannot_resume(misdeed: Misdeed, web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__restarts_when_the_server_cannot_resume(
+    fault: FaultyResponse, web: FileServer, part: Path, retries: RetryPolicy
+):
     web.files["/file"] = CONTENT
-    web.misdeeds["/file"] = [misdeed]
+    web.faults["/file"] = [fault]
     part.write_bytes(b"x" * 1000)
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__pauses_grow_and_honour_retry_after(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
+def test_fetch__pauses_grow_and_honour_retry_after(
+    web: FileServer, part: Path, retries: RetryPolicy, pauses: list[float]
+):
     web.files["/file"] = CONTENT
-    web.misdeeds["/file"] = [Misdeed(status=500), Misdeed(status=503, headers={"Retry-After": "9"})]
+    web.faults["/file"] = [FaultyResponse(status=500), FaultyResponse(status=503, headers={"Retry-After": "9"})]
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert pauses == [1.0, 9.0]
 
 
-def test_fetch__progress_resets_the_tries(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__progress_resets_the_tries(web: FileServer, part: Path, retries: RetryPolicy):
     web.files["/file"] = CONTENT
-    web.misdeeds["/file"] = [Misdeed(breaks_after=20_000)] * 6
+    web.faults["/file"] = [FaultyResponse(breaks_after=20_000)] * 6
     fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT
 
 
-def test_fetch__gives_up_on_a_broken_server_and_keeps_the_partial_file(web: Web, part: Path, retries: RetryPolicy):
+def test_fetch__gives_up_on_a_broken_server_and_keeps_the_partial_file(
+    web: FileServer, part: Path, retries: RetryPolicy
+):
     web.files["/file"] = CONTENT
-    web.misdeeds["/file"] = [Misdeed(breaks_after=5000)] + [Misdeed(resets=True)] * 3
+    web.faults["/file"] = [FaultyResponse(breaks_after=5000)] + [FaultyResponse(resets=True)] * 3
     with pytest.raises(InterruptionError, match=r"invalid response.*tried 3 times"):
         fetch(f"{web.url}/file", part, _nothing, retries)
     assert part.read_bytes() == CONTENT[:5000]
 
 
-def test_fetch__gives_up_when_asked_to_wait_too_long(web: Web, part: Path, retries: RetryPolicy, pauses: list[float]):
-    web.misdeeds["/file"] = [Misdeed(status=429, headers={"Retry-After": "3600"})]
+def test_fetch__gives_up_when_asked_to_wait_too_long(
+    web: FileServer, part: Path, retries: RetryPolicy, pauses: list[float]
+):
+    web.faults["/file"] = [FaultyResponse(status=429, headers={"Retry-After": "3600"})]
     with pytest.raises(InterruptionError, match=r"answers 429.*tried once"):
         fetch(f"{web.url}/file", part, _nothing, retries)
     assert pauses == []
 
 
 @pytest.mark.parametrize(
-    ("misdeed", "message"),
+    ("fault", "message"),
     [
-        (Misdeed(status=404), r"/file: the server answers 404 Not Found"),
-        (Misdeed(status=401), r"/file: the server answers 401"),
-        (Misdeed(content=b"", headers={"Content-Length": str(10**12)}), "more than any file of the release"),
+        (FaultyResponse(status=404), r"/file: the server answers 404 Not Found"),
+        (FaultyResponse(status=401), r"/file: the server answers 401"),
+        (FaultyResponse(content=b"", headers={"Content-Length": str(10**12)}), "more than any file of the release"),
     ],
 )
-def test_fetch__a_refusal_is_not_retried(misdeed: Misdeed, message: str, web: Web, part: Path, retries: RetryPolicy):
-    web.misdeeds["/file"] = [misdeed]
+def test_fetch__a_refusal_is_not_retried(
+    fault: FaultyResponse, message: str, web: FileServer, part: Path, retries: RetryPolicy
+):
+    web.faults["/file"] = [fault]
     with pytest.raises(CorpusError, match=message):
         fetch(f"{web.url}/file", part, _nothing, retries)
-    assert len(web.asked) == 1
+    assert len(web.requests) == 1
 
 
 def test_fetch__unreachable_server_error_names_the_host(
@@ -153,9 +163,9 @@ def test_fetch__unreachable_server_error_names_the_host(
             fetch(f"http://{host}/file", part, _nothing, retries)
 
 
-def test_fetch_text__retries_a_truncated_response(web: Web, retries: RetryPolicy):
+def test_fetch_text__retries_a_truncated_response(web: FileServer, retries: RetryPolicy):
     web.files["/text"] = "caf\u00e9".encode()
-    web.misdeeds["/text"] = [Misdeed(breaks_after=2)]
+    web.faults["/text"] = [FaultyResponse(breaks_after=2)]
     assert fetch_text(f"{web.url}/text", retries) == "caf\u00e9"
 
 
@@ -175,7 +185,7 @@ def test_fetch__an_invalid_url_is_not_retried(url: str, part: Path, retries: Ret
 
 
 @pytest.fixture
-def repository(web: Web, small_release: dict[str, bytes]) -> GitHub:
+def repository(web: FileServer, small_release: dict[str, bytes]) -> GitHub:
     """The small release, in two directories of a repository."""
     files = {f"some/where/{SCRATCH}": small_release[SCRATCH], f"else where/{FLIPIT}": small_release[FLIPIT]}
     web.serve_repository(REPOSITORY, COMMIT, {**files, "README.md": b"Read me."})
@@ -195,7 +205,7 @@ def download(repository: GitHub, target: Path, retries: RetryPolicy) -> Download
     return lambda: download_official(repository, [SCRATCH, FLIPIT], target, retries=retries)
 
 
-def _scratch_path(web: Web) -> str:
+def _scratch_path(web: FileServer) -> str:
     return f"/{REPOSITORY}/{COMMIT}/some/where/{SCRATCH}"
 
 
@@ -207,48 +217,48 @@ def test_download__installs_files_that_load_tasks_reads(download: Download, targ
     assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
 
 
-def test_download__resumes_after_an_interruption(download: Download, target: Path, web: Web):
-    broken = Misdeed(breaks_after=10)
-    web.misdeeds[_scratch_path(web)] = [broken, *[Misdeed(resets=True)] * 3]
+def test_download__resumes_after_an_interruption(download: Download, target: Path, web: FileServer):
+    broken = FaultyResponse(breaks_after=10)
+    web.faults[_scratch_path(web)] = [broken, *[FaultyResponse(resets=True)] * 3]
     with pytest.raises(InterruptionError):
         download()
     assert not target.exists()
     download()
-    assert web.asked_for(_scratch_path(web))[-1] == "bytes=10-"
+    assert web.requested_ranges(_scratch_path(web))[-1] == "bytes=10-"
     assert read_installation(target) is not None
 
 
-def test_download__complete_files_are_not_requested_again(download: Download, target: Path, web: Web):
+def test_download__complete_files_are_not_requested_again(download: Download, target: Path, web: FileServer):
     second = next(path for path in web.files if path.endswith(FLIPIT))
-    web.misdeeds[second] = [Misdeed(resets=True)] * 3
+    web.faults[second] = [FaultyResponse(resets=True)] * 3
     with pytest.raises(InterruptionError):
         download()
     download()
-    assert len(web.asked_for(_scratch_path(web))) == 1
+    assert len(web.requested_ranges(_scratch_path(web))) == 1
 
 
-def test_download__files_with_a_wrong_checksum_are_removed(download: Download, target: Path, web: Web):
+def test_download__files_with_a_wrong_checksum_are_removed(download: Download, target: Path, web: FileServer):
     content = web.files[_scratch_path(web)]
-    web.misdeeds[_scratch_path(web)] = [Misdeed(content=content.replace(b"Blue", b"Pink"))]
+    web.faults[_scratch_path(web)] = [FaultyResponse(content=content.replace(b"Blue", b"Pink"))]
     with pytest.raises(CorpusError, match=r"tower_scratch_test.json: checksum mismatch: Git object id"):
         download()
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__a_corrupt_partial_file_is_restarted(download: Download, target: Path, web: Web):
-    web.misdeeds[_scratch_path(web)] = [
-        Misdeed(content=b"?" * 10, headers={"Content-Length": "90"}),
-        *[Misdeed(resets=True)] * 3,
+def test_download__a_corrupt_partial_file_is_restarted(download: Download, target: Path, web: FileServer):
+    web.faults[_scratch_path(web)] = [
+        FaultyResponse(content=b"?" * 10, headers={"Content-Length": "90"}),
+        *[FaultyResponse(resets=True)] * 3,
     ]
     with pytest.raises(InterruptionError):
         download()
     download()
-    assert web.asked_for(_scratch_path(web))[-2:] == ["bytes=10-", None]
+    assert web.requested_ranges(_scratch_path(web))[-2:] == ["bytes=10-", None]
     assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
 
 
 def test_download__missing_files_in_the_repository_are_named(
-    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
+    web: FileServer, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"data/{SCRATCH}": small_release[SCRATCH]})
     with pytest.raises(CorpusError, match=rf"{REPOSITORY} at HEAD: has no {FLIPIT}; .*lilgym-mp data import"):
@@ -257,7 +267,7 @@ def test_download__missing_files_in_the_repository_are_named(
 
 
 def test_download__different_files_of_one_name_are_an_error(
-    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
+    web: FileServer, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {f"a/{SCRATCH}": small_release[SCRATCH], f"b/{SCRATCH}": b"{}"})
     with pytest.raises(CorpusError, match=f"several different files {SCRATCH}"):
@@ -265,21 +275,23 @@ def test_download__different_files_of_one_name_are_an_error(
 
 
 @pytest.mark.parametrize("answer", [b"<html>", b"[]", b'{"sha": 1}'])
-def test_download__an_invalid_listing_is_an_error(answer: bytes, web: Web, target: Path, retries: RetryPolicy):
+def test_download__an_invalid_listing_is_an_error(answer: bytes, web: FileServer, target: Path, retries: RetryPolicy):
     web.files[f"/repos/{REPOSITORY}/commits/HEAD"] = answer
     with pytest.raises(CorpusError, match=r"the response cannot be read|not a JSON object|contains no commit"):
         download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
     assert not target.exists()
 
 
-def test_download__rate_limit_error_says_when_to_retry(web: Web, target: Path, retries: RetryPolicy):
-    web.misdeeds[f"/repos/{REPOSITORY}/commits/HEAD"] = [Misdeed(status=403, headers={"X-RateLimit-Remaining": "0"})]
+def test_download__rate_limit_error_says_when_to_retry(web: FileServer, target: Path, retries: RetryPolicy):
+    web.faults[f"/repos/{REPOSITORY}/commits/HEAD"] = [
+        FaultyResponse(status=403, headers={"X-RateLimit-Remaining": "0"})
+    ]
     with pytest.raises(InterruptionError, match="rate limit exceeded; try again in an hour"):
         download_official(GitHub(api_url=web.url, raw_url=web.url), [SCRATCH], target, retries=retries)
 
 
 def test_download__a_web_directory_needs_no_listing(
-    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
+    web: FileServer, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.files.update({f"/mirror/{name}": content for name, content in small_release.items()})
     installation = download_official(WebDirectory(f"{web.url}/mirror/"), [SCRATCH, FLIPIT], target, retries=retries)
@@ -310,7 +322,7 @@ def test_download__files_of_another_version_are_removed(
     old: str,
     new: str,
     message: str,
-    web: Web,
+    web: FileServer,
     small_release: dict[str, bytes],
     target: Path,
     retries: RetryPolicy,
@@ -322,11 +334,13 @@ def test_download__files_of_another_version_are_removed(
     assert list(target.parent.iterdir()) == []
 
 
-def test_download__checks_disk_space_first(download: Download, target: Path, web: Web, monkeypatch: pytest.MonkeyPatch):
+def test_download__checks_disk_space_first(
+    download: Download, target: Path, web: FileServer, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 5}))
     with pytest.raises(CorpusError, match=r"no space left on the disk of .*: the files need \d+ bytes, 5 are free"):
         download()
-    assert not web.asked_for(_scratch_path(web))
+    assert not web.requested_ranges(_scratch_path(web))
     assert list(target.parent.iterdir()) == []
 
 
@@ -354,7 +368,7 @@ def test_download__reports_progress_per_file(
 
 
 def test_download__uses_the_files_of_the_requested_commit(
-    web: Web, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
+    web: FileServer, small_release: dict[str, bytes], target: Path, retries: RetryPolicy
 ):
     web.serve_repository(REPOSITORY, COMMIT, {SCRATCH: small_release[SCRATCH]})
     web.files[f"/repos/{REPOSITORY}/commits/v1"] = json.dumps({"sha": COMMIT}).encode()

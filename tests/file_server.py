@@ -1,4 +1,4 @@
-"""A web server on loopback that serves files from memory and misbehaves as told, request by request."""
+"""A web server on loopback that serves files from memory, with a configurable fault for each request."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from urllib.parse import quote
 
 
 @dataclass(frozen=True)
-class Misdeed:
-    """What is wrong with one answer."""
+class FaultyResponse:
+    """A fault of one response; the default is none."""
 
-    status: int | None = None  # an answer without content
+    status: int | None = None  # a response without content
     headers: dict[str, str] = field(default_factory=dict)
     breaks_after: int | None = None  # bytes of content, then the connection ends
-    resets: bool = False  # without an answer
+    resets: bool = False  # resets the connection instead of responding
     ignores_range: bool = False
     content_range: str | None = None  # instead of the true one
     content: bytes | None = None  # instead of the true one
 
 
-class Asked(NamedTuple):
+class Request(NamedTuple):
     path: str
     range: str | None
 
 
-class Web:
-    """Files by path, misdeeds to come for each path (first come, first served), and what was asked so far."""
+class FileServer:
+    """Files by path, queued faults by path, and the requests received so far."""
 
     def __init__(self, url: str) -> None:
         self.url = url
         self.files: dict[str, bytes] = {}
-        self.misdeeds: dict[str, list[Misdeed]] = {}
-        self.asked: list[Asked] = []
+        self.faults: dict[str, list[FaultyResponse]] = {}
+        self.requests: list[Request] = []
 
-    def asked_for(self, path: str) -> list[str | None]:
-        """The ranges asked of a path, None for all of it."""
-        return [asked.range for asked in self.asked if asked.path == path]
+    def requested_ranges(self, path: str) -> list[str | None]:
+        """The ranges requested of a path, None for the whole file."""
+        return [request.range for request in self.requests if request.path == path]
 
     def serve_repository(self, name: str, commit: str, files: dict[str, bytes]) -> None:
-        """Answers as GitHub's API and its raw files do, both under this server's URL."""
+        """Serves a repository like GitHub's API and raw files, both under this server's URL."""
         tree: list[dict[str, Any]] = [{"path": "data", "type": "tree", "sha": "0" * 40}]
         for path, content in files.items():
             blob = hashlib.sha1(b"blob %d\0" % len(content) + content).hexdigest()
@@ -56,34 +56,34 @@ class Web:
         self.files[f"/repos/{name}/git/trees/{commit}?recursive=1"] = json.dumps({"tree": tree}).encode()
 
 
-def _handler(web: Web) -> type[BaseHTTPRequestHandler]:
+def _handler(web: FileServer) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
         def do_GET(self) -> None:
-            asked = Asked(self.path, self.headers.get("Range"))
-            web.asked.append(asked)
-            waiting = web.misdeeds.get(self.path)
+            request = Request(self.path, self.headers.get("Range"))
+            web.requests.append(request)
+            faults = web.faults.get(self.path)
             self.close_connection = True
-            self._answer(asked, waiting.pop(0) if waiting else Misdeed())
+            self._respond(request, faults.pop(0) if faults else FaultyResponse())
 
-        def _answer(self, asked: Asked, misdeed: Misdeed) -> None:
-            content = web.files.get(asked.path) if misdeed.content is None else misdeed.content
-            if misdeed.resets:
+        def _respond(self, request: Request, fault: FaultyResponse) -> None:
+            content = web.files.get(request.path) if fault.content is None else fault.content
+            if fault.resets:
                 self.connection.shutdown(socket.SHUT_RDWR)
                 return
-            if misdeed.status or content is None:
-                self._begin(misdeed.status or 404, {"Content-Length": "0", **misdeed.headers})
+            if fault.status or content is None:
+                self._begin(fault.status or 404, {"Content-Length": "0", **fault.headers})
                 return
-            start = 0 if asked.range is None or misdeed.ignores_range else int(asked.range[len("bytes=") : -1])
+            start = 0 if request.range is None or fault.ignores_range else int(request.range[len("bytes=") : -1])
             if start >= len(content) > 0:
                 self._begin(416, {"Content-Range": f"bytes */{len(content)}", "Content-Length": "0"})
                 return
-            headers = {"Content-Length": str(len(content) - start), **misdeed.headers}
+            headers = {"Content-Length": str(len(content) - start), **fault.headers}
             if start:
-                headers["Content-Range"] = misdeed.content_range or f"bytes {start}-{len(content) - 1}/{len(content)}"
+                headers["Content-Range"] = fault.content_range or f"bytes {start}-{len(content) - 1}/{len(content)}"
             self._begin(206 if start else 200, headers)
-            stop = len(content) if misdeed.breaks_after is None else start + misdeed.breaks_after
+            stop = len(content) if fault.breaks_after is None else start + fault.breaks_after
             self.wfile.write(content[start:stop])
 
         def _begin(self, status: int, headers: dict[str, str]) -> None:
@@ -93,14 +93,14 @@ def _handler(web: Web) -> type[BaseHTTPRequestHandler]:
             self.end_headers()
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Says nothing."""
+            """Logs nothing."""
 
     return Handler
 
 
 @contextmanager
-def web_server() -> Generator[Web, None, None]:
-    web = Web("")
+def file_server() -> Generator[FileServer, None, None]:
+    web = FileServer("")
     with ThreadingHTTPServer(("127.0.0.1", 0), _handler(web)) as server:
         web.url = f"http://127.0.0.1:{server.server_port}"
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
