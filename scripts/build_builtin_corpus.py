@@ -176,21 +176,21 @@ class Builder:
 class Selection:
     """Accepts drafts that keep the corpus varied: no duplicates or official statements, few trivial ones."""
 
-    def __init__(self, taken: Iterable[SolvedEntry], statements: Iterable[str]) -> None:
-        """`taken`: entries selected before; `statements`: others that are not accepted."""
+    def __init__(self, selected: Iterable[SolvedEntry], statements: Iterable[str]) -> None:
+        """`selected`: entries selected before; `statements`: others that are not accepted."""
         self.statements = set(map(normalised, statements))
         self.forms: Counter[tuple[str, str]] = Counter()
         self.programs: Counter[str] = Counter()
         self.trivial: Counter[str] = Counter()
         self.official: set[str] = set()
-        for built in taken:
-            self.add(built)
+        for entry in selected:
+            self.add(entry)
 
-    def add(self, built: SolvedEntry) -> None:
-        self.statements.add(normalised(built.statement))
-        self.forms[built.split, statement_form(built.statement)] += 1
-        self.programs[built.program] += 1
-        self.trivial[built.split] += built.steps == 1
+    def add(self, entry: SolvedEntry) -> None:
+        self.statements.add(normalised(entry.statement))
+        self.forms[entry.split, statement_form(entry.statement)] += 1
+        self.programs[entry.program] += 1
+        self.trivial[entry.split] += entry.steps == 1
 
     def reject(self, draft: Draft) -> None:
         self.statements.add(normalised(draft.statement))
@@ -240,11 +240,11 @@ def build(appearance: str, split: str) -> Result:
     """The entries of a split: hand-written ones first, then generated ones in random order, SPARE too many."""
     builder = Builder(appearance)
     sources = [source for source in hand_written() if source.appearance == appearance]
-    by_hand = [builder.hand_written_entry(source) for source in sources if source.split == split]
-    selection = Selection(by_hand, (source.draft.statement for source in sources))
-    generated = list(builder.generated_entries(split, SIZES[split] - len(by_hand) + SPARE, selection))
+    hand_written_entries = [builder.hand_written_entry(source) for source in sources if source.split == split]
+    selection = Selection(hand_written_entries, (source.draft.statement for source in sources))
+    generated = list(builder.generated_entries(split, SIZES[split] - len(hand_written_entries) + SPARE, selection))
     random.Random(f"{SEED} {appearance} {split}").shuffle(generated)
-    return Result([*by_hand, *generated], frozenset(selection.official))
+    return Result([*hand_written_entries, *generated], frozenset(selection.official))
 
 
 def merged(results: Iterable[Result], appearance: str) -> list[SolvedEntry]:
@@ -252,50 +252,50 @@ def merged(results: Iterable[Result], appearance: str) -> list[SolvedEntry]:
     seen: set[str] = set()
     entries: list[SolvedEntry] = []
     for result in results:
-        unseen = [built for built in result.entries if normalised(built.statement) not in seen]
+        unseen = [entry for entry in result.entries if normalised(entry.statement) not in seen]
         entries += unseen[: SIZES[result.entries[0].split]]
-        seen.update(normalised(built.statement) for built in unseen)
+        seen.update(normalised(entry.statement) for entry in unseen)
     return list(with_typos(entries, random.Random(f"{SEED} {appearance} typos")))
 
 
 def with_typos(entries: Sequence[SolvedEntry], rng: random.Random) -> Iterator[SolvedEntry]:
     """The entries, some with a typo."""
-    known = {word for built in entries for word in words(built.statement)}
-    for built in entries:
-        if built.level and rng.random() < TYPO_SHARE:
-            yield replace(built, statement=with_typo(built.statement, rng, known), mistyped=True)
+    known = {word for entry in entries for word in words(entry.statement)}
+    for entry in entries:
+        if entry.level and rng.random() < TYPO_SHARE:
+            yield replace(entry, statement=with_typo(entry.statement, rng, known), mistyped=True)
         else:
-            yield built
+            yield entry
 
 
 def json_entries(appearance: str, entries: Sequence[SolvedEntry]) -> Iterator[dict[str, Any]]:
     """The entries in the file format, with tags."""
-    train_forms = {statement_form(built.statement) for built in entries if built.split == "train"}
+    train_forms = {statement_form(entry.statement) for entry in entries if entry.split == "train"}
     counts: Counter[str] = Counter()
-    for built in entries:
-        counts[built.split] += 1
-        name = f"{appearance}-{built.split}-{counts[built.split]:03d}"
-        tags = ["mistyped"] if built.mistyped else []
-        tags += [f"level {built.level}" if built.level else "hand-written"]
-        if built.split != "train":
-            tags.append("seen form" if statement_form(built.statement) in train_forms else "unseen form")
+    for entry in entries:
+        counts[entry.split] += 1
+        name = f"{appearance}-{entry.split}-{counts[entry.split]:03d}"
+        tags = ["mistyped"] if entry.mistyped else []
+        tags += [f"level {entry.level}" if entry.level else "hand-written"]
+        if entry.split != "train":
+            tags.append("seen form" if statement_form(entry.statement) in train_forms else "unseen form")
         yield {
             "id": name,
             "appearance": appearance,
-            "split": built.split,
-            "statement": built.statement,
-            "program": built.program,
+            "split": entry.split,
+            "statement": entry.statement,
+            "program": entry.program,
             "starts": [
                 {"id": f"{name}-{letter}", "label": start.label, "scene": start.scene.to_json()}
-                for letter, start in zip(LETTERS, built.starts, strict=False)
+                for letter, start in zip(LETTERS, entry.starts, strict=False)
             ],
             "tags": tags,
         }
 
 
-def write(out: Path, built: Mapping[str, Sequence[SolvedEntry]]) -> None:
+def write(out: Path, by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> None:
     """Write the file and its checksum. Raises SystemExit if it has faults."""
-    entries = [entry for appearance, own in built.items() for entry in json_entries(appearance, own)]
+    entries = [entry for appearance, own in by_appearance.items() for entry in json_entries(appearance, own)]
     sections = Counter(f"{entry['appearance']} {entry['split']}" for entry in entries)
     write_corpus(out, NAME, LICENCE, entries, sections)
     found = check_corpus(out)
@@ -312,12 +312,12 @@ def main() -> None:
     parts = [(appearance, split) for appearance in APPEARANCES for split in SIZES]
     with ProcessPoolExecutor(len(parts)) as workers:
         results = dict(zip(parts, workers.map(build, *zip(*parts, strict=True)), strict=True))
-    built = {name: merged((results[name, split] for split in SIZES), name) for name in APPEARANCES}
-    write(out, built)
+    by_appearance = {name: merged((results[name, split] for split in SIZES), name) for name in APPEARANCES}
+    write(out, by_appearance)
     if out == TARGET:
         excluded = excluded_hashes().union(*(result.official for result in results.values()))
         EXCLUDED.write_text("".join(f"{value}\n" for value in sorted(excluded)), encoding="ascii")
-        write_report(built, out, PAGE)
+        write_report(by_appearance, out, PAGE)
 
 
 if __name__ == "__main__":

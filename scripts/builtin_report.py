@@ -34,20 +34,20 @@ class SolvedEntry:
     mistyped: bool = False
 
 
-def write_report(built: Mapping[str, Sequence[SolvedEntry]], corpus: Path, page: Path) -> None:
+def write_report(by_appearance: Mapping[str, Sequence[SolvedEntry]], corpus: Path, page: Path) -> None:
     """Replace the figures in the page. Raises ValueError if the markers around them are missing."""
     text = page.read_text(encoding="utf-8")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise ValueError(f"{page}: missing the line {BEGIN!r} or {END!r}")
-    page.write_text(f"{before}{BEGIN}\n{figures(built, corpus)}\n{END}{after}", encoding="utf-8")
+    page.write_text(f"{before}{BEGIN}\n{figures(by_appearance, corpus)}\n{END}{after}", encoding="utf-8")
 
 
-def figures(built: Mapping[str, Sequence[SolvedEntry]], corpus: Path) -> str:
+def figures(by_appearance: Mapping[str, Sequence[SolvedEntry]], corpus: Path) -> str:
     """All tables, in Markdown."""
     size = f"The file has {corpus.stat().st_size:,} bytes."
-    tables = (_sizes(built), _overlaps(built), _lengths(built), _phenomena(built), _origins(built))
+    tables = (table(by_appearance) for table in (_sizes, _overlaps, _lengths, _phenomena, _origins))
     return "\n\n".join((size, *tables))
 
 
@@ -56,16 +56,16 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _columns(built: Mapping[str, Sequence[SolvedEntry]]) -> dict[str, list[SolvedEntry]]:
+def _columns(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> dict[str, list[SolvedEntry]]:
     return {
         f"{appearance.capitalize()} {split}": [entry for entry in entries if entry.split == split]
-        for appearance, entries in built.items()
+        for appearance, entries in by_appearance.items()
         for split in SPLITS
     }
 
 
-def _sizes(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
-    columns = _columns(built)
+def _sizes(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> str:
+    columns = _columns(by_appearance)
     rows: dict[str, list[object]] = {
         "statements": [len(entries) for entries in columns.values()],
         "start scenes": [sum(len(entry.starts) for entry in entries) for entries in columns.values()],
@@ -75,7 +75,7 @@ def _sizes(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
         "distinct programs": [len({entry.program for entry in entries}) for entries in columns.values()],
         "true in the empty scene": [sum(entry.steps == 1 for entry in entries) for entries in columns.values()],
     }
-    every = {appearance: len(_forms(entries)) for appearance, entries in built.items()}
+    every = {appearance: len(_forms(entries)) for appearance, entries in by_appearance.items()}
     text = ", ".join(f"{number} in {appearance.capitalize()}" for appearance, number in every.items())
     return f"{_table(['', *columns], ([name, *row] for name, row in rows.items()))}\n\nForms in all splits: {text}."
 
@@ -93,9 +93,9 @@ def _words(entries: Iterable[SolvedEntry]) -> set[str]:
     return {word for entry in entries for word in words(entry.statement)}
 
 
-def _overlaps(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
+def _overlaps(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> str:
     rows: list[list[object]] = []
-    for appearance, entries in built.items():
+    for appearance, entries in by_appearance.items():
         train = [entry for entry in entries if entry.split == "train"]
         forms, known, programs = _forms(train), _words(train), {entry.program for entry in train}
         for split in ("dev", "test"):
@@ -107,9 +107,9 @@ def _overlaps(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     return _table(head, rows)
 
 
-def _lengths(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
+def _lengths(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> str:
     rows: list[list[object]] = []
-    for appearance, entries in built.items():
+    for appearance, entries in by_appearance.items():
         scratch = Counter(entry.steps for entry in entries)
         flipit = Counter(steps for entry in entries for steps in entry.start_steps)
         proven = {
@@ -124,31 +124,34 @@ def _lengths(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
     return _table(head, rows)
 
 
-def _phenomena(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
+def _phenomena(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> str:
     counts = {
         appearance: Counter(
             found for entry in entries for found in (*phenomena(entry.program), *syntactic_phenomena(entry.statement))
         )
-        for appearance, entries in built.items()
+        for appearance, entries in by_appearance.items()
     }
-    head = ["phenomenon (statements)", *(appearance.capitalize() for appearance in built)]
-    return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in built)] for phenomenon in PHENOMENA))
+    head = ["phenomenon (statements)", *(appearance.capitalize() for appearance in by_appearance)]
+    return _table(head, ([phenomenon, *(counts[a][phenomenon] for a in by_appearance)] for phenomenon in PHENOMENA))
 
 
-def _origins(built: Mapping[str, Sequence[SolvedEntry]]) -> str:
-    levels = sorted({entry.level for entries in built.values() for entry in entries})
+def _origins(by_appearance: Mapping[str, Sequence[SolvedEntry]]) -> str:
+    levels = sorted({entry.level for entries in by_appearance.values() for entry in entries})
     rows: list[list[object]] = [
         [
             "hand-written" if level == 0 else f"level {level}",
-            *(sum(e.level == level for e in es) for es in built.values()),
+            *(sum(e.level == level for e in es) for es in by_appearance.values()),
         ]
         for level in levels
     ]
-    rows.append(["mistyped", *(sum(entry.mistyped for entry in entries) for entries in built.values())])
+    rows.append(["mistyped", *(sum(entry.mistyped for entry in entries) for entries in by_appearance.values())])
     rows.append(
-        ["hand-written, parsed by the grammar", *(sum(map(_is_parsed_hand_written, es)) for es in built.values())]
+        [
+            "hand-written, parsed by the grammar",
+            *(sum(map(_is_parsed_hand_written, es)) for es in by_appearance.values()),
+        ]
     )
-    return _table(["statements", *(appearance.capitalize() for appearance in built)], rows)
+    return _table(["statements", *(appearance.capitalize() for appearance in by_appearance)], rows)
 
 
 def _is_parsed_hand_written(entry: SolvedEntry) -> bool:
