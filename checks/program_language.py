@@ -100,23 +100,23 @@ def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
         return str(fault)
 
 
-def attacked(source: str, items: int = ITEMS) -> dict[str, Any]:
+def attack(source: str, items: int = ITEMS) -> dict[str, Any]:
     """Time, memory and outcome of compiling and evaluating `source`."""
     before, begun = _peak(), process_time()
     try:
         program = Program(source)
     except ProgramError as fault:
-        said: bool | str = str(fault)
+        result: bool | str = str(fault)
         compiled = process_time()
     else:
         compiled = process_time()
-        said = outcome(program.evaluate, crowded_scene(items))
+        result = outcome(program.evaluate, crowded_scene(items))
     ended = process_time()
     return {
         "compile_seconds": compiled - begun,
         "seconds": ended - compiled,
         "megabytes": _peak() - before,
-        "outcome": said,
+        "outcome": result,
     }
 
 
@@ -125,13 +125,13 @@ def _peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megabytes: int = MEGABYTES) -> Any:
+def run_limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megabytes: int = MEGABYTES) -> Any:
     """The result of `work` in its own process, or a text saying how the process ended."""
     context = multiprocessing.get_context("fork")
-    answers, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work_limited, args=(theirs, seconds, megabytes, work, args))
+    answers, child_end = context.Pipe(duplex=False)
+    process = context.Process(target=_run_limited_child, args=(child_end, seconds, megabytes, work, args))
     process.start()
-    theirs.close()
+    child_end.close()
     try:
         answer = answers.recv()
     except EOFError:
@@ -141,11 +141,13 @@ def limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megaby
     return answer if process.exitcode == 0 else f"{answer} (exit code {process.exitcode})"
 
 
-def _work_limited(answers: Any, seconds: int, megabytes: int, work: Callable[..., Any], args: tuple[Any, ...]) -> None:
+def _run_limited_child(
+    answers: Any, seconds: int, megabytes: int, work: Callable[..., Any], args: tuple[Any, ...]
+) -> None:
     with open("/proc/self/statm", encoding="ascii") as file:
         used = int(file.read().split()[0]) * resource.getpagesize()
-    most = used + megabytes * 1_000_000
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    limit = used + megabytes * 1_000_000
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     try:
         answers.send(work(*args))
@@ -154,36 +156,36 @@ def _work_limited(answers: Any, seconds: int, megabytes: int, work: Callable[...
         sys.exit(1)
 
 
-class Writer:
+class ProgramGenerator:
     """Random programs of all words and constructs, mostly well typed."""
 
-    def __init__(self, chance: random.Random) -> None:
-        self.chance = chance
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
 
     def program(self, depth: int) -> str:
         return self.expression("bool", depth, ())
 
     def expression(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
-        chance = self.chance
-        if chance.random() < 0.05:
-            kind = chance.choice(("bool", "int", "item", "collection", "Color"))
-        if depth <= 0 or (names and chance.random() < 0.3):
+        rng = self.rng
+        if rng.random() < 0.05:
+            kind = rng.choice(("bool", "int", "item", "collection", "Color"))
+        if depth <= 0 or (names and rng.random() < 0.3):
             return self.leaf(kind, names)
-        pick = chance.random()
+        pick = rng.random()
         if kind == "bool" and pick < 0.3:
             a, b = (self.expression("bool", depth - 1, names) for _ in "ab")
-            return chance.choice((f"({a} and {b})", f"({a} or {b})", f"(not {a})", f"AND({a}, {b})"))
+            return rng.choice((f"({a} and {b})", f"({a} or {b})", f"(not {a})", f"AND({a}, {b})"))
         if kind == "bool" and pick < 0.45:
-            other = chance.choice(("int", "collection", "item", "Color", "box"))
+            other = rng.choice(("int", "collection", "item", "Color", "box"))
             a, b = (self.expression(other, depth - 1, names) for _ in "ab")
-            return f"({a} {chance.choice(('==', '!=', '<', 'in', 'not in'))} {b})"
+            return f"({a} {rng.choice(('==', '!=', '<', 'in', 'not in'))} {b})"
         if kind == "collection" and pick < 0.2:
             a, b = (self.expression("collection", depth - 1, names) for _ in "ab")
-            return chance.choice((f"({a} + {b})", f"[{a}, {b}]", f"{a}[0:2]", "{" + a + "}", f"{a}[0]"))
+            return rng.choice((f"({a} + {b})", f"[{a}, {b}]", f"{a}[0:2]", "{" + a + "}", f"{a}[0]"))
         words = [word for word in WORDS.values() if self._gives(word.result, kind)]
         if not words:
             return self.leaf(kind, names)
-        word = chance.choice(words)
+        word = rng.choice(words)
         given = [self.argument(p.type.name, depth - 1, names) for p in word.parameters if not p.optional]
         return f"{word.name}({', '.join(given)})"
 
@@ -193,19 +195,19 @@ class Writer:
 
     def argument(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
         if kind == "function":
-            if self.chance.random() < 0.2:
-                return self.chance.choice([word.name for word in WORDS.values() if len(word.parameters) == 1])
-            name = self.chance.choice("xyz")
-            wanted = self.chance.choice(("bool", "bool", "bool", "int", "collection"))
-            return f"lambda {name}: {self.expression(wanted, depth, (*names, name))}"
+            if self.rng.random() < 0.2:
+                return self.rng.choice([word.name for word in WORDS.values() if len(word.parameters) == 1])
+            name = self.rng.choice("xyz")
+            body_type = self.rng.choice(("bool", "bool", "bool", "int", "collection"))
+            return f"lambda {name}: {self.expression(body_type, depth, (*names, name))}"
         if "collection" in kind:
             return self.expression("collection", depth, names)
         return self.expression("bool" if kind == "value" else kind, depth, names)
 
     def leaf(self, kind: str, names: tuple[str, ...]) -> str:
-        chance = self.chance
-        if names and chance.random() < 0.7:
-            return chance.choice(names) + chance.choice(("", "", "", ".box", ".color", ".is_tower()", ".is_tower"))
+        rng = self.rng
+        if names and rng.random() < 0.7:
+            return rng.choice(names) + rng.choice(("", "", "", ".box", ".color", ".is_tower()", ".is_tower"))
         leaves = {
             "bool": ("True", "False", "exist(all_items)"),
             "int": ("0", "1", "2", "5"),
@@ -215,27 +217,27 @@ class Writer:
         }
         members = {"Color": "BLUE BLACK", "Shape": "SQUARE CIRCLE", "Size": "SMALL BIG", "Side": "TOP LEFT ANY"}
         if kind in members:
-            return f"{kind}.{chance.choice(members[kind].split())}"
-        return chance.choice(leaves.get(kind, leaves["collection"]))
+            return f"{kind}.{rng.choice(members[kind].split())}"
+        return rng.choice(leaves.get(kind, leaves["collection"]))
 
     def mutated(self, source: str) -> str:
         """The text with some substrings deleted or duplicated."""
-        for _ in range(self.chance.randint(1, 3)):
-            a, b = sorted(self.chance.randrange(len(source) + 1) for _ in "ab")
+        for _ in range(self.rng.randint(1, 3)):
+            a, b = sorted(self.rng.randrange(len(source) + 1) for _ in "ab")
             piece = source[a : min(b, a + 12)]
-            source = self.chance.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:]))
+            source = self.rng.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:]))
             source = source or "x"
         return source
 
 
-def random_scene(chance: random.Random) -> Scene:
+def random_scene(rng: random.Random) -> Scene:
     """A scene with up to four items per box."""
 
     def item() -> Item:
-        kinds = (chance.choice(list(kind)) for kind in (Shape, Colour, Size))
-        return Item(10 * chance.randrange(8), 10 * chance.randrange(8), *kinds)  # pyright: ignore[reportArgumentType]
+        item_type = (rng.choice(list(enum)) for enum in (Shape, Colour, Size))
+        return Item(10 * rng.randrange(8), 10 * rng.randrange(8), *item_type)  # pyright: ignore[reportArgumentType]
 
-    return Scene.of(*([item() for _ in range(chance.choice((0, 0, 1, 2, 4)))] for _ in range(3)))
+    return Scene.of(*([item() for _ in range(rng.choice((0, 0, 1, 2, 4)))] for _ in range(3)))
 
 
 def fuzz(count: int, seed: int) -> dict[str, int]:
@@ -243,13 +245,13 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
 
     Raises AssertionError for a difference; unexpected exceptions propagate.
     """
-    chance = random.Random(seed)
-    writer = Writer(chance)
+    rng = random.Random(seed)
+    generator = ProgramGenerator(rng)
     found: Counter[str] = Counter()
     for _ in range(count):
-        source = writer.program(chance.randint(1, 5))
-        if chance.random() < 0.4:
-            source = writer.mutated(source)
+        source = generator.program(rng.randint(1, 5))
+        if rng.random() < 0.4:
+            source = generator.mutated(source)
         try:
             program = Program(source)
         except ProgramError:
@@ -257,10 +259,12 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
             continue
         found["programs with generated code" if program.has_generated_code else "programs without"] += 1
         for _ in range(3):
-            scene = random_scene(chance)
-            ours, theirs = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
-            assert ours == theirs, f"{source!r}: generated code: {ours}, reference evaluator: {theirs}, on {scene}"
-            found["values" if isinstance(ours, bool) else "failures"] += 1
+            scene = random_scene(rng)
+            generated, reference = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
+            assert generated == reference, (
+                f"{source!r}: {generated} by generated code, {reference} by reference, on {scene}"
+            )
+            found["values" if isinstance(generated, bool) else "failures"] += 1
     return dict(found)
 
 
@@ -270,8 +274,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     for name, source in ATTACKS.items():
-        print(name, json.dumps(limited(attacked, source)), flush=True)
-    print("random programs", limited(fuzz, arguments.count, arguments.seed, seconds=600))
+        print(name, json.dumps(run_limited(attack, source)), flush=True)
+    print("random programs", run_limited(fuzz, arguments.count, arguments.seed, seconds=600))
 
 
 if __name__ == "__main__":

@@ -82,8 +82,7 @@ The source has at most {max_length} characters; brackets nest at most {max_brack
 An evaluation has a budget of {steps:,} steps of about 0.1 microseconds. Copying, hashing, comparing and sorting are
 charged in advance, nested elements included. A collection has at most {size:,} elements, collections nest at most
 {nesting} deep, function calls at most {calls} deep, and the values held at once have at most {held:,} elements at all
-levels.
-A program that exceeds a limit has no value on that scene.
+levels. A program that exceeds a limit has no value on that scene.
 
 On one core of current hardware, any text compiles or is rejected within 5 seconds and 100 MB, and evaluates to its
 value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene. Adversarial programs take up to 7 seconds

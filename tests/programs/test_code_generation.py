@@ -22,28 +22,28 @@ RELATIONS = [word.name for word in WORDS.values() if word.group == "related item
 class Grammar:
     """Random well-typed programs; `items` and `boxes` are the variables in scope, by type."""
 
-    def __init__(self, chance: random.Random) -> None:
-        self.chance = chance
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
         self.count = 0
 
     def pick(self, *choices: str) -> str:
-        return self.chance.choice(choices)
+        return self.rng.choice(choices)
 
     def name(self) -> str:
         self.count += 1
         return self.pick("x", "y", f"v{self.count}")
 
     def truth(self, depth: int, items: tuple[str, ...], boxes: tuple[str, ...]) -> str:
-        chance = self.chance.random()
-        if depth <= 0 or chance < 0.2:
+        draw = self.rng.random()
+        if depth <= 0 or draw < 0.2:
             return self.small_truth(items, boxes)
         d = depth - 1
-        if chance < 0.45:
+        if draw < 0.45:
             a, b = self.truth(d, items, boxes), self.truth(d, items, boxes)
             return self.pick(
                 f"AND({a}, {b})", f"OR({a}, {b})", f"NOT({a})", f"({a} and {b})", f"({a} or {b})", f"(not {a})"
             )
-        if chance < 0.6:
+        if draw < 0.6:
             order = self.pick("==", "!=", "<", "<=", ">", ">=")
             return f"{self.number(d, items, boxes)} {order} {self.number(d, items, boxes)}"
         s, t = self.items(d, items, boxes), self.items(d, items, boxes)
@@ -68,17 +68,17 @@ class Grammar:
         )
 
     def small_truth(self, items: tuple[str, ...], boxes: tuple[str, ...]) -> str:
-        if items and self.chance.random() < 0.8:
-            x = self.chance.choice(items)
+        if items and self.rng.random() < 0.8:
+            x = self.rng.choice(items)
             wall = f"{self.pick(*WALLS)}({x}, Side.{self.pick(*SIDES)})"
-            y = self.chance.choice(items)
+            y = self.rng.choice(items)
             return self.pick(
                 f"{self.pick(*TESTS)}({x})", f"{self.pick(*TESTS)}({x})", wall, f"{x}.box.is_tower()", f"{x} == {y}",
                 f"{x}.color == {y}.color", f"equal_shape(query_shape({x}), query_shape({y}))",
                 f"{x} in get_touching({y})",
             )  # fmt: skip
-        if boxes and self.chance.random() < 0.8:
-            return f"{self.chance.choice(boxes)}.is_tower()"
+        if boxes and self.rng.random() < 0.8:
+            return f"{self.rng.choice(boxes)}.is_tower()"
         return self.pick("True", "False", "exist(all_items)", "all_items", "1 == 1")
 
     def pair_test(self, depth: int, boxes: tuple[str, ...]) -> str:
@@ -103,7 +103,7 @@ class Grammar:
             return self.pick(*sources)
         d = depth - 1
         s, t = self.items(d, items, boxes), self.items(d, items, boxes)
-        x = self.chance.choice(items) if items else s
+        x = self.rng.choice(items) if items else s
         return self.pick(
             s,
             f"filter_obj({s}, {self.item_test(d, items, boxes)})",
@@ -117,7 +117,7 @@ class Grammar:
         )
 
     def boxes(self, depth: int, items: tuple[str, ...], boxes: tuple[str, ...]) -> str:
-        if depth <= 0 or self.chance.random() < 0.3:
+        if depth <= 0 or self.rng.random() < 0.3:
             return "all_boxes"
         return f"filter_obj({self.boxes(depth - 1, items, boxes)}, {self.box_test(depth - 1, items, boxes)})"
 
@@ -138,23 +138,23 @@ class Grammar:
         return f"lambda {b}: {self.truth(depth, kept[0], (b, *kept[1]))}"
 
 
-def random_box(chance: random.Random, towers: bool) -> Box:
+def random_box(rng: random.Random, towers: bool) -> Box:
     if towers:
-        blocks = range(chance.randrange(5))
-        return Box(tuple(Item(40, 80 - 21 * i, Shape.SQUARE, Colour(chance.randrange(3)), Size.MEDIUM) for i in blocks))
+        blocks = range(rng.randrange(5))
+        return Box(tuple(Item(40, 80 - 21 * i, Shape.SQUARE, Colour(rng.randrange(3)), Size.MEDIUM) for i in blocks))
     items: list[Item] = []
-    for _ in range(chance.randrange(6)):
-        size = chance.choice(list(Size))
-        x, y = (chance.choice((0, 4, 40, 100 - size.pixels, chance.randrange(-2, 90))) for _ in range(2))
-        items.append(Item(x, y, chance.choice(list(Shape)), chance.choice(list(Colour)), size))
+    for _ in range(rng.randrange(6)):
+        size = rng.choice(list(Size))
+        x, y = (rng.choice((0, 4, 40, 100 - size.pixels, rng.randrange(-2, 90))) for _ in range(2))
+        items.append(Item(x, y, rng.choice(list(Shape)), rng.choice(list(Colour)), size))
     return Box(tuple(items))
 
 
-def random_scene(chance: random.Random) -> Scene:
-    towers = chance.random() < 0.4
-    boxes = [random_box(chance, towers) for _ in range(3)]
-    if chance.random() < 0.3:
-        boxes[chance.randrange(3)] = boxes[0]
+def random_scene(rng: random.Random) -> Scene:
+    towers = rng.random() < 0.4
+    boxes = [random_box(rng, towers) for _ in range(3)]
+    if rng.random() < 0.3:
+        boxes[rng.randrange(3)] = boxes[0]
     return Scene((boxes[0], boxes[1], boxes[2]))
 
 
@@ -175,19 +175,19 @@ def assert_agreement(program: Program, scene: Scene) -> None:
 @settings(max_examples=300)
 @given(st.integers(0, 2**40), st.integers(1, 4))
 def test_random_programs__generated_code_agrees_with_the_reference(seed: int, depth: int) -> None:
-    chance = random.Random(seed)
-    source = Grammar(chance).truth(depth, (), ())
+    rng = random.Random(seed)
+    source = Grammar(rng).truth(depth, (), ())
     if len(source) > 3_000:
         return
     program = compile_program(source)
     for _ in range(4):
-        assert_agreement(program, random_scene(chance))
+        assert_agreement(program, random_scene(rng))
 
 
 def test_random_programs__many_have_generated_code_and_values() -> None:
-    chance = random.Random(7)
-    programs = [compile_program(Grammar(chance).truth(3, (), ())) for _ in range(200)]
-    scene = random_scene(chance)
+    rng = random.Random(7)
+    programs = [compile_program(Grammar(rng).truth(3, (), ())) for _ in range(200)]
+    scene = random_scene(rng)
     assert sum(program.has_generated_code for program in programs) > 60
     assert sum(isinstance(outcome(program.evaluate, scene), bool) for program in programs) > 80
 
@@ -208,10 +208,10 @@ SUPPORTED = (
 
 @pytest.mark.parametrize("source", SUPPORTED)
 def test_common_constructs__have_generated_code_that_agrees(source: str) -> None:
-    program, chance = compile_program(source), random.Random(source)
+    program, rng = compile_program(source), random.Random(source)
     assert program.has_generated_code
     for _ in range(40):
-        assert_agreement(program, random_scene(chance))
+        assert_agreement(program, random_scene(rng))
 
 
 def test_generated_code__follows_a_changed_box() -> None:

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from checks.program_language import ATTACKS, Writer, attacked, crowded_scene, fuzz, limited, outcome
+from checks.program_language import ATTACKS, ProgramGenerator, attack, crowded_scene, fuzz, outcome, run_limited
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, code_generation, compile_program, costs
 from lilgym_mp.programs.reference import build_closure, evaluate_with_steps
 from lilgym_mp.programs.syntax import parse
@@ -19,29 +19,29 @@ BLUE = Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)
 @pytest.mark.parametrize("name", ATTACKS)
 def test_attacks__end_in_time_and_in_little_memory(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
-    told = limited(attacked, ATTACKS[name], seconds=30)
-    assert isinstance(told, dict), told
-    assert told["compile_seconds"] < 5
-    assert told["seconds"] < 2
-    assert told["megabytes"] < 60
+    result = run_limited(attack, ATTACKS[name], seconds=30)
+    assert isinstance(result, dict), result
+    assert result["compile_seconds"] < 5
+    assert result["seconds"] < 2
+    assert result["megabytes"] < 60
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["loops of displays"])
 def test_attacks__at_the_full_limit_end_within_the_documented_bounds(name: str) -> None:
-    told = limited(attacked, ATTACKS[name])
-    assert isinstance(told, dict), told
-    assert told["seconds"] < 30
-    assert told["megabytes"] < 200
-    assert f"more than {costs.STEP_LIMIT} steps" in told["outcome"]
+    result = run_limited(attack, ATTACKS[name])
+    assert isinstance(result, dict), result
+    assert result["seconds"] < 30
+    assert result["megabytes"] < 200
+    assert f"more than {costs.STEP_LIMIT} steps" in result["outcome"]
 
 
 def test_attacks__on_a_crowded_scene_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
     for name in ("loops", "loops of relations", "sorting pairs", "many sets held"):
-        told = limited(attacked, ATTACKS[name], 10_000, seconds=30)
-        assert isinstance(told, dict), told
-        assert told["seconds"] < 5
+        result = run_limited(attack, ATTACKS[name], 10_000, seconds=30)
+        assert isinstance(result, dict), result
+        assert result["seconds"] < 5
 
 
 def test_random_programs__generated_code_agrees_with_the_reference_evaluator() -> None:
@@ -82,10 +82,10 @@ def test_code_generation__step_bound_is_an_upper_bound(source: str) -> None:
 
 
 def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> None:
-    writer = Writer(random.Random(11))
+    generator = ProgramGenerator(random.Random(11))
     compared = 0
     for _ in range(800):
-        source = writer.program(writer.chance.randint(2, 5))
+        source = generator.program(generator.rng.randint(2, 5))
         try:
             allowed = steps_allowed(source)
             steps = evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1]
