@@ -16,7 +16,6 @@ from dataclasses import replace
 from functools import cache
 
 from lilgym_mp.generator.chart_parser import Grammar
-from lilgym_mp.generator.lexicon import NUMBER_WORDS
 from lilgym_mp.generator.semantics import (
     ANYTHING,
     NONE,
@@ -75,8 +74,10 @@ EXPANSIONS = (
     ("-block", " -block"),
     (",", " , "),
 )
+# deliberately not shared with `lexicon`, whose use the grammar verifies
+_NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 LEXICON: Mapping[str, Mapping[str, object]] = {
-    "NUM": {word: number for number, word in enumerate(NUMBER_WORDS)} | {str(number): number for number in range(21)},
+    "NUM": {word: number for number, word in enumerate(_NUMBER_WORDS)} | {str(number): number for number in range(21)},
     "COLOUR": {"yellow": Colour.YELLOW, "black": Colour.BLACK, "blue": Colour.BLUE},
     "SHAPE": {
         f"{name}{s}": shape
@@ -221,7 +222,7 @@ def _predicates(add: AddRule) -> None:
         ("directly|right under|below", Relation.UNDER),
     ):
         add("LOCATION", f"{words} INDEFINITE", lambda noun, relation=relation: RelatedTo(relation, noun))
-        add("LOCATION", f"{words} SIMILAR", lambda like, relation=relation: RelatedByAttribute(relation, *like))
+        add("LOCATION", f"{words} SIMILAR", lambda other, relation=relation: RelatedByAttribute(relation, *other))
     for words, relation in (
         ("somewhere? above", Relation.ABOVE),
         ("higher up than", Relation.ABOVE),
@@ -230,7 +231,11 @@ def _predicates(add: AddRule) -> None:
     ):
         place = "in the same tower|stack|box"
         add("LOCATION", f"{words} INDEFINITE {place}", lambda noun, relation=relation: RelatedTo(relation, noun))
-        add("LOCATION", f"{words} SIMILAR {place}", lambda like, relation=relation: RelatedByAttribute(relation, *like))
+        add(
+            "LOCATION",
+            f"{words} SIMILAR {place}",
+            lambda other, relation=relation: RelatedByAttribute(relation, *other),
+        )
     add("SIMILAR", "a|an|another ITEM of the same ATTRIBUTE", lambda _, attribute: (attribute, True))
     add("SIMILAR", "a|an ITEM of a different ATTRIBUTE", lambda _, attribute: (attribute, False))
     add("SIMILAR", "a|an ITEM of another ATTRIBUTE", lambda _, attribute: (attribute, False))
@@ -254,7 +259,7 @@ def _negated(predicate: Predicate) -> Predicate:
 
 
 def _box_conditions(add: AddRule) -> None:
-    """BOX_VP is a verb phrase of boxes, CONTENTS what follows "has", CONTENT one part of it: conditions all."""
+    """Box conditions: CONTENT is an item of CONTENTS, the object of "has" or "with"; each symbol gives conditions."""
     add("VARIETY", "a single ATTRIBUTE", lambda attribute: (attribute, exactly(1)))
     add("VARIETY", "all three ATTRIBUTE", lambda attribute: (attribute, exactly(3)))
     add("VARIETY", "RANGE different? ATTRIBUTE", lambda quantity, attribute: (attribute, quantity))

@@ -27,7 +27,7 @@ Value = TypeVar("Value")
 
 MIN_SHARE = 0.004  # of the pool's scenes that must have each truth value
 VARIANTS = 3  # of a draft, at most: drafts of the same form, so that train and dev share forms
-MAX_VARIANT_LEVEL = 3  # there are none above
+MAX_VARIANT_LEVEL = 3  # drafts of higher levels have no variants
 PROBE_SCENES = 24  # on which the parses are compared with the program
 
 
