@@ -1,4 +1,4 @@
-"""Learning in tests: small, and on one thread, for the processors of a test machine are busy."""
+"""Shared fixtures: one thread for torch, and a small corpus."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.own_corpus import write_own_corpus
 
 
 @pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
+def _single_thread() -> Iterator[None]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -20,5 +20,5 @@ def _one_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def own(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The path of a small corpus of our own."""
+    """The path of a small corpus."""
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))

@@ -1,4 +1,4 @@
-"""What agents of every kind tell of their decisions, where these are recorded."""
+"""Recorded decisions of all kinds of agents."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def played(policy: Policy, settings: Settings = TOWER) -> list[Episode]:
 
 
 def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Decision, str, float | None]]:
-    """Each decision, what was done, and how probable STOP was said to be."""
+    """Each decision, the type of the action taken, and the recorded probability of STOP."""
     appearance = settings.dynamics().appearance
     found: list[tuple[Decision, str, float | None]] = []
     for episode in episodes:
@@ -40,7 +40,7 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
 
 
 @pytest.mark.parametrize("mask", [True, False])
-def test_ppo__tells_probabilities_and_the_value(tmp_path: Path, mask: bool):
+def test_ppo__records_probabilities_and_the_value(tmp_path: Path, mask: bool):
     recipe = PPORecipe.from_json({**SMALL.to_json(), "mask": mask})
     train_ppo(Settings("TowerScratch"), recipe, tmp_path, steps=128, device="cpu")
     settings = Settings("TowerScratch")
@@ -53,7 +53,7 @@ def test_ppo__tells_probabilities_and_the_value(tmp_path: Path, mask: bool):
     assert (min(decision.legal_probability for decision, _, _ in found) > 0.999) or not mask
 
 
-def test_imitation__tells_the_networks_probabilities():
+def test_imitation__records_the_networks_probabilities():
     found = steps(played(load_agent("imitation-tower", "cpu").policy(TOWER)))
     for decision, _, stop in found:
         assert decision.types[0] == pytest.approx(stop, abs=1e-3)
@@ -61,7 +61,7 @@ def test_imitation__tells_the_networks_probabilities():
     assert any(decision.types[0] < 0.5 for decision, _, _ in found)
 
 
-def test_parse_and_plan__tells_the_programs_that_it_planned_for():
+def test_parse_and_plan__records_the_programs_it_planned_for():
     for decision, done, _ in steps(played(load_agent("parse-and-plan", "cpu").policy(TOWER))):
         assert decision.likeliest[0][1] == 1
         assert (done == "Stop") == (decision.types[0] == 1)
@@ -70,7 +70,7 @@ def test_parse_and_plan__tells_the_programs_that_it_planned_for():
         assert decision.success_probability is not None
 
 
-def test_evaluate_command__records_decisions_where_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     words = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", str(tmp_path)]
     assert main([*words, "--record-decisions", "--judge-decisions"]) == 0
     (file,) = tmp_path.glob("*.episodes.jsonl.gz")

@@ -1,4 +1,4 @@
-"""Asking a training to end: lilgym_mp.learning.interrupts."""
+"""Stop signals during training."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lilgym_mp.learning.interrupts import SAME_REQUEST_SECONDS, stop_on_signals
 
 
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
-def test_stop__the_first_signal_asks_and_a_second_ctrl_c_interrupts(first: signal.Signals):
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: signal.Signals):
     with stop_on_signals() as stop:
         signal.raise_signal(first)
         assert stop.requested
@@ -19,7 +19,7 @@ def test_stop__the_first_signal_asks_and_a_second_ctrl_c_interrupts(first: signa
             signal.raise_signal(signal.SIGINT)
 
 
-def test_stop__several_terminations_at_once_are_one_request_and_a_later_one_interrupts(
+def test_stop__simultaneous_sigterms_are_one_request_and_a_later_one_interrupts(
     monkeypatch: pytest.MonkeyPatch,
 ):
     now = 100.0
@@ -33,7 +33,7 @@ def test_stop__several_terminations_at_once_are_one_request_and_a_later_one_inte
             signal.raise_signal(signal.SIGTERM)
 
 
-def test_stop__handlers_from_before_are_back_afterwards():
+def test_stop__restores_the_previous_handlers():
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with stop_on_signals():
         assert signal.getsignal(signal.SIGTERM) is not before[1]

@@ -1,4 +1,4 @@
-"""Model files: what is written is read, and nothing else is."""
+"""Model files: round trips and invalid files."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_load__gives_what_was_saved(model: Path):
+def test_load__inverts_save(model: Path):
     description, tensors = load_model(model)
     assert description == DESCRIPTION == read_description(model)
     assert tensors.keys() == TENSORS.keys()
     assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
 
 
-def test_load__takes_headers_of_any_length(tmp_path: Path):
+def test_load__accepts_headers_of_any_length(tmp_path: Path):
     first_bytes = set[int]()
     for length in range(0, 256, 8):
         path = tmp_path / f"{length}.safetensors"
         save_model(path, dataclasses.replace(DESCRIPTION, supervision="p" * length), TENSORS)
         first_bytes.add(path.read_bytes()[0])
         assert read_description(path).supervision == "p" * length
-    assert 0x80 in first_bytes  # as a pickle begins
+    assert 0x80 in first_bytes  # the first byte of a pickle
 
 
-def test_save__equal_contents_give_equal_bytes_and_no_other_file(model: Path):
+def test_save__is_deterministic_and_leaves_no_other_file(model: Path):
     first = model.read_bytes()
     save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
     assert model.read_bytes() == first
@@ -61,13 +61,13 @@ def test_save__equal_contents_give_equal_bytes_and_no_other_file(model: Path):
 
 
 @pytest.mark.parametrize("kept", [0, 1, 7, 8, 100, -1])
-def test_load__a_file_cut_short_is_refused(model: Path, kept: int):
+def test_load__rejects_truncated_files(model: Path, kept: int):
     model.write_bytes(model.read_bytes()[:kept])
     with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
         load_model(model)
 
 
-def test_load__pickles_are_not_opened(tmp_path: Path):
+def test_load__never_unpickles(tmp_path: Path):
     class Trap:
         def __reduce__(self) -> tuple[object, ...]:
             return (Path.touch, (tmp_path / "opened",))
@@ -93,21 +93,21 @@ def test_load__pickles_are_not_opened(tmp_path: Path):
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 1}'}, "description cannot be used"),
     ],
 )
-def test_load__a_description_of_another_format_is_refused(tmp_path: Path, metadata: dict[str, str], said: str):
+def test_load__rejects_other_description_formats(tmp_path: Path, metadata: dict[str, str], said: str):
     path = tmp_path / "other.safetensors"
     save_file(TENSORS, path, metadata)
     with pytest.raises(ModelFileError, match=said):
         load_model(path)
 
 
-def test_load__what_is_no_regular_file_is_refused(tmp_path: Path):
+def test_load__rejects_missing_and_irregular_files(tmp_path: Path):
     with pytest.raises(ModelFileError, match="there is no such file"):
         load_model(tmp_path / "nothing")
     with pytest.raises(ModelFileError, match="not a regular file"):
         load_model(Path("/dev/zero"))
 
 
-def test_load_weights__other_shapes_and_nan_are_refused(model: Path):
+def test_load_weights__rejects_other_shapes_and_nan(model: Path):
     with pytest.raises(ModelFileError, match=r"tensors do not match the network it describes: .*size mismatch"):
         load_weights(nn.Linear(4, 2), TENSORS, model)
     with pytest.raises(ModelFileError, match="bias holds non-finite values"):
@@ -117,13 +117,13 @@ def test_load_weights__other_shapes_and_nan_are_refused(model: Path):
     assert torch.equal(layer.weight, TENSORS["weight"])
 
 
-def test_open_agent__an_unknown_kind_is_refused_with_the_choices(model: Path):
+def test_open_agent__rejects_unknown_kinds_with_the_choices(model: Path):
     save_model(model, dataclasses.replace(DESCRIPTION, kind="guessing"), TENSORS)
     with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: imitation, parse-and-plan, ppo"):
         open_agent(model.parent)
 
 
-def test_open_agent__a_directory_without_agent_is_refused(tmp_path: Path):
+def test_open_agent__rejects_directories_without_agent(tmp_path: Path):
     with pytest.raises(AgentError, match=f"it has no {AGENT_FILE}"):
         open_agent(tmp_path)
     with pytest.raises(AgentError, match="no such file or directory"):
@@ -131,7 +131,7 @@ def test_open_agent__a_directory_without_agent_is_refused(tmp_path: Path):
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
-def test_device__cuda_is_refused_where_there_is_none():
+def test_device__rejects_unavailable_and_unknown_devices():
     assert select_device("auto") == select_device("cpu") == torch.device("cpu")
     with pytest.raises(DeviceError, match="finds no CUDA device here; choose cpu or auto"):
         select_device("cuda")

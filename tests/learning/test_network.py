@@ -1,4 +1,4 @@
-"""The network: what it looks at, the order of its logits, what stop forcing teaches it."""
+"""The actor-critic network: patches, the order of its logits, and its inputs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def words(count: int = 1) -> torch.Tensor:
     return torch.tensor([[2, 3, 4, 0, 0]] * count)
 
 
-def test_patches__are_the_boxes_cut_row_by_row():
+def test_patches__are_in_row_major_order():
     picture = images(scene(tower(B), [circle(0, 0)], [square(61, 33)]))
     patches = patches_of(picture)
     assert patches.shape == (1, 3, 25, 300)
@@ -43,26 +43,26 @@ def test_network__has_a_logit_for_every_action(grid: tuple[int, int]):
     assert prediction.values.shape == (2,)
 
 
-def test_network__begins_nearly_uniform_with_values_that_rewards_can_have():
+def test_network__starts_nearly_uniform_with_bounded_values():
     prediction = network(Scatter())(images(scene([circle(3, 3)])), words(), torch.tensor([1]))
     probabilities = prediction.logits.softmax(1)
     assert probabilities.max() < 3 * probabilities.min()
     assert prediction.values.abs() < 1
 
 
-def test_grid_head__what_lies_in_a_cell_changes_the_logits_of_that_cell_most():
+def test_grid_head__an_item_affects_its_own_cell_most():
     appearance = Scatter()
     net = network(appearance)
     with torch.no_grad():
         empty = net(images(scene()), words(), torch.tensor([1])).logits[0]
         seen = net(images(scene((), [square(40, 60, colour=K)])), words(), torch.tensor([1])).logits[0]
     change = (seen - empty)[appearance.action_count - 95 :].view(19, 5)  # REMOVE, by column and row
-    change = (change - change[5, 0]).abs()  # column 5 is of the separator: it knows the whole only
+    change = (change - change[5, 0]).abs()  # column 5 is on a separator and depends on the trunk only
     assert divmod(int(change.argmax()), 5) == (7 + 40 // 20, 60 // 20)
 
 
 @pytest.mark.parametrize("other", ["statement", "target", "image"])
-def test_network__everything_observed_matters(other: str):
+def test_network__depends_on_every_input(other: str):
     net = network()
     seen = {"statement": words(), "target": torch.tensor([1]), "image": images(scene())}
     changed = {"statement": words() + 1, "target": torch.tensor([0]), "image": images(scene(tower(B)))}
@@ -73,7 +73,7 @@ def test_network__everything_observed_matters(other: str):
     assert not torch.allclose(before, after, atol=1e-6)
 
 
-def test_network__padding_does_not_matter():
+def test_network__is_invariant_to_padding():
     net = network()
     longer = torch.tensor([[2, 3, 4, 0, 0, 0, 0]])
     with torch.no_grad():
@@ -82,12 +82,12 @@ def test_network__padding_does_not_matter():
     assert torch.allclose(short, long, atol=1e-6)
 
 
-def test_network__too_many_actions_to_list_are_refused_by_number():
+def test_network__rejects_too_many_actions():
     with pytest.raises(ValueError, match=r"1,064,001 actions are too many .* coarser grid"):
         ActorCritic(make_appearance("scatter", "native"), VOCABULARY)
 
 
-def test_film__of_nothing_leaves_features_as_they_are():
+def test_film__with_zero_weights_is_the_identity():
     film = FiLM(4, 3)
     torch.nn.init.zeros_(film.scale_and_shift.weight)
     torch.nn.init.zeros_(film.scale_and_shift.bias)

@@ -1,4 +1,4 @@
-"""The policy that Stable-Baselines3 trains, and the agent that evaluations play."""
+"""The Stable-Baselines3 policy and its agent for evaluations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.scenes import scene
 ACTIONS = 13
 STOP = 0
 FORCED = np.eye(1, ACTIONS, STOP, dtype=bool)  # only STOP is left
-FREE = np.ones((1, ACTIONS), bool)
+UNFORCED = np.ones((1, ACTIONS), bool)
 
 
 @pytest.fixture
@@ -36,19 +36,19 @@ def policy() -> MaskedActorCritic:
 
 @pytest.fixture
 def seen() -> dict[str, torch.Tensor]:
-    """An observation as Stable-Baselines3 shows it."""
+    """An observation in Stable-Baselines3's format."""
     image = torch.from_numpy(draw(scene(), "half")).permute(2, 0, 1)[None]
     return {"image": image, "statement": torch.tensor([[2, 3, 4]]), "target": torch.tensor([[1]])}
 
 
-def test_policy__draws_what_the_mask_allows_and_nothing_else(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
+def test_policy__samples_all_and_only_legal_actions(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
     mask = np.zeros((1, ACTIONS), bool)
     mask[0, [2, 7]] = True
     torch.manual_seed(0)
     assert {int(policy(seen, action_masks=mask)[0]) for _ in range(50)} == {2, 7}
 
 
-def test_policy__probabilities_are_shared_among_legal_actions(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
+def test_policy__renormalises_over_legal_actions(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
     mask = np.zeros((1, ACTIONS), bool)
     mask[0, [2, 7]] = True
     _, log_probability, entropy = policy.evaluate_actions(seen, torch.tensor([2]), mask)
@@ -56,22 +56,20 @@ def test_policy__probabilities_are_shared_among_legal_actions(policy: MaskedActo
     assert entropy.item() == pytest.approx(np.log(2), abs=0.01)
 
 
-def test_policy__a_forced_stop_counts_with_the_probability_it_had_freely(
-    policy: MaskedActorCritic, seen: dict[str, torch.Tensor]
-):
+def test_policy__forced_stop_has_its_unmasked_log_probability(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
     action, _, log_probability = policy(seen, action_masks=FORCED)
     assert action.item() == STOP
     assert log_probability.item() == pytest.approx(-np.log(ACTIONS), abs=0.1)
-    assert log_probability.item() == pytest.approx(policy.evaluate_actions(seen, action, FREE)[1].item(), abs=1e-5)
+    assert log_probability.item() == pytest.approx(policy.evaluate_actions(seen, action, UNFORCED)[1].item(), abs=1e-5)
 
 
-def test_policy__learns_to_stop_from_being_forced(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
-    before = policy.evaluate_actions(seen, torch.tensor([STOP]), FREE)[1].item()
+def test_policy__forced_stop_has_a_gradient(policy: MaskedActorCritic, seen: dict[str, torch.Tensor]):
+    before = policy.evaluate_actions(seen, torch.tensor([STOP]), UNFORCED)[1].item()
     for _ in range(5):
         policy.optimizer.zero_grad()
         (-policy.evaluate_actions(seen, torch.tensor([STOP]), FORCED)[1].sum()).backward()
         policy.optimizer.step()
-    assert policy.evaluate_actions(seen, torch.tensor([STOP]), FREE)[1].item() > before + 0.5
+    assert policy.evaluate_actions(seen, torch.tensor([STOP]), UNFORCED)[1].item() > before + 0.5
 
 
 VOCABULARY = Vocabulary.from_statements(["blue block here"])
@@ -90,7 +88,7 @@ def observations(count: int) -> Observations:
     )
 
 
-def test_agent__greedy_takes_the_likeliest_legal_action():
+def test_agent__greedy_takes_the_most_probable_legal_action():
     legal = np.ones((1, ACTIONS), bool)
     rng = np.random.default_rng(0)
     order = []
@@ -101,14 +99,14 @@ def test_agent__greedy_takes_the_likeliest_legal_action():
     assert sorted(order) == list(range(ACTIONS))
 
 
-def test_agent__sampled_draws_as_likely_as_the_network_says():
+def test_agent__sample_frequencies_match_the_network():
     legal = np.zeros((3000, ACTIONS), bool)
     legal[:, [2, 7, 9]] = True
     drawn = agent(greedy=False)(observations(3000), legal, np.random.default_rng(0))
     assert np.bincount(drawn, minlength=ACTIONS)[[2, 7, 9]] == pytest.approx([1000] * 3, abs=150)
 
 
-def test_agent__the_same_random_numbers_give_the_same_actions():
+def test_agent__is_reproducible_by_seed():
     legal = np.ones((50, ACTIONS), bool)
     drawn = [agent(greedy=False)(observations(50), legal, np.random.default_rng(7)).tolist() for _ in range(2)]
     assert drawn[0] == drawn[1]

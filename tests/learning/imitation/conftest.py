@@ -1,4 +1,4 @@
-"""A few statements of our own that a small network learns in seconds."""
+"""A corpus of a few statements that a small network learns in seconds."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SCENES: dict[str, list[list[list[dict[str, Any]]]]] = {
 
 @pytest.fixture(scope="session")
 def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The path of a corpus of three statements for each appearance, the same ones in train and dev."""
+    """The path of a corpus with three statements per appearance, the same in train and dev."""
     from lilgym_mp.corpus import write_corpus
     from lilgym_mp.programs import compile_program
     from lilgym_mp.scene import Scene

@@ -1,4 +1,4 @@
-"""Batches: what is exchanged in words, scenes and actions alike."""
+"""Data collection and batches: labels, and colours permuted consistently in words, scenes and actions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
     return entries, table
 
 
-def test_explorer__truths_and_actions_are_the_program_s_and_the_expert_s(statements: str):
+def test_explorer__labels_are_those_of_the_program_and_the_expert(statements: str):
     entries, table = collected(statements)
     solver, heads = Solver(make_dynamics(Tower())), action_heads(Tower())
     for entry in entries:
@@ -46,7 +46,7 @@ def test_explorer__truths_and_actions_are_the_program_s_and_the_expert_s(stateme
                 assert steps == found.steps
 
 
-def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: str):
+def test_batch__labels_hold_after_recolouring(statements: str):
     entries, table = collected(statements)
     vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
     heads = action_heads(Tower())
@@ -83,7 +83,7 @@ def test_batch__exchanged_colours_are_true_of_the_exchanged_scene(statements: st
 
 
 def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
-    """The Tower scene that the inputs show: blocks from below, by their gap to the floor and their colour."""
+    """The Tower scene encoded in the inputs."""
     from lilgym_mp.appearances.tower import tower_tables
 
     tables = tower_tables()
@@ -97,15 +97,15 @@ def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
     return Scene((boxes[0], boxes[1], boxes[2]))
 
 
-def test_held_out__no_statement_is_in_both(statements: str):
+def test_split_held_out__splits_by_statement(statements: str):
     entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
-    learnt, apart = split_held_out(entries, 0.34, 0)
-    assert len(learnt) == 2
-    assert len(apart) == 1
-    assert not {entry.statement for entry in learnt} & {entry.statement for entry in apart}
+    training, held_out = split_held_out(entries, 0.34, 0)
+    assert len(training) == 2
+    assert len(held_out) == 1
+    assert not {entry.statement for entry in training} & {entry.statement for entry in held_out}
 
 
-def test_numbering__exchanges_colour_words():
+def test_numbering__permutes_colour_words():
     vocabulary = Vocabulary.from_statements(["yellow black blue block"])
     tokenizer = StatementTokenizer(vocabulary)
     for order, colours in enumerate(COLOUR_ORDERS):
@@ -113,10 +113,10 @@ def test_numbering__exchanges_colour_words():
         assert new == [Colour(colours[0]).name.lower(), Colour(colours[2]).name.lower(), "block"]
 
 
-def test_vocabulary__leaves_out_slips_where_there_are_many_statements():
-    said = ["Two bleu blocks", "two blue blocks"]
-    assert {"bleu", "blue", "2", "9"} <= set(vocabulary_of(said).words)
-    many = vocabulary_of(said + ["three blue blocks"] * 100)
+def test_vocabulary__drops_likely_misspellings_from_large_corpora():
+    statements = ["Two bleu blocks", "two blue blocks"]
+    assert {"bleu", "blue", "2", "9"} <= set(vocabulary_of(statements).words)
+    many = vocabulary_of(statements + ["three blue blocks"] * 100)
     assert "blue" in many.words
     assert "bleu" not in many.words
     assert (

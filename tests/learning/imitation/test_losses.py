@@ -1,4 +1,4 @@
-"""Probabilities of actions and of sets of them, against enumeration."""
+"""Log-probabilities of actions and action sets, compared with enumeration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lilgym_mp.learning.imitation.losses import log_policy, set_log_probabilitie
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 
 
-def outputs_at_random(appearance: Tower | Scatter) -> Outputs:
+def random_outputs(appearance: Tower | Scatter) -> Outputs:
     heads = action_heads(appearance)
     made = torch.Generator().manual_seed(0)
     sizes = ((2,), (2, 2), (2, heads.add_count), (2, heads.remove_count), (2, MAX_STEPS))
@@ -20,16 +20,16 @@ def outputs_at_random(appearance: Tower | Scatter) -> Outputs:
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__probabilities_of_all_actions_sum_to_one(appearance: Tower | Scatter):
-    found = log_policy(outputs_at_random(appearance), torch.tensor([[0, 1], [1, 0]]))
+def test_log_policy__probabilities_sum_to_one(appearance: Tower | Scatter):
+    found = log_policy(random_outputs(appearance), torch.tensor([[0, 1], [1, 0]]))
     assert found.shape == (2, 2, action_heads(appearance).size)
     torch.testing.assert_close(found.exp().sum(-1), torch.ones(2, 2))
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_set_loss__is_the_sum_over_every_action_of_the_set(appearance: Tower | Scatter):
+def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance: Tower | Scatter):
     heads = action_heads(appearance)
-    outputs = outputs_at_random(appearance)
+    outputs = random_outputs(appearance)
     targets = torch.tensor([[0, 1], [1, 0]])
     optimal = torch.rand((2, 2, heads.size), generator=torch.Generator().manual_seed(1)) < 0.3
     optimal[..., 0] = False
@@ -44,7 +44,7 @@ def test_set_loss__is_the_sum_over_every_action_of_the_set(appearance: Tower | S
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_layout__heads_and_actions_are_the_same_but_for_separators(appearance: Tower | Scatter):
+def test_action_heads__index_maps_are_inverse_except_on_separators(appearance: Tower | Scatter):
     heads = action_heads(appearance)
     assert np.array_equal(heads.index_of[heads.action_of], np.arange(heads.size))
     left_out = np.flatnonzero(heads.index_of < 0)
@@ -52,7 +52,7 @@ def test_layout__heads_and_actions_are_the_same_but_for_separators(appearance: T
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_layout__exchanging_colours_and_back_gives_the_same_actions(appearance: Tower | Scatter):
+def test_action_heads__recolouring_is_a_permutation_and_swaps_are_involutions(appearance: Tower | Scatter):
     recoloured = action_heads(appearance).recoloured
     assert all(np.array_equal(np.sort(row), np.arange(len(row))) for row in recoloured)
     assert np.array_equal(recoloured[1][recoloured[1]], np.arange(recoloured.shape[1]))  # exchanges two colours

@@ -1,4 +1,4 @@
-"""The network: what it must not depend on."""
+"""Invariances of the network, and equality of its cached and direct evaluation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def policy_of(appearance: Tower | Scatter) -> tuple[CachedPolicy, DataCollector]
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower | Scatter):
+def test_policy__is_independent_of_the_rest_of_the_batch(appearance: Tower | Scatter):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(7)]
@@ -46,7 +46,7 @@ def test_policy__does_not_depend_on_what_else_is_in_the_batch(appearance: Tower 
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance: Tower | Scatter):
+def test_policy__cached_evaluation_equals_the_forward_pass(appearance: Tower | Scatter):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(6)]
@@ -69,7 +69,7 @@ def test_policy__from_what_it_remembers_is_as_from_the_whole_network(appearance:
 @pytest.mark.parametrize("reduced", [False, True])
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 @pytest.mark.parametrize("threshold", [-9.0, 0.0, 9.0])
-def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Scatter, threshold: float, reduced: bool):
+def test_greedy__agrees_with_the_log_probabilities(appearance: Tower | Scatter, threshold: float, reduced: bool):
     policy, collector = policy_of(appearance)
     policy.reduced_precision = reduced
     scene = Scene.empty()
@@ -89,7 +89,7 @@ def test_likeliest__is_what_all_the_log_probabilities_say(appearance: Tower | Sc
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__permuting_boxes_permutes_its_actions(appearance: Tower | Scatter):
+def test_policy__is_equivariant_to_box_permutations(appearance: Tower | Scatter):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""What is learnt before imitation: programs from statements, and which edits are valid."""
+"""Pretraining: writing programs, and legal edits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.rules import make_dynamics
 
 
-def test_text_pretraining__teaches_the_text_layers_and_nothing_else():
+def test_text_pretraining__changes_the_text_encoder_only():
     recipe = ImitationRecipe(width=32, text_layers=1)
     entries = entries_from_tasks(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
     tokenizer = StatementTokenizer(vocabulary_of(entry.statement for entry in entries))
@@ -34,13 +34,13 @@ def test_text_pretraining__teaches_the_text_layers_and_nothing_else():
     assert all(name.startswith("text.") for name in changed)
 
 
-def test_generated_examples__are_none_of_those_left_out():
+def test_generated_examples__skip_excluded_statements():
     first = next(generated_examples("tower", 0, set()))
     without = generated_examples("tower", 0, {normalised(first.statement)})
     assert all(normalised(example.statement) != normalised(first.statement) for example in islice(without, 200))
 
 
-def test_geometry_pretraining__tells_valid_edits():
+def test_geometry_pretraining__learns_legal_edits():
     dynamics, table, rng = make_dynamics(make_appearance("scatter")), BoxFeatureTable(), np.random.default_rng(0)
     collector = DataCollector(dynamics, table, rng)
     for task in islice(load_tasks("builtin", "scatter", "flipit", "train"), 800):

@@ -1,4 +1,4 @@
-"""Runs: they learn, go on after an interrupt, and leave agents that can be loaded."""
+"""Imitation runs: training, resuming, saving and loading."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.learning.imitation.conftest import progress_lines, small_recipe
 STEPS = 110
 
 
-def completed(agent: ImitationAgent, settings: Settings) -> float:
+def accuracy(agent: ImitationAgent, settings: Settings) -> float:
     episodes = evaluate(agent.policy(settings), settings, "dev")
     return sum(episode.is_success for episode in episodes) / len(episodes)
 
@@ -36,14 +36,14 @@ def train(
     return train_imitation(settings, small_recipe(settings, **changes), out, steps=steps), settings
 
 
-def test_learning__three_statements_are_solved_in_seconds(statements: str, tmp_path: Path):
+def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
-    assert completed(agent, settings) == 1
+    assert accuracy(agent, settings) == 1
     assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
 
 
 @pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
-def test_training__with_pretraining_goes_on_where_it_was_interrupted(
+def test_resume__continues_interrupted_pretraining(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
     settings = Settings(name, corpus=statements)
@@ -65,15 +65,13 @@ def test_training__with_pretraining_goes_on_where_it_was_interrupted(
     assert agent.description.details["steps"] == 40
 
 
-def test_learning__with_shuffled_labels_nothing_is_learnt(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     add = DataCollector.add
 
     def shuffled(collector: DataCollector, entry: DatasetEntry, scene: Scene, *, solve: bool) -> int:
         known = len(entry.scenes)
         index = add(collector, entry, scene, solve=solve)
-        if index == known:  # a label that depends on nothing that can be seen
+        if index == known:  # a label independent of the scene's content
             entry.truths[index] = bool(hash(tuple(entry.scenes[index])) & 64)
         if entry.actions[index] is not None:
             entry.actions[index] = collector.heads.recoloured[0][1 + (index * 7) % 12 :][:1]
@@ -81,13 +79,11 @@ def test_learning__with_shuffled_labels_nothing_is_learnt(
 
     monkeypatch.setattr(DataCollector, "add", shuffled)
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
-    assert completed(agent, settings) < 0.7
+    assert accuracy(agent, settings) < 0.7
 
 
 @pytest.mark.parametrize("name", CONFIGURATIONS)
-def test_training__runs_short_in_every_configuration_and_plays_what_was_saved(
-    name: str, statements: str, tmp_path: Path
-):
+def test_training__saved_agent_plays_like_the_trained_one(name: str, statements: str, tmp_path: Path):
     agent, settings = train(statements, name, tmp_path / "run", steps=4)
     loaded = open_agent(tmp_path / "run", "cpu")
     assert loaded.description == agent.description
@@ -104,7 +100,7 @@ def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path
         assert torch.equal(weights, other.network.state_dict()[name]), name
 
 
-def test_resume__goes_on_where_a_killed_run_stopped(statements: str, tmp_path: Path):
+def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe = small_recipe(settings)
 
@@ -121,7 +117,7 @@ def test_resume__goes_on_where_a_killed_run_stopped(statements: str, tmp_path: P
     assert [line["steps"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
-def test_resume__refuses_another_recipe_and_a_broken_checkpoint(statements: str, tmp_path: Path):
+def test_resume__rejects_another_recipe_and_a_damaged_checkpoint(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path, steps=2)
     with pytest.raises(TrainingRunError, match="has width 32, but 64 was requested"):
@@ -133,7 +129,7 @@ def test_resume__refuses_another_recipe_and_a_broken_checkpoint(statements: str,
         train_imitation(settings, small_recipe(settings), tmp_path, steps=4, resume=True)
 
 
-def test_training__stops_where_the_loss_is_no_number_and_keeps_the_checkpoint(
+def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
@@ -154,7 +150,7 @@ def test_training__stops_where_the_loss_is_no_number_and_keeps_the_checkpoint(
 
 
 @pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "steps": 3}, {"minutes": -1.0}, {"minutes": float("nan")}])
-def test_training__refuses_budgets_that_cannot_be(budget: dict[str, float], statements: str, tmp_path: Path):
+def test_training__rejects_invalid_budgets(budget: dict[str, float], statements: str, tmp_path: Path):
     settings = Settings("TowerScratch", corpus=statements)
     with pytest.raises(ValueError, match="budget"):
         train_imitation(settings, small_recipe(settings), tmp_path, **budget)  # pyright: ignore[reportArgumentType]
@@ -169,7 +165,7 @@ def test_recipe__names_the_setting_and_its_bounds():
     assert ImitationRecipe.from_json(recipe.to_json()) == recipe
 
 
-def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str, tmp_path: Path):
+def test_load__rejects_other_versions_vocabularies_and_truncated_files(statements: str, tmp_path: Path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path, steps=1)
     path = tmp_path / AGENT_FILE
     tensors = agent.network.state_dict()
@@ -197,7 +193,7 @@ def test_load__refuses_other_versions_vocabularies_and_cut_files(statements: str
         open_agent(path, "cpu")
 
 
-def test_policy__unknown_empty_and_endless_statements_are_played(statements: str, tmp_path: Path):
+def test_policy__handles_unknown_empty_and_very_long_statements(statements: str, tmp_path: Path):
     import numpy as np
 
     from lilgym_mp.evaluation import Observations

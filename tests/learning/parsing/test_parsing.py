@@ -1,4 +1,4 @@
-"""The parser: what it reads and writes, that it learns, and what it refuses."""
+"""The parser and its agent: normalisation, decoding, training, planning and invalid input."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def thin(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def trained(thin: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose agent has hardly learnt anything."""
+    """A run of very few training steps."""
     torch.set_num_threads(1)
     place = tmp_path_factory.mktemp("parser") / "run"
     train_parser(thin, SMALL, place, device="cpu")
     return place
 
 
-def test_reading__colours_stand_in_one_order_and_come_back_in_programs():
+def test_normalise__standardises_colours_and_programs_restore_them():
     normalised = normalise_statement("There is a BLUE block on the blak block", "tower", KNOWN)
     assert normalised.words == ("<tower>", "there", "is", "a", "yellow", "block", "on", "the", "black", "block")
     source = (
@@ -79,18 +79,18 @@ def test_reading__colours_stand_in_one_order_and_come_back_in_programs():
     assert program_of(pair.tokens, normalised.exchange) == source
 
 
-def test_reading__every_exchange_of_colours_reads_the_same():
+def test_normalise__is_invariant_to_colour_permutations():
     statements = [f"there is a {one} block on a {other} block" for one in COLOURS for other in COLOURS if one != other]
     assert len({normalise_statement(statement, "tower", KNOWN).words for statement in statements}) == 1
 
 
-def test_pair__a_program_that_is_too_long_or_has_no_tokens_is_left_out():
+def test_pair__program_that_is_too_long_or_has_no_prefix_form_gives_none():
     normalised = normalise_statement("there is a block", "tower", KNOWN)
     assert pair_of(normalised, "exist(all_items)", most_tokens=1) is None
     assert pair_of(normalised, "exist(all_items[1:])", most_tokens=40) is None
 
 
-def test_variations__exchange_shapes_and_numbers_on_both_sides_alike():
+def test_variations__exchange_shapes_and_numbers_in_words_and_program():
     pair = Pair(
         ("<scatter>", "2", "circles"),
         ("==", "count(1)", "filter_obj(2)", "all_items", "lambda", "is_circle(1)", "v0", "#2"),
@@ -111,12 +111,12 @@ def test_variations__exchange_shapes_and_numbers_on_both_sides_alike():
         Pair(("<tower>", "1", "block"), ("==", "count(1)", "all_items", "#1")),  # "1" is often "some"
     ],
 )
-def test_variations__leave_alone_what_is_not_named_on_both_sides(pair: Pair):
+def test_variations__keep_pairs_whose_words_and_program_differ(pair: Pair):
     rng = random.Random(0)
     assert {Variations(1.0, 1.0).of(pair, rng) for _ in range(50)} == {pair}
 
 
-def test_slots__tell_of_each_token_what_it_is_a_part_of():
+def test_slots__give_each_tokens_parent_and_argument_index():
     tokens = [TOKENS.index(token) for token in ("==", "count(1)", "all_items", "#2")]
     equals, count = tokens[:2]
     assert [tuple(slot) for slot in slots_of(tokens)] == [(0, 0), (equals, 0), (count, 0), (equals, 1)]
@@ -127,7 +127,7 @@ def small_network(seed: int = 0) -> ParserNetwork:
     return ParserNetwork(12, len(TOKENS), Sizes(width=16, hidden=32, layers=1, longest_program=10)).eval()
 
 
-def test_network__decoding_step_by_step_gives_what_decoding_at_once_does():
+def test_network__cached_decoding_equals_teacher_forcing():
     network = small_network()
     words = torch.tensor([[3, 4, 5, 0], [6, 7, 8, 9]])
     tokens = torch.tensor([[TOKENS.index(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
@@ -147,7 +147,7 @@ def test_network__decoding_step_by_step_gives_what_decoding_at_once_does():
         before = tokens[:, place : place + 1]
 
 
-def test_beam__gives_whole_programs_with_their_probability_the_likeliest_first():
+def test_beam__returns_complete_programs_sorted_by_probability():
     network = small_network()
     words = [3, 4, 5]
     found = beam_search(network, words, 8)
@@ -166,14 +166,14 @@ def test_beam__gives_whole_programs_with_their_probability_the_likeliest_first()
         assert score == pytest.approx(chosen, abs=1e-4)
 
 
-def test_beam__a_width_that_holds_everything_finds_the_likeliest_short_program():
+def test_beam__wider_beam_finds_at_least_as_probable_programs():
     network = small_network(1)
     everything = beam_search(network, [3, 4], 2000)
     narrow = beam_search(network, [3, 4], 20)
     assert narrow[0].log_probability <= everything[0].log_probability + 1e-6
 
 
-def test_parser__badly_typed_programs_are_candidates_only_where_they_are_likely_and_say_something(
+def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(
     monkeypatch: pytest.MonkeyPatch,
 ):
     right, odd = "exist(all_items)", "exist(filter_obj(all_items, lambda x: exist(x)))"
@@ -195,21 +195,21 @@ def test_parser__badly_typed_programs_are_candidates_only_where_they_are_likely_
     assert len(programs_of(right=0.2, odd=0.2, constant=0.6)) == 2
 
 
-def solves(run: Path, own: Path) -> float:
-    """The share of the corpus's training tasks that the run's agent completes."""
+def accuracy(run: Path, own: Path) -> float:
+    """Accuracy of the run's agent on the training tasks."""
     settings = Settings("TowerScratch", corpus=str(own))
     agent = open_agent(run, "cpu")
     episodes = evaluate(agent.policy(settings), settings, "train")
     return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
-def test_training__solves_a_small_corpus_and_with_shuffled_labels_does_not(
+def test_training__solves_a_small_corpus_but_not_with_shuffled_programs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     own = write_own_corpus(tmp_path / "own.jsonl")
     recipe = dataclasses.replace(SMALL, steps=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
     train_parser(str(own), recipe, tmp_path / "run", device="cpu")
-    assert solves(tmp_path / "run", own) == 1.0
+    assert accuracy(tmp_path / "run", own) == 1.0
     examples = training.corpus_examples(str(own))
     programs = [example.program for example in examples]
     wrong = [
@@ -218,10 +218,10 @@ def test_training__solves_a_small_corpus_and_with_shuffled_labels_does_not(
     ]
     monkeypatch.setattr(training, "corpus_examples", lambda corpus: wrong)
     train_parser(str(own), recipe, tmp_path / "shuffled", device="cpu")
-    assert solves(tmp_path / "shuffled", own) < 0.7
+    assert accuracy(tmp_path / "shuffled", own) < 0.7
 
 
-def test_training__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_path: Path):
+def test_training__is_reproducible_by_seed(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     recipe = dataclasses.replace(SMALL, steps=5)
     files: list[bytes] = []
@@ -232,7 +232,7 @@ def test_training__the_same_seed_gives_the_same_agent_and_another_seed_another(t
     assert files[0] == files[1] != files[2]
 
 
-def test_training__goes_on_from_the_last_checkpoint(tmp_path: Path):
+def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     recipe = dataclasses.replace(SMALL, steps=40)
 
@@ -258,14 +258,14 @@ def test_training__goes_on_from_the_last_checkpoint(tmp_path: Path):
     assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
 
 
-def test_training__a_used_directory_or_another_run_is_refused(trained: Path, thin: str):
+def test_training__rejects_a_used_directory_and_another_recipe(trained: Path, thin: str):
     with pytest.raises(TrainingRunError, match="already holds a run"):
         train_parser(thin, SMALL, trained, device="cpu")
     with pytest.raises(TrainingRunError, match="was requested"):
         train_parser(thin, dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
 
 
-def test_training__a_damaged_checkpoint_is_refused(tmp_path: Path):
+def test_resume__rejects_a_damaged_checkpoint(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", device="cpu")
     checkpoint = tmp_path / "run" / "checkpoint.pt"
@@ -275,7 +275,7 @@ def test_training__a_damaged_checkpoint_is_refused(tmp_path: Path):
             train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", resume=True, device="cpu")
 
 
-def test_training__a_loss_that_is_no_number_stops_it_and_keeps_the_checkpoint(tmp_path: Path):
+def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     seen: list[bytes] = []
 
@@ -300,7 +300,7 @@ def test_training__a_loss_that_is_no_number_stops_it_and_keeps_the_checkpoint(tm
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
 
 
-def test_training__no_tested_statement_is_among_the_generated_ones(monkeypatch: pytest.MonkeyPatch):
+def test_training__drops_generated_statements_of_other_splits(monkeypatch: pytest.MonkeyPatch):
     first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
     monkeypatch.setattr(training, "evaluation_statements", lambda corpus: {training.normalised(first.statement)})
     with_it = training.load_training_data("builtin", dataclasses.replace(SMALL, held_out=0))
@@ -318,7 +318,7 @@ def test_training__no_tested_statement_is_among_the_generated_ones(monkeypatch: 
         ({"seed": -1}, "seed must be at least 0, not -1"),
     ],
 )
-def test_recipe__refuses_what_cannot_be(changes: dict[str, float], said: str):
+def test_recipe__rejects_invalid_values(changes: dict[str, float], said: str):
     with pytest.raises(ValueError, match=said):
         ParserRecipe(**changes)  # type: ignore[arg-type]
 
@@ -327,7 +327,7 @@ def test_recipe__refuses_what_cannot_be(changes: dict[str, float], said: str):
 
 
 class Oracle(Parser):
-    """A parser that knows the candidates."""
+    """A parser with fixed candidates."""
 
     def __init__(self, *candidates: tuple[str, float]) -> None:
         super().__init__(small_network(), SymbolTable((*COLOURS, UNKNOWN)))
@@ -351,7 +351,7 @@ def empty_tower() -> Scene:
     return Settings("TowerScratch").dynamics().appearance.check_scene(Scene.empty())
 
 
-def test_planner__one_candidate_is_planned_for_as_the_expert_does():
+def test_planner__plan_for_one_candidate_is_as_short_as_the_experts():
     chosen = planner((BLUE, 1.0))
     plan = chosen.plan(empty_tower(), "any", True)
     expert = Solver(chosen.dynamics).solve(Task("t", "any", BLUE, True, empty_tower()))
@@ -359,33 +359,33 @@ def test_planner__one_candidate_is_planned_for_as_the_expert_does():
     assert plan.success_probability == pytest.approx(1.0, abs=0.01)
 
 
-def test_planner__satisfies_several_candidates_at_once_where_it_can():
+def test_planner__satisfies_several_candidates_at_once_if_possible():
     both = planner((BLUE, 0.6), (BLACK, 0.4)).plan(empty_tower(), "any", True)
     assert (len(both.actions), both.satisfied) == (3, (0, 1))
     best = planner((BLUE, 0.6), (BLACK, 0.4), votes=False).plan(empty_tower(), "any", True)
     assert (len(best.actions), best.success_probability) == (2, pytest.approx(0.6))
 
 
-def test_planner__takes_the_larger_probability_where_it_cannot_have_both():
+def test_planner__prefers_the_more_probable_of_conflicting_candidates():
     plan = planner((BLUE, 0.6), (f"not {BLUE}", 0.4)).plan(empty_tower(), "any", True)
     assert plan.satisfied == (0,)
     assert plan.success_probability == pytest.approx(0.6 / (0.6 + 0.04))
 
 
-def test_planner__no_start_of_flipit_is_a_success_already():
+def test_planner__drops_programs_satisfied_by_a_flipit_start():
     plan = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True)
     assert [goal.program for goal in plan.goals] == [BLUE]
     later = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True, steps=3)
     assert later.goals[0].program == EMPTY
 
 
-def test_planner__stops_where_nothing_can_be_done():
+def test_planner__stops_without_candidates_or_remaining_steps():
     assert planner().plan(empty_tower(), "any", True).actions[0].__class__.__name__ == "Stop"
     last = planner((BLUE, 1.0)).plan(empty_tower(), "any", True, steps=11)
     assert len(last.actions) == 1
 
 
-def test_policy__plans_anew_where_the_picture_is_not_the_expected_one():
+def test_policy__replans_after_an_unexpected_image():
     settings = Settings("TowerScratch")
     env = settings.make("dev")
     observation, _ = env.reset(seed=0)
@@ -404,7 +404,7 @@ def test_policy__plans_anew_where_the_picture_is_not_the_expected_one():
     assert stop == 0
 
 
-def test_policy__a_picture_that_is_no_scene_ends_the_episode_and_nothing_else():
+def test_policy__stops_on_an_unreadable_image():
     policy = ParseAndPlanPolicy(planner((BLUE, 1.0)))
     noise = np.random.default_rng(0).integers(0, 255, (1, 50, 190, 3), np.uint8)
     observations = Observations(noise, ("any",), np.array([1]), np.array([0]), np.array([0]))
@@ -414,7 +414,7 @@ def test_policy__a_picture_that_is_no_scene_ends_the_episode_and_nothing_else():
 @pytest.mark.parametrize(
     "statement", ["", "zzz qqq", "a " * 10_000, "x" * 10_000, "\0 \u2603", "there is a blue block"]
 )
-def test_agent__any_statement_is_answered(trained: Path, statement: str):
+def test_agent__plans_for_any_statement(trained: Path, statement: str):
     agent = open_agent(trained, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
     chosen = agent.planner(Settings("TowerScratch"))
@@ -426,7 +426,7 @@ def test_agent__any_statement_is_answered(trained: Path, statement: str):
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
-def test_shipped_agent__plays_every_configuration_from_pixels_far_better_than_chance(configuration: str):
+def test_shipped_agent__solves_most_tasks_of_every_configuration_from_pixels(configuration: str):
     settings = Settings(configuration)
     agent = load_agent("parse-and-plan", "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
@@ -443,9 +443,7 @@ def test_shipped_agent__plays_every_configuration_from_pixels_far_better_than_ch
     assert outcomes.count(Outcome.SUCCESS) >= 0.8 * len(some)
 
 
-def test_parser__calculates_in_one_thread_and_leaves_the_number_as_it_was(
-    trained: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_parser__uses_one_thread_and_restores_the_setting(trained: Path, monkeypatch: pytest.MonkeyPatch):
     agent = open_agent(trained, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
     seen: list[int] = []
@@ -458,19 +456,19 @@ def test_parser__calculates_in_one_thread_and_leaves_the_number_as_it_was(
         torch.set_num_threads(1)
 
 
-def test_load_agent__an_unknown_one_is_refused_with_the_choices():
+def test_load_agent__unknown_name_is_rejected_with_the_choices():
     with pytest.raises(ValueError, match=r"unknown agent 'clever'; choose from .*parse-and-plan"):
         load_agent("clever")
 
 
-def test_agent__plays_under_the_release_rules_and_on_another_grid(trained: Path):
+def test_agent__supports_release_rules_and_other_grids(trained: Path):
     agent = open_agent(trained, "cpu")
     for settings in (Settings("ScatterScratch", rules="release"), Settings("ScatterScratch", grid=(38, 10))):
         assert str(EvaluationPlan(settings, "dev"))
         assert agent.policy(settings) is not None
 
 
-def test_agent__candidates_compile_and_probabilities_add_up(trained: Path):
+def test_agent__candidates_compile_and_probabilities_sum_to_one(trained: Path):
     agent = open_agent(trained, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
     for task in list(Settings("ScatterScratch").make("dev").tasks)[:10]:
@@ -480,7 +478,7 @@ def test_agent__candidates_compile_and_probabilities_add_up(trained: Path):
             assert source_of(canonical_form(parse(candidate.program))) == candidate.program
 
 
-def test_agent__a_corpus_of_towers_makes_an_agent_for_towers_only(tmp_path: Path):
+def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     train_parser(str(own), dataclasses.replace(SMALL, steps=2), tmp_path / "run", device="cpu")
     agent = open_agent(tmp_path / "run", "cpu")
@@ -502,7 +500,7 @@ def test_agent__a_corpus_of_towers_makes_an_agent_for_towers_only(tmp_path: Path
         ),
     ],
 )
-def test_load__another_vocabulary_or_version_is_refused(trained: Path, tmp_path: Path, change: object, said: str):
+def test_load__rejects_another_vocabulary_or_version(trained: Path, tmp_path: Path, change: object, said: str):
     description, tensors = load_model(trained / AGENT_FILE)
     path = tmp_path / AGENT_FILE
     save_model(path, change(description), tensors)  # type: ignore[operator]
@@ -513,7 +511,7 @@ def test_load__another_vocabulary_or_version_is_refused(trained: Path, tmp_path:
 # Calibration
 
 
-def test_calibration__follows_what_comes_true():
+def test_calibration__fits_the_success_rates():
     rng = random.Random(0)
     stated = [rng.choice([0.6, 0.8, 0.9]) for _ in range(3000)]
     found = fit_calibration([Forecast(probability, rng.random() < probability**0.5) for probability in stated])
@@ -522,10 +520,10 @@ def test_calibration__follows_what_comes_true():
     assert found(0.0) == 0.0
 
 
-def test_calibration__without_forecasts_leaves_probabilities_as_they_are():
+def test_calibration__without_forecasts_is_the_identity():
     assert fit_calibration([])(0.7) == pytest.approx(0.7)
 
 
-def test_reliability__counts_by_stated_probability():
+def test_reliability__bins_by_predicted_probability():
     forecasts = [Forecast(0.96, True), Forecast(0.98, True), Forecast(0.6, True), Forecast(0.6, False)]
     assert reliability(forecasts) == [(2, pytest.approx(0.6), 0.5), (2, pytest.approx(0.97), 1.0)]

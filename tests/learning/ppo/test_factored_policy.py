@@ -1,4 +1,4 @@
-"""Type-first policies against brute-force enumeration of every action."""
+"""Factored policies, compared with brute-force enumeration of all actions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Te
 
 
 def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
-    """(states, actions) probabilities of the factored heads, written out action by action from the released arrays."""
+    """(states, actions) probabilities of slot heads, computed action by action from the released arrays."""
     kinds, arguments = types.softmax(1), [head.softmax(1) for head in heads]
     columns: list[Tensor] = []
     for index in range(appearance.action_count):
@@ -55,7 +55,7 @@ def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tenso
 
 
 def by_edit(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
-    """The same of the joint heads: edits in order of their box, then their cell's row and column, then their look."""
+    """The same for joint heads; edits are ordered by box, cell row, cell column and item type."""
     kinds, (adds, removes) = types.softmax(1), (head.softmax(1) for head in heads)
     columns = [kinds[:, 0] * 0] * appearance.action_count
     columns[0] = kinds[:, ActionType.STOP]
@@ -72,7 +72,7 @@ def by_edit(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tenso
 
 
 def place(appearance: Appearance, array: list[int]) -> tuple[int, ...]:
-    """What edits are ordered by; nothing on a separator."""
+    """The sort key of an edit; empty on a separator."""
     if appearance.name == "tower":
         return tuple(array[1:])
     _, x, y, *item_type = array
@@ -84,7 +84,7 @@ ENUMERATED = {slot_factorisation: by_slot, joint_factorisation: by_edit}
 
 
 @EACH
-def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(appearance: Appearance, make: Make):
+def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads)
@@ -112,7 +112,7 @@ def test_policy__probabilities_entropy_and_gradients_are_those_of_enumeration(ap
             torch.testing.assert_close(zeros if one is None else one, zeros if other is None else other)
 
 
-def test_log_prob_and_entropy__of_many_rows_are_those_of_autograd():
+def test_log_prob_and_entropy__match_autograd_over_several_chunks():
     generator = torch.Generator().manual_seed(0)
     logits = torch.randn(3 * CHUNK // 2, 7, generator=generator, dtype=torch.float64).requires_grad_()
     choices = torch.randint(7, (len(logits),), generator=generator)
@@ -138,7 +138,7 @@ def test_entropy__has_a_gradient_for_every_head(appearance: Appearance, make: Ma
 
 
 @EACH
-def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appearance, make: Make):
+def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads).detach()
@@ -155,7 +155,7 @@ def test_mask__shares_all_probability_among_the_legal_actions(appearance: Appear
 
 
 @EACH
-def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appearance, make: Make):
+def test_sample__frequencies_match_probabilities(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     many = 20_000
@@ -172,7 +172,7 @@ def test_sample__draws_actions_as_often_as_they_are_probable(appearance: Appeara
 
 
 @EACH
-def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearance: Appearance, make: Make):
+def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     chosen = FactoredPolicy(factorisation, types, heads).greedy()
@@ -183,7 +183,7 @@ def test_likeliest__is_the_likeliest_type_with_its_likeliest_arguments(appearanc
         assert chosen[state] == np.where(kinds == best, every[state], 0).argmax()
 
 
-def test_layout__scatter_leaves_out_separators_with_joint_heads_only():
+def test_factorisation__only_joint_heads_exclude_scatters_separators():
     joint, factored = joint_factorisation(Scatter()), slot_factorisation(Scatter())
     assert [(head.name, head.size) for head in joint.heads] == [("add", 75 * 27), ("remove", 75)]
     assert [head.size for head in factored.heads] == [19, 5, 3, 3, 3]
@@ -195,8 +195,8 @@ def test_layout__scatter_leaves_out_separators_with_joint_heads_only():
     assert finer.heads[1].size == 3 * 10 * 10
 
 
-def test_stop__of_a_policy_left_free_has_the_types_probability():
-    """What counts for a forced STOP: the normaliser of the three types, in which no argument takes part."""
+def test_unforced_stop__is_normalised_over_types_only():
+    """The log-probability of a forced STOP does not depend on the argument heads."""
     factorisation = slot_factorisation(Tower())
     types = torch.tensor([[-3.0, 1.0, 0.5]])
     heads = [torch.randn(1, 3), torch.randn(1, 3)]

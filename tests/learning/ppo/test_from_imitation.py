@@ -1,4 +1,4 @@
-"""PPO from a network that imitation trained: it begins with that network's policy, and says so."""
+"""PPO initialised from an imitation run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.learning.ppo.test_models import SHORT, STATEMENTS, seen
 
 @pytest.fixture(scope="module", params=["imitation-tower", "imitation-scatter"])
 def imitation_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run's directory with a shipped agent, as `lilgym-mp train imitation` leaves it."""
+    """A run directory with a shipped agent, as written by `lilgym-mp train imitation`."""
     place = tmp_path_factory.mktemp("run")
     agent = load_agent(request.param)
     assert isinstance(agent, ImitationAgent)
@@ -35,8 +35,8 @@ def imitation_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempP
     return place
 
 
-def begun_from(run: Path) -> tuple[str, ImitationModel]:
-    """The FlipIt configuration that the run plays, and a model that begins from it."""
+def initialised_from(run: Path) -> tuple[str, ImitationModel]:
+    """The FlipIt configuration that the run plays, and a model initialised from it."""
     name = next(name for name in open_agent(run).description.configurations if name.endswith("FlipIt"))
     recipe = make_recipe("ours", name, model="imitation")
     model = make_model(recipe, make_appearance(name.removesuffix("FlipIt").lower()), weights=run)
@@ -44,8 +44,8 @@ def begun_from(run: Path) -> tuple[str, ImitationModel]:
     return name, model.eval()
 
 
-def test_imitation__begins_with_the_policy_of_the_run(imitation_run: Path):
-    name, model = begun_from(imitation_run)
+def test_imitation__starts_with_the_policy_of_the_run(imitation_run: Path):
+    name, model = initialised_from(imitation_run)
     states, images = seen(name, 40)
     with torch.no_grad():
         policy, values = policy_and_values(model, states, None)
@@ -64,8 +64,8 @@ def test_imitation__begins_with_the_policy_of_the_run(imitation_run: Path):
     assert (values.abs() < 1).all()
 
 
-def test_imitation__a_state_is_seen_alike_whatever_is_beside_it(imitation_run: Path):
-    name, model = begun_from(imitation_run)
+def test_imitation__prediction_is_independent_of_the_rest_of_the_batch(imitation_run: Path):
+    name, model = initialised_from(imitation_run)
     states, images = seen(name, 12)
     table = BoxImageTable()
     alone = table.states(STATEMENTS, np.array([0]), table.indices(images[3:4]), states.targets[3:4])
@@ -76,8 +76,8 @@ def test_imitation__a_state_is_seen_alike_whatever_is_beside_it(imitation_run: P
         np.testing.assert_allclose(many[3].numpy(), one[0].numpy(), atol=1e-4)
 
 
-def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, tmp_path: Path, own: str):
-    name, _ = begun_from(imitation_run)
+def test_imitation__description_states_the_earlier_supervision(imitation_run: Path, tmp_path: Path, own: str):
+    name, _ = initialised_from(imitation_run)
     recipe = make_recipe("ours", name, model="imitation", **SHORT)
     settings = Settings(name, corpus=own)
     agent = train_ppo(settings, recipe, tmp_path / "run", steps=2 * recipe.rollout, weights=imitation_run)
@@ -87,7 +87,7 @@ def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, 
     states, _ = seen(name)
     with torch.no_grad():
         np.testing.assert_allclose(again.model(states).values, agent.model.eval()(states).values, atol=1e-5)  # pyright: ignore[reportAttributeAccessIssue]
-    before = begun_from(imitation_run)[1].network.state_dict()
+    before = initialised_from(imitation_run)[1].network.state_dict()
     assert any((before[key] != tensor).any() for key, tensor in agent.model.network.state_dict().items())  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -101,7 +101,7 @@ def test_imitation__trains_and_the_agent_says_what_it_knew(imitation_run: Path, 
         ("scatter", "a network for scatter, not for tower"),
     ],
 )
-def test_imitation__says_what_is_wrong_with_the_run(tmp_path: Path, weights: str | None, said: str):
+def test_imitation__rejects_unusable_runs(tmp_path: Path, weights: str | None, said: str):
     (tmp_path / "empty").mkdir()
     for place, agent in (("other", "parse-and-plan"), ("scatter", "imitation-scatter")):
         (tmp_path / place).mkdir()
@@ -112,6 +112,6 @@ def test_imitation__says_what_is_wrong_with_the_run(tmp_path: Path, weights: str
         make_model(make_recipe("ours", "TowerFlipIt", model="imitation"), Tower(), weights=named)
 
 
-def test_imitation__another_grid_is_refused(imitation_run: Path):
+def test_imitation__rejects_another_grid(imitation_run: Path):
     with pytest.raises(WeightsError, match=r"plays Tower, and Scatter on the grid 19 x 5"):
-        ImitationModel(Scatter((38, 10)), begun_from(imitation_run)[1].architecture, "")
+        ImitationModel(Scatter((38, 10)), initialised_from(imitation_run)[1].architecture, "")

@@ -1,4 +1,4 @@
-"""The models: what they see, tiny pretrained directories, and directories that cannot serve."""
+"""PPO's models: deduplicated states, caches, pretrained weights and unusable directories."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_states__give_the_images_back_and_keep_each_box_and_patch_once(name: str):
+def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
     states, images = seen(name, 40)
     assert (states.images() == images).all()
     for rows in (states.boxes().reshape(len(states.box_codes), -1), states.patches):
         assert len(np.unique(rows, axis=0)) == len(rows)
 
 
-def test_states__of_some_rows_have_their_statements_and_boxes_alone():
+def test_states__of_some_rows_contain_only_their_statements_and_boxes():
     table = BoxImageTable()
     _, images = seen(count=6)
     boxes_of = table.indices(images)
@@ -62,7 +62,7 @@ def ours() -> BoxTransformer:
     return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
-def test_ours__boxes_that_are_remembered_are_seen_as_new_ones_are_until_it_forgets(ours: BoxTransformer):
+def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours: BoxTransformer):
     states, images = seen(count=40)
     first = BoxImageTable()
     with torch.no_grad():
@@ -82,7 +82,7 @@ def _with_gradients(model: BoxTransformer, states: States) -> torch.Tensor:
         return model(states).values.detach()
 
 
-def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: BoxTransformer):
+def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTransformer):
     states, images = seen(count=6)
     together = ours(states)
     for row in range(6):
@@ -95,7 +95,7 @@ def test_ours__a_states_prediction_does_not_depend_on_its_company(ours: BoxTrans
         torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
 
 
-def test_ours__remembers_statements_until_told_to_forget(ours: BoxTransformer):
+def test_ours__caches_statements_until_the_cache_is_cleared(ours: BoxTransformer):
     states, _ = seen()
     with torch.no_grad():
         first = ours(states).values
@@ -109,7 +109,7 @@ def test_ours__remembers_statements_until_told_to_forget(ours: BoxTransformer):
         assert not torch.allclose(first, ours(states).values)
 
 
-def test_ours__everything_in_it_has_a_gradient():
+def test_ours__every_parameter_has_a_gradient():
     for appearance in (Tower(), Scatter()):
         torch.manual_seed(0)
         model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS))
@@ -121,7 +121,7 @@ def test_ours__everything_in_it_has_a_gradient():
         assert lacking == []
 
 
-def test_ours__reads_statement_target_and_every_box(ours: BoxTransformer):
+def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
     states, _ = seen()
 
     def types(changed: States) -> torch.Tensor:
@@ -136,7 +136,7 @@ def test_ours__reads_statement_target_and_every_box(ours: BoxTransformer):
 
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
-def test_critic__that_is_separate_shares_no_weight_with_the_policy(critic: str):
+def test_critic__shares_weights_only_if_shared(critic: str):
     recipe = make_recipe("ours", "TowerFlipIt", critic=critic)
     model = make_model(recipe, Tower(), statements=STATEMENTS)
     model(seen()[0]).values.sum().backward()
@@ -170,7 +170,7 @@ def write_tokenizer(place: Path) -> None:
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Directories of weights of tiny random configurations, by architecture."""
+    """Weight directories of tiny random networks, by architecture."""
     transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
     torch.manual_seed(0)
     size = len(VOCABULARY)
@@ -203,7 +203,7 @@ SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_si
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
 @pytest.mark.parametrize("model", sorted(ARCHITECTURE))
-def test_pretrained__trains_is_saved_and_plays_again(
+def test_pretrained__trained_agent_is_saved_and_reloaded(
     tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
 ):
     settings = Settings("TowerFlipIt", corpus=own, horizon=3)
@@ -217,7 +217,7 @@ def test_pretrained__trains_is_saved_and_plays_again(
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
 
 
-def test_c3_bert__has_the_releases_number_of_trained_parameters_at_full_size(tiny: dict[str, Path]):
+def test_c3_bert__has_the_releases_parameter_count_at_full_size(tiny: dict[str, Path]):
     recipe = make_recipe("release", "TowerScratch", model="c3-bert")
     model = make_model(recipe, Tower(), weights=tiny["bert"])
     width, full = 16, 768
@@ -227,7 +227,7 @@ def test_c3_bert__has_the_releases_number_of_trained_parameters_at_full_size(tin
     assert not any("encoder" in name for name in model.state_dict())
 
 
-def test_frozen_bert__is_the_mean_over_layers_and_word_pieces_alone(tiny: dict[str, Path]):
+def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     from transformers import BertModel
 
     from lilgym_mp.learning.ppo.models.pretrained import FrozenBert
@@ -243,7 +243,7 @@ def test_frozen_bert__is_the_mean_over_layers_and_word_pieces_alone(tiny: dict[s
     assert not found.requires_grad
 
 
-def test_vilt__sees_the_target_and_trains_the_embedding_of_its_token(tiny: dict[str, Path]):
+def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[str, Path]):
     recipe = make_recipe("release", "TowerScratch", model="vilt")
     model = make_model(recipe, make_appearance("tower"), weights=tiny["vilt"]).eval()
     states, _ = seen(count=2)
@@ -270,7 +270,9 @@ def test_vilt__sees_the_target_and_trains_the_embedding_of_its_token(tiny: dict[
         ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
     ],
 )
-def test_weights__that_cannot_serve_are_refused_by_name(tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str):
+def test_weights__unusable_directories_are_rejected_with_the_reason(
+    tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str
+):
     from safetensors.torch import load_file, save_file
 
     place = tmp_path / "weights"
@@ -296,7 +298,7 @@ def test_weights__that_cannot_serve_are_refused_by_name(tmp_path: Path, tiny: di
         make_model(make_recipe("paper", "TowerScratch", model="c3-bert"), Tower(), weights=named)
 
 
-def test_weights__of_an_agent_that_changed_since_are_refused(tmp_path: Path, own: str, tiny: dict[str, Path]):
+def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, tiny: dict[str, Path]):
     place = tmp_path / "weights"
     shutil.copytree(tiny["bert"], place)
     recipe = make_recipe("paper", "TowerScratch", model="c3-bert", **SHORT)
@@ -311,11 +313,11 @@ def test_weights__of_an_agent_that_changed_since_are_refused(tmp_path: Path, own
         open_agent(tmp_path / "run", "cpu")
 
 
-def test_weights__are_not_for_ours():
+def test_weights__are_rejected_by_ours():
     with pytest.raises(WeightsError, match="'ours' has no pretrained weights; leave --weights out"):
         make_model(replace(make_recipe("ours", "TowerScratch")), Tower(), weights=Path("somewhere"))
 
 
-def test_config__of_a_model_file_is_json(tiny: dict[str, Path]):
+def test_details__are_json_serialisable(tiny: dict[str, Path]):
     model = make_model(make_recipe("paper", "TowerScratch", model="vilt"), Tower(), weights=tiny["vilt"])
     assert json.loads(json.dumps(dict(model.details()))) == {"weights": str(tiny["vilt"])}

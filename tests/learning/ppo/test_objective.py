@@ -1,4 +1,4 @@
-"""Advantages and the loss, by hand."""
+"""Advantages and losses, compared with hand calculations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STEP_COST = -0.1
 
 
 def advantages(rewards: list[float], values: list[float], *, ended: bool, after: float = 0.0) -> list[float]:
-    """Of an episode's last steps; `after`: the value of the state that follows where it goes on."""
+    """Advantages of consecutive steps; `after`: the bootstrap value if the episode continues."""
     ends = [False] * (len(rewards) - 1) + [ended]
     arrays = (np.array(column, np.float32)[:, None] for column in (rewards, values))
     found = generalised_advantages(*arrays, np.array(ends)[:, None], np.array([after], np.float32), GAMMA, LAMBDA)
@@ -35,20 +35,20 @@ def advantages(rewards: list[float], values: list[float], *, ended: bool, after:
     "reward",
     [pytest.param(1.0, id="success"), pytest.param(-1.0, id="wrong stop, invalid action or horizon")],
 )
-def test_advantages__of_an_episode_that_ends_bootstrap_nothing(reward: float):
+def test_advantages__do_not_bootstrap_past_the_end(reward: float):
     first, last = 0.3, 0.5
     gap = reward - last
     wanted = [STEP_COST + GAMMA * last - first + GAMMA * LAMBDA * gap, gap]
     assert advantages([STEP_COST, reward], [first, last], ended=True, after=123.0) == pytest.approx(wanted)
 
 
-def test_advantages__of_an_episode_that_goes_on_bootstrap_the_value_after_it():
+def test_advantages__bootstrap_the_next_value_of_a_continuing_episode():
     gap = STEP_COST + GAMMA * 0.7 - 0.5
     wanted = [STEP_COST + GAMMA * 0.5 - 0.3 + GAMMA * LAMBDA * gap, gap]
     assert advantages([STEP_COST, STEP_COST], [0.3, 0.5], ended=False, after=0.7) == pytest.approx(wanted)
 
 
-def test_advantages__nothing_passes_from_an_episode_to_the_one_before_it():
+def test_advantages__do_not_leak_across_episodes():
     rewards = np.array([[1.0], [-1.0]], np.float32)
     values = np.array([[0.25], [0.5]], np.float32)
     ended = np.array([[True], [True]])
@@ -86,17 +86,17 @@ def test_cap__bounds_the_ratio_of_a_forced_stop_whose_advantage_is_negative():
 
 @pytest.mark.parametrize("ratio", [0.01, 0.79, 0.9, 1.0, 1.19, 1.5, 2.99])
 @pytest.mark.parametrize("advantage", [-2.0, 1.5])
-def test_cap__changes_nothing_below_it(ratio: float, advantage: float):
+def test_cap__has_no_effect_below_it(ratio: float, advantage: float):
     assert loss_of(ratio, advantage, capped=True) == loss_of(ratio, advantage, capped=False)
 
 
-def test_cap__is_not_felt_where_clipping_binds_already():
+def test_cap__has_no_effect_where_clipping_binds():
     assert loss_of(1000, 1, capped=True) == pytest.approx((-1.2, 0))
     assert loss_of(1000, 1, capped=False) == pytest.approx((-1.2, 0))
 
 
 @pytest.mark.parametrize(("every", "wanted"), [(False, [0.0, 50.0]), (True, [0.0, 0.0])])
-def test_losses__cap_forced_stops_alone_unless_the_recipe_caps_all(every: bool, wanted: list[float]):
+def test_losses__cap_only_forced_stops_unless_the_recipe_caps_all(every: bool, wanted: list[float]):
     recipe = PPORecipe(ratio_cap=3.0, cap_every_ratio=every)
     now = torch.full((2,), math.log(100), requires_grad=True)
     zeros = torch.zeros(2)
@@ -106,7 +106,7 @@ def test_losses__cap_forced_stops_alone_unless_the_recipe_caps_all(every: bool, 
     assert now.grad.tolist() == pytest.approx(wanted)
 
 
-def test_losses__entropy_is_paid_by_its_coefficient():
+def test_losses__entropy_is_weighted_by_its_coefficient():
     zeros = torch.zeros(2)
     entropies = torch.tensor([1.0, 3.0], requires_grad=True)
     experience = RolloutBatch(zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))

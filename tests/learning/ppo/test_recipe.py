@@ -1,4 +1,4 @@
-"""Recipes: what they hold and what they refuse."""
+"""Recipes: named ones, TOML files and invalid values."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from lilgym_mp.learning.ppo.recipe import DESCRIPTIONS, MODELS, RECIPES, PPOReci
 @pytest.mark.parametrize("name", sorted(RECIPES))
 @pytest.mark.parametrize("model", sorted(MODELS))
 @pytest.mark.parametrize("configuration", sorted(CONFIGURATIONS))
-def test_recipe__each_is_one_for_every_model_and_configuration(name: str, model: str, configuration: str):
+def test_recipe__each_supports_every_model_and_configuration(name: str, model: str, configuration: str):
     recipe = make_recipe(name, configuration, model=model, stop_forcing=True, seed=3)
     assert (recipe.model, recipe.stop_forcing, recipe.seed, recipe.mask) == (model, True, 3, False)
     assert PPORecipe.from_json(recipe.to_json()) == recipe
 
 
 @pytest.mark.parametrize("name", ["paper", "release"])
-def test_recipe__named_ones_say_every_number_that_matters(name: str):
+def test_recipe__named_ones_set_every_relevant_value(name: str):
     chosen = {"seed", "model", "stop_forcing", "nlvr_reward", "microbatch", "reduced_precision"}
     assert DESCRIPTIONS.keys() - RECIPES[name]("TowerScratch", "c3-bert").keys() == chosen
 
@@ -35,7 +35,7 @@ def test_recipe__named_ones_say_every_number_that_matters(name: str):
         ("ScatterScratch", "vilt", {"learning_rate": 3e-5, "optimiser": "adamw", "schedule": "cosine", "warmup": 0.01}),
     ],
 )
-def test_paper__has_the_numbers_of_its_table(configuration: str, model: str, wanted: dict[str, Any]):
+def test_paper__has_the_values_of_its_table(configuration: str, model: str, wanted: dict[str, Any]):
     recipe = make_recipe("paper", configuration, model=model)
     assert {name: getattr(recipe, name) for name in wanted} == wanted
     assert (recipe.rollout, recipe.batch_size, recipe.critic, recipe.sampled) == (2048, 64, "separate", True)
@@ -54,12 +54,12 @@ def test_paper__has_the_numbers_of_its_table(configuration: str, model: str, wan
         ({"nlvr_reward": True}, "nlvr-reward and recolour exclude each other"),
     ],
 )
-def test_recipe__numbers_that_make_no_sense_are_refused(settings: dict[str, Any], fault: str):
+def test_recipe__rejects_invalid_values(settings: dict[str, Any], fault: str):
     with pytest.raises(ValueError, match=fault):
         PPORecipe(**settings)
 
 
-def test_recipe__unknown_names_and_settings_are_refused_by_name(tmp_path: Path):
+def test_recipe__rejects_unknown_names_and_settings(tmp_path: Path):
     with pytest.raises(ValueError, match="unknown recipe 'theirs'; choose from ours, paper, release"):
         make_recipe("theirs", "TowerScratch")
     with pytest.raises(ValueError, match="unknown setting 'lr' of a recipe; choose from seed, model"):
@@ -75,7 +75,7 @@ def test_recipe__unknown_names_and_settings_are_refused_by_name(tmp_path: Path):
         make_recipe(str(file), "TowerScratch")
 
 
-def test_recipe__of_a_file_changes_ours_and_options_change_both(tmp_path: Path):
+def test_recipe__file_overrides_ours_and_options_override_both(tmp_path: Path):
     file = tmp_path / "own.toml"
     file.write_text("clip = 0.1\nepochs = 3\n")
     recipe = make_recipe(str(file), "TowerFlipIt", epochs=4)

@@ -1,4 +1,4 @@
-"""Runs of PPO: begun, saved, resumed, refused, and whether anything is learnt."""
+"""PPO runs: training, saving, resuming, validation, tasks and invalid input."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def begun_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of 32 steps, not to be written."""
+    """A run of 32 steps; read-only."""
     place = tmp_path_factory.mktemp("begun") / "run"
     trained(place, 32)
     return place
@@ -91,7 +91,7 @@ def begun(begun_run: Path, tmp_path: Path) -> Path:
 # Learning
 
 
-def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
+def test_train__solves_three_statements_but_not_with_shuffled_rewards(
     tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch
 ):
     recipe = replace(
@@ -119,7 +119,7 @@ def test_train__solves_three_statements_and_nothing_where_rewards_are_shuffled(
 # Runs on disk
 
 
-def test_train__counts_saves_and_tells_of_each_rollout(tmp_path: Path):
+def test_train__reports_and_records_each_rollout(tmp_path: Path):
     heard: list[Progress] = []
     agent = trained(tmp_path / "run", 80, on_progress=heard.append)
     assert [progress.steps for progress in heard] == [32, 64, 96]
@@ -136,7 +136,7 @@ def test_train__counts_saves_and_tells_of_each_rollout(tmp_path: Path):
         trained(tmp_path / "run", 96, resume=True)
 
 
-def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_path: Path):
+def test_train__is_reproducible_by_seed(tmp_path: Path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed))
     assert equal(tmp_path / "a", tmp_path / "b")
@@ -150,7 +150,7 @@ def test_train__the_same_seed_gives_the_same_agent_and_another_seed_another(tmp_
         {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3},
     ],
 )
-def test_resume__learns_the_same_as_a_run_that_was_not_interrupted(tmp_path: Path, own: str, changes: dict[str, Any]):
+def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, own: str, changes: dict[str, Any]):
     recipe = replace(SMALL, validate_every=32, **changes)
     settings = Settings("TowerFlipIt", corpus=own)
     trained(tmp_path / "whole", 128, recipe, settings)
@@ -169,7 +169,7 @@ def test_resume__learns_the_same_as_a_run_that_was_not_interrupted(tmp_path: Pat
         assert {key: one[key] for key in one.keys() - timed} == {key: other[key] for key in other.keys() - timed}
 
 
-def test_train__a_second_signal_interrupts_at_once(tmp_path: Path):
+def test_train__second_signal_interrupts_immediately(tmp_path: Path):
     def twice(progress: Progress) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
@@ -178,12 +178,12 @@ def test_train__a_second_signal_interrupts_at_once(tmp_path: Path):
         trained(tmp_path, 10_000_000, on_progress=twice)
 
 
-def test_train__works_beside_the_main_thread(tmp_path: Path):
+def test_train__works_outside_the_main_thread(tmp_path: Path):
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(trained, tmp_path, 32).result().description.details["steps"] == 32
 
 
-def test_train__evaluates_on_dev_at_the_beginning_the_steps_asked_for_and_the_end(tmp_path: Path, own: str):
+def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_path: Path, own: str):
     settings = Settings("TowerScratch", corpus=own)
     agent = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
     points = lines(tmp_path / "curve" / "evaluations.jsonl")
@@ -191,10 +191,10 @@ def test_train__evaluates_on_dev_at_the_beginning_the_steps_asked_for_and_the_en
     episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", seed=SMALL.seed)
     assert points[-1]["accuracy"] == sum(episode.is_success for episode in episodes) / len(episodes)
     trained(tmp_path / "plain", 112, settings=settings)
-    assert equal(tmp_path / "curve", tmp_path / "plain")  # what is learnt stays the same
+    assert equal(tmp_path / "curve", tmp_path / "plain")  # training is unaffected
 
 
-def test_evaluator__counts_scenes_of_the_corpus_apart_from_scenes_in_which_the_program_is_as_wanted(own: str):
+def test_evaluator__image_accuracy_counts_only_scenes_of_the_corpus(own: str):
     def adds(count: int) -> Any:
         blue_left, stop = 3, 0
         return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
@@ -207,7 +207,7 @@ def test_evaluator__counts_scenes_of_the_corpus_apart_from_scenes_in_which_the_p
     assert DevEvaluator(Settings("TowerFlipIt", corpus=own), 0)(adds(1), 0, 0.0).image_accuracy is None
 
 
-def test_train__keeps_the_best_of_the_validations_and_ends_when_patience_does(
+def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
     tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch
 ):
     import lilgym_mp.learning.ppo.training as training
@@ -237,7 +237,7 @@ def test_train__keeps_the_best_of_the_validations_and_ends_when_patience_does(
 # Tasks
 
 
-def test_tasks__statements_held_out_are_in_no_training_task(own: str):
+def test_tasks__held_out_statements_are_in_no_training_task(own: str):
     recipe = make_recipe("ours", "TowerFlipIt", held_out=0.34)
     tasks = training_tasks(Settings("TowerFlipIt", corpus=own), recipe)
     train = load_tasks(own, "tower", "flipit", "train")
@@ -247,7 +247,7 @@ def test_tasks__statements_held_out_are_in_no_training_task(own: str):
     assert {task.id.split("#")[0].removeprefix("empty:") for task in tasks.tasks}.isdisjoint(tasks.validation)
 
 
-def test_tasks__of_ours_are_recoloured_and_begin_empty_too(own: str):
+def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
     tasks = training_tasks(Settings("TowerFlipIt", corpus=own), make_recipe("ours", "TowerFlipIt", held_out=0))
     assert "There is something blue." in tasks.statements  # of yellow and black ones
     empty = [task for task, begins in zip(tasks.tasks, tasks.from_empty, strict=True) if begins]
@@ -257,7 +257,7 @@ def test_tasks__of_ours_are_recoloured_and_begin_empty_too(own: str):
         assert tasks.from_empty[tasks.tasks.index_of(task.id)] or not task.solved_by(task.start)
 
 
-def test_tasks__the_paper_has_those_of_the_corpus_alone_and_boxes_may_be_permuted(own: str):
+def test_tasks__of_the_paper_are_the_corpus_unless_boxes_are_permuted(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     plain = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
     assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
@@ -265,7 +265,7 @@ def test_tasks__the_paper_has_those_of_the_corpus_alone_and_boxes_may_be_permute
     assert len(more.tasks) > len(plain.tasks)
 
 
-def test_tasks__with_other_shapes_are_about_as_many_again_in_scatter_and_alike_for_each_statement(own: str):
+def test_tasks__exchanged_shapes_double_scatters_tasks_consistently_per_statement(own: str):
     settings = Settings("ScatterFlipIt", corpus=own)
     plain, more = (
         training_tasks(settings, make_recipe("ours", "ScatterFlipIt", held_out=0, exchange_shapes=exchange)).tasks
@@ -289,7 +289,7 @@ def test_tasks__with_other_shapes_are_about_as_many_again_in_scatter_and_alike_f
     assert {item.shape for task in tower_tasks for item in task.start.items()} == {Shape.SQUARE}
 
 
-def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
+def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     tasks = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
     rng = np.random.default_rng(0)
@@ -302,7 +302,7 @@ def test_draw__visits_every_task_alike_and_groups_share_a_statement(own: str):
     assert len(set(statements[:4].tolist())) == len(set(statements[4:].tolist())) == 1
 
 
-def test_train__with_the_nlvr_reward_drops_tasks_that_no_scene_of_the_corpus_solves(tmp_path: Path, own: str):
+def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path, own: str):
     matching = replace(SMALL, nlvr_reward=True)
     settings = Settings("TowerScratch", corpus=own)
     tasks = training_tasks(settings, matching)
@@ -317,10 +317,10 @@ def test_train__with_the_nlvr_reward_drops_tasks_that_no_scene_of_the_corpus_sol
     assert not (tmp_path / "b").exists()
 
 
-# What is played and forced
+# Rollouts
 
 
-def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_left_free(own: str):
+def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
     from lilgym_mp.appearances import Tower
@@ -355,7 +355,7 @@ def test_play__forces_stop_where_it_succeeds_with_the_probability_of_the_policy_
 
 
 @pytest.mark.parametrize("mask", [False, True])
-def test_train__plays_without_a_mask_unless_told_to_and_says_so(tmp_path: Path, mask: bool):
+def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_path: Path, mask: bool):
     trained(tmp_path, 128, replace(SMALL, mask=mask))
     agent = open_agent(tmp_path, "cpu")
     policy = agent.policy(TOWER)
@@ -393,7 +393,7 @@ def test_train__every_recipe_and_configuration_gives_an_agent(
         agent.policy(replace(settings, grid=(38, 10)))
 
 
-def test_train__a_gradient_in_parts_is_that_of_the_whole(tmp_path: Path):
+def test_train__accumulated_gradient_equals_the_full_one(tmp_path: Path):
     for name, size in (("whole", 0), ("parts", 5)):
         trained(tmp_path / name, 32, replace(SMALL, microbatch=size))
     one, other = weights(tmp_path / "whole"), weights(tmp_path / "parts")
@@ -401,11 +401,11 @@ def test_train__a_gradient_in_parts_is_that_of_the_whole(tmp_path: Path):
         torch.testing.assert_close(one[name], other[name], atol=2e-3, rtol=0)
 
 
-# What is refused
+# Invalid input
 
 
 @pytest.mark.parametrize(
-    ("asked", "fault"),
+    ("required", "error"),
     [
         ({"environment": {"configuration": "ScatterFlipIt"}}, "has configuration TowerScratch, but ScatterFlipIt was"),
         ({"environment": {"rules": "release"}}, "has rules paper, but release was requested"),
@@ -414,14 +414,14 @@ def test_train__a_gradient_in_parts_is_that_of_the_whole(tmp_path: Path):
         ({"recipe_name": "paper"}, "has recipe_name ours, but paper was requested"),
     ],
 )
-def test_resume__a_run_of_another_kind_is_refused_naming_both(begun_run: Path, asked: dict[str, Any], fault: str):
-    with pytest.raises(TrainingRunError, match=fault):
-        saved_arguments(begun_run, asked)
+def test_resume__rejects_a_different_run_naming_both_values(begun_run: Path, required: dict[str, Any], error: str):
+    with pytest.raises(TrainingRunError, match=error):
+        saved_arguments(begun_run, required)
     arguments = saved_arguments(begun_run, {})
     assert (arguments["settings"], arguments["recipe"]) == (TOWER, SMALL)
 
 
-def test_resume__a_corpus_that_changed_is_refused(tmp_path: Path):
+def test_resume__rejects_a_changed_corpus(tmp_path: Path):
     corpus = write_own_corpus(tmp_path / "own.jsonl")
     settings = Settings("TowerScratch", corpus=str(corpus))
     trained(tmp_path / "run", 32, settings=settings)
@@ -431,7 +431,7 @@ def test_resume__a_corpus_that_changed_is_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize("spoil", [lambda data: b"", lambda data: data[: len(data) // 2], lambda data: b"{}" * 400])
-def test_resume__a_damaged_checkpoint_is_refused_by_name(begun: Path, spoil: Any):
+def test_resume__rejects_a_damaged_checkpoint(begun: Path, spoil: Any):
     file = begun / "checkpoint.pt"
     file.write_bytes(spoil(file.read_bytes()))
     with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
@@ -449,7 +449,7 @@ def test_resume__a_damaged_checkpoint_is_refused_by_name(begun: Path, spoil: Any
         ("random", "{}"),
     ],
 )
-def test_resume__a_checkpoint_that_is_not_of_the_run_is_refused(begun: Path, part: str, value: Any):
+def test_resume__rejects_a_checkpoint_of_another_run(begun: Path, part: str, value: Any):
     state = torch.load(begun / "checkpoint.pt", weights_only=True)
     torch.save({**state, part: value}, begun / "checkpoint.pt")
     with pytest.raises(TrainingRunError, match="is not of this run"):
@@ -461,13 +461,13 @@ def test_resume__a_checkpoint_that_is_not_of_the_run_is_refused(begun: Path, par
     [Settings("TowerScratch", corpus="nowhere"), Settings("TowerScratch", rules="house"),
      Settings("ScatterScratch", grid="native")],
 )  # fmt: skip
-def test_begin__what_cannot_be_trained_on_leaves_no_trace(tmp_path: Path, settings: Settings):
+def test_train__invalid_settings_create_no_directory(tmp_path: Path, settings: Settings):
     with pytest.raises(ValueError, match=r"nowhere|house|1,064,001 actions"):
         trained(tmp_path / "run", settings=settings)
     assert not (tmp_path / "run").exists()
 
 
-def test_begin__a_place_that_is_used_or_cannot_be_written_is_refused(tmp_path: Path, begun_run: Path):
+def test_train__rejects_used_and_unwritable_directories(tmp_path: Path, begun_run: Path):
     with pytest.raises(TrainingRunError, match="already holds a run"):
         trained(begun_run, 32)
     (tmp_path / "file").write_text("")
