@@ -95,10 +95,10 @@ class TextPretraining:
         return loss.item()
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        rng, number = self._rng, self._tokenizer.vocabulary.number
+        rng, token_id = self._rng, self._tokenizer.vocabulary.token_id
         exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
         recoloured = words_recoloured(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
-        words = [UNKNOWN if rng.random() < PARSER.unknown else number(word) for word in recoloured]
+        words = [UNKNOWN if rng.random() < PARSER.unknown else token_id(word) for word in recoloured]
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 

@@ -312,7 +312,7 @@ def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path,
     in_the_middle = yellow_on_the_left.permuted((1, 0, 2))
     assert (task.truth(in_the_middle), task.solved_by(in_the_middle)) == (True, False)
     trained(tmp_path / "a", 64, replace(matching, stop_forcing=True), settings)
-    with pytest.raises(CorpusError, match="Scratch tasks only"):
+    with pytest.raises(CorpusError, match="requires Scratch tasks"):
         trained(tmp_path / "b", 64, matching, Settings("TowerFlipIt", corpus=own))
     assert not (tmp_path / "b").exists()
 
