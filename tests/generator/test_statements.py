@@ -15,6 +15,8 @@ from lilgym_mp.generator.interpretation import STANDARD, Interpretation, holds
 from lilgym_mp.generator.noise import with_typo
 from lilgym_mp.generator.program_realisation import program_source
 from lilgym_mp.generator.semantics import (
+    NONE,
+    SOME,
     AtWall,
     BoxCount,
     Clause,
@@ -29,10 +31,11 @@ from lilgym_mp.generator.semantics import (
     Order,
     Partitive,
     PartitiveCount,
-    Quantity,
     RelatedTo,
     Relation,
     Wall,
+    at_least,
+    exactly,
 )
 from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.programs import compile_program
@@ -44,19 +47,17 @@ APPEARANCE = st.sampled_from(sorted(POOLS))
 BLUE, BLACK = Description(colours=frozenset({Colour.BLUE})), Description(colours=frozenset({Colour.BLACK}))
 CIRCLE, SQUARE = Description(Shape.CIRCLE), Description(Shape.SQUARE)
 MEANINGS: dict[str, Clause] = {
-    "at least two blue": ItemCount(Quantity(2, None), NounPhrase(BLUE)),
-    "no circle": ItemCount(Quantity(0, 0), NounPhrase(CIRCLE)),
-    "circle at the left wall": ItemCount(Quantity(1, None), NounPhrase(CIRCLE, (AtWall(Wall.LEFT),))),
+    "at least two blue": ItemCount(at_least(2), NounPhrase(BLUE)),
+    "no circle": ItemCount(NONE, NounPhrase(CIRCLE)),
+    "circle at the left wall": ItemCount(SOME, NounPhrase(CIRCLE, (AtWall(Wall.LEFT),))),
     "all black items are circles": EveryItem(NounPhrase(BLACK), Matches(CIRCLE)),
     "more circles than squares": CountComparison(NounPhrase(CIRCLE), Order.MORE, NounPhrase(SQUARE)),
-    "two boxes with one circle": BoxCount(Quantity(2, 2), (Contains(Quantity(1, 1), NounPhrase(CIRCLE)),)),
+    "two boxes with one circle": BoxCount(exactly(2), (Contains(exactly(1), NounPhrase(CIRCLE)),)),
     "circle touching a square": ItemCount(
-        Quantity(1, None), NounPhrase(CIRCLE, (RelatedTo(Relation.TOUCHING, NounPhrase(SQUARE)),))
+        SOME, NounPhrase(CIRCLE, (RelatedTo(Relation.TOUCHING, NounPhrase(SQUARE)),))
     ),
-    "two circles, both black": PartitiveCount(Quantity(2, 2), NounPhrase(CIRCLE), Partitive.ALL, Matches(BLACK)),
-    "blue but no circle": Compound(
-        True, (ItemCount(Quantity(1, None), NounPhrase(BLUE)), ItemCount(Quantity(0, 0), NounPhrase(CIRCLE)))
-    ),
+    "two circles, both black": PartitiveCount(exactly(2), NounPhrase(CIRCLE), Partitive.ALL, Matches(BLACK)),
+    "blue but no circle": Compound(True, (ItemCount(SOME, NounPhrase(BLUE)), ItemCount(NONE, NounPhrase(CIRCLE)))),
 }
 
 
