@@ -16,7 +16,7 @@ from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, DrawingTables, Scenes, StartScenes, compiling
-from lilgym_mp.envs.cores.program_evaluator import BoxLowering, ProgramEvaluator
+from lilgym_mp.envs.cores.program_evaluator import ArrayProgramEvaluator, BoxLowering
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.render import draw, image_shape, shrink_of
 from lilgym_mp.render.canvas import LARGEST_PATCH
@@ -52,7 +52,7 @@ class CompiledCore(Core):
         self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
         self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
         self._stacks = np.zeros(rows, np.int64)  # Tower: stack index by row
-        self._evaluator = ProgramEvaluator(tasks, self._lowering())
+        self._evaluator = ArrayProgramEvaluator(tasks, self._lowering())
         self._targets = np.array([task.target for task in tasks], np.int64)
         none = self._all_env_ids[:0]
         with compiling(kernels.start_episodes):

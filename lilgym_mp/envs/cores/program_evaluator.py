@@ -32,7 +32,7 @@ class BoxLowering(Protocol):
         ...
 
 
-class ProgramEvaluator:
+class ArrayProgramEvaluator:
     """Evaluates the programs of tasks; compiles each to instructions on first use."""
 
     def __init__(self, tasks: TaskSet, boxes: BoxLowering) -> None:
