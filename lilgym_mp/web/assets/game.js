@@ -65,7 +65,7 @@ async function show(view) {
   byId("turn").textContent = turnLine();
   byId("proposal").textContent = seat.proposal ? `Proposed: ${seat.proposal}` : "";
   byId("proposing").hidden = seat.role !== "proposer" || !seat.your_turn;
-  byId("scatter-look").hidden = !seat.grid;
+  byId("scatter-item-type").hidden = !seat.grid;
   byId("stop").disabled = !seat.may_stop;
   showScene();
   showAnswers();

@@ -41,7 +41,7 @@ async function show(state) {
   byId("left").textContent = state.over ? "" : `Actions left: ${state.actions_left}.`;
   byId("reward").textContent = state.reward.toFixed(1);
   byId("history").textContent = state.actions.length ? `So far: ${state.actions.join(", ")}` : "";
-  byId("scatter-look").hidden = !state.grid;
+  byId("scatter-item-type").hidden = !state.grid;
   if (shown !== state.id) board.makeCells(state.grid);
   shown = state.id;
   board.enable(!state.over);

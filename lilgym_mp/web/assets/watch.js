@@ -125,7 +125,7 @@ class Side {
       element("div", {}, element("h3", {}, "Type of action"), element("ul", { class: "bars" }, bar("STOP", decision.stop, kind === "STOP"), bar("ADD", decision.add, kind === "ADD"), bar("REMOVE", decision.remove, kind === "REMOVE"))),
       element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...decision.likeliest.map((each) => bar(each.action, each.probability, each.action === shown.action)))),
     ];
-    if (decision.programs.length) parts.push(element("div", {}, element("h3", {}, "Parsed programs of the plan"), element("ul", { class: "bars" }, ...decision.programs.map((each) => bar(each.program, each.probability, false, true)))));
+    if (decision.programs.length) parts.push(element("div", {}, element("h3", {}, "Candidate programs"), element("ul", { class: "bars" }, ...decision.programs.map((each) => bar(each.program, each.probability, false, true)))));
     const answers = decision.answers.map((each) =>
       element("div", {}, element("h3", {}, each.understood ? "Answer" : "Answer, not understood as an action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
     );
