@@ -66,7 +66,7 @@ def main() -> None:
         for place in args.play:
             playing(place, args.corpus, args.split, args.passes, args.envs)
         return
-    print("| learning | states/s | exploring not counted |\n| --- | --- | --- |")
+    print("| training | states/s | without data collection |\n| --- | --- | --- |")
     for configuration in LEARNT:
         whole, alone = learning(configuration, args.corpus, args.minutes)
         print(f"| {configuration} | {whole:,.0f} | {alone:,.0f} |", flush=True)

@@ -198,7 +198,7 @@ class _Run:
         derived = (derived_entry(self._entries[rng.integers(len(self._entries))], rng) for _ in itertools.count())
         generated = generated_entries(self._settings.appearance, self._seed, starts, rng)
         pools = [(Pool(derived, recipe.pool), recipe.derived), (Pool(generated, recipe.pool), recipe.generated)]
-        return [(pool, share) for pool, share in pools if share]
+        return [(pool, fraction) for pool, fraction in pools if fraction]
 
     def _statements(self) -> Iterator[str]:
         """The statements that make up the vocabulary."""
@@ -249,19 +249,19 @@ class _Run:
             self._report(recent, on_progress)
 
     def _pretrain_geometry(self) -> None:
-        heads, share = self._network.scatter, GEOMETRY_FRACTION * self._recipe.pretraining
-        if heads is None or not share:
+        heads, fraction = self._network.scatter, GEOMETRY_FRACTION * self._recipe.pretraining
+        if heads is None or not fraction:
             return
         geometry = GeometryPretraining(heads.geometry, self._table, self._recipe.warmup, self._rng)
         first = self._progress()
-        while (done := (self._progress() - first) / share) < 1:
+        while (done := (self._progress() - first) / fraction) < 1:
             loss = geometry.step(done)
             self._check_finite(loss, f"legal edits {loss:g}")
             self._state.steps += 1
 
     def _pretrain_text(self, on_progress: Callable[[Progress], object]) -> None:
-        share = self._recipe.pretraining
-        if self._progress() >= share:
+        fraction = self._recipe.pretraining
+        if self._progress() >= fraction:
             return
         statements = [*self._entries, *self._additional]
         text = TextPretraining(
@@ -275,7 +275,7 @@ class _Run:
         )
         recent: list[float] = []
         reported = self._seconds()
-        while (done := self._progress() / share) < 1:
+        while (done := self._progress() / fraction) < 1:
             recent.append(text.step(done))
             self._check_finite(recent[-1], f"text {recent[-1]:g}")
             self._state.steps += 1
@@ -284,10 +284,10 @@ class _Run:
                 recent, reported = [], self._seconds()
         self._save()
 
-    def _check_finite(self, loss: float, shown: str) -> None:
+    def _check_finite(self, loss: float, parts: str) -> None:
         if not math.isfinite(loss):
             raise TrainingError(
-                f"the loss is not finite at step {self._state.steps} ({shown});"
+                f"the loss is not finite at step {self._state.steps} ({parts});"
                 f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
             )
 
@@ -327,13 +327,15 @@ class _Run:
 
     def _sample_entries(self) -> list[DatasetEntry]:
         """A batch of entries: pools and additional tasks by their fractions, the rest from the training tasks."""
-        sources: list[tuple[Sequence[DatasetEntry], float]] = [(pool.entries, share) for pool, share in self._pools]
+        sources: list[tuple[Sequence[DatasetEntry], float]] = [
+            (pool.entries, fraction) for pool, fraction in self._pools
+        ]
         sources.append((self._solvable(self._additional), self._recipe.mixed_share))
         count = self._recipe.statements
         sample: list[DatasetEntry] = []
-        for entries, share in sources:
+        for entries, fraction in sources:
             if entries:
-                sample += self._sample(entries, round(count * share))
+                sample += self._sample(entries, round(count * fraction))
         return [*sample, *self._sample(self._solvable(self._entries), count - len(sample))]
 
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
