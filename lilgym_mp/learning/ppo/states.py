@@ -27,7 +27,7 @@ class States(NamedTuple):
     statements: tuple[str, ...]  # S
     patches: UInt8Array  # (Q, 300) pixels in row-major order
     patches_of: Int64Array  # (U, 25) patch indices of each box in row-major order
-    box_codes: UInt64Array  # (U,) content hashes
+    box_hashes: UInt64Array  # (U,) content hashes
     statement_of: Int64Array  # (N,) statement index
     boxes_of: Int64Array  # (N, 3) box indices, left to right
     targets: Int64Array  # (N,) 1: make the statement true, 0: false
@@ -52,7 +52,7 @@ class BoxImageTable:
     def __init__(self) -> None:
         self._boxes: dict[int, int] = {}  # hash -> index
         self._patches: dict[int, int] = {}
-        self._box_codes = _GrowingArray(np.uint64)
+        self._box_hashes = _GrowingArray(np.uint64)
         self._patches_of = _GrowingArray(np.int64, PATCHES**2)
         self._pixels = _GrowingArray(np.uint8, PATCH_BYTES)
         self._padded = np.empty((0, 0), np.uint8)
@@ -68,10 +68,10 @@ class BoxImageTable:
         boxes = self._padded[:, :_BOX_BYTES].reshape(count, SIDE, SIDE, 3)  # a view
         for box in range(BOX_COUNT):
             boxes[box::BOX_COUNT] = images[:, :, box * PITCH : box * PITCH + SIDE]
-        codes = _hashes(self._padded)
-        indices, new = _assign_indices(codes, self._boxes)
+        hashes = _hashes(self._padded)
+        indices, new = _assign_indices(hashes, self._boxes)
         if len(new):
-            self._box_codes.extend(codes[new])
+            self._box_hashes.extend(hashes[new])
             self._patches_of.extend(self._patch_indices(boxes[new]))
         return indices.reshape(-1, BOX_COUNT)
 
@@ -81,8 +81,8 @@ class BoxImageTable:
         patches = padded[:, :PATCH_BYTES]  # a view
         cut = boxes.reshape(-1, PATCHES, PATCH, PATCHES, PATCH * 3).swapaxes(2, 3)
         patches.reshape(cut.shape)[:] = cut
-        codes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
-        indices, new = _assign_indices(codes, self._patches)
+        hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
+        indices, new = _assign_indices(hashes, self._patches)
         self._pixels.extend(patches[firsts[new]])
         return indices[inverse].reshape(-1, PATCHES**2)
 
@@ -97,7 +97,7 @@ class BoxImageTable:
             tuple(statements[index] for index in statements_used.tolist()),
             self._pixels.rows[patches_used],
             patches_of,
-            self._box_codes.rows[boxes_used],
+            self._box_hashes.rows[boxes_used],
             statement_of,
             boxes_of,
             targets,
@@ -147,9 +147,9 @@ def _hashes(padded: UInt8Array) -> UInt64Array:
     return words @ _MULTIPLIERS[: words.shape[1]]
 
 
-def _assign_indices(codes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
+def _assign_indices(hashes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
     """The index of each hash, added to `known` if new, and the positions where new ones first occur."""
-    listed = codes.tolist()
+    listed = hashes.tolist()
     indices = list(map(known.get, listed))
     new: list[int] = []
     for position in [position for position, index in enumerate(indices) if index is None]:

@@ -41,7 +41,7 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
     states, images = seen(name, 40)
     assert (states.images() == images).all()
-    for rows in (states.boxes().reshape(len(states.box_codes), -1), states.patches):
+    for rows in (states.boxes().reshape(len(states.box_hashes), -1), states.patches):
         assert len(np.unique(rows, axis=0)) == len(rows)
 
 

@@ -92,7 +92,7 @@ class BoxTransformer(Model):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
         self._cached_statements: dict[str, list[Tensor]] = {}
-        self._box_rows: dict[int, int] = {}  # box code -> row in the cache
+        self._box_rows: dict[int, int] = {}  # box hash -> row in the cache
         self._cached_boxes: EncodedBoxes | None = None  # with spare capacity
 
     def details(self) -> Mapping[str, Any]:
@@ -142,8 +142,8 @@ class BoxTransformer(Model):
             return self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches, states.patches_of)))
         if len(self._box_rows) > MAX_CACHED:
             self.clear_cache()
-        codes = states.box_codes.tolist()
-        new = [position for position, code in enumerate(codes) if code not in self._box_rows]
+        hashes = states.box_hashes.tolist()
+        new = [position for position, box_hash in enumerate(hashes) if box_hash not in self._box_rows]
         if new:
             used, patches_of = distinct(states.patches_of[new], len(states.patches))
             encoded = self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches[used], patches_of)))
@@ -151,9 +151,9 @@ class BoxTransformer(Model):
             self._cached_boxes = cache = _with_capacity(self._cached_boxes, last, encoded)
             for cached, part in zip(cache, encoded, strict=True):
                 cached[first:last] = part
-            self._box_rows.update(zip([codes[position] for position in new], range(first, last), strict=True))
+            self._box_rows.update(zip([hashes[position] for position in new], range(first, last), strict=True))
         assert self._cached_boxes is not None
-        rows = torch.tensor([self._box_rows[code] for code in codes], device=device)
+        rows = torch.tensor([self._box_rows[box_hash] for box_hash in hashes], device=device)
         return EncodedBoxes(*(part.index_select(0, rows) for part in self._cached_boxes))
 
     def _encode_statements(self, statements: tuple[str, ...]) -> StatementEncodings:

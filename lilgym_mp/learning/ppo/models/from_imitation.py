@@ -48,7 +48,7 @@ class ImitationModel(Model):
         self.critic = nn.Sequential(nn.Linear(1 + 2 + MAX_STEPS, 64), nn.ReLU(), nn.Linear(64, 1))
         self._tokenizer = StatementTokenizer(Vocabulary(architecture.vocabulary))
         self._table = BoxFeatureTable()
-        self._box_indices: dict[int, int] = {}  # box code -> index in the table
+        self._box_indices: dict[int, int] = {}  # box hash -> index in the table
 
     def details(self) -> Mapping[str, Any]:
         return {"network": self.architecture.to_json(), "pretraining": self.pretraining}
@@ -85,8 +85,8 @@ class ImitationModel(Model):
         """(U,) box indices in the table; new boxes are read from their pixels."""
         if len(self._box_indices) > MAX_CACHED_BOXES:
             self._box_indices, self._table = {}, BoxFeatureTable()
-        codes = states.box_codes.tolist()
-        new = [position for position, code in enumerate(codes) if code not in self._box_indices]
+        hashes = states.box_hashes.tolist()
+        new = [position for position, box_hash in enumerate(hashes) if box_hash not in self._box_indices]
         if new:
             images = np.broadcast_to(draw(Scene.empty(), "half"), (-(-len(new) // BOX_COUNT), *IMAGE_SHAPE)).copy()
             boxes = states.boxes()
@@ -96,10 +96,10 @@ class ImitationModel(Model):
             scenes = read_scenes(images, self.architecture.appearance)
             found = [box for scene in scenes for box in scene.boxes]
             self._box_indices.update(
-                (codes[position], self._table.index(box)) for position, box in zip(new, found, strict=False)
+                (hashes[position], self._table.index(box)) for position, box in zip(new, found, strict=False)
             )
         self._table.update_features()
-        return np.array([self._box_indices[code] for code in codes], np.int64)
+        return np.array([self._box_indices[box_hash] for box_hash in hashes], np.int64)
 
 
 def from_run(appearance: Appearance, weights: Path | None) -> ImitationModel:

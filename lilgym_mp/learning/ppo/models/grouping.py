@@ -29,7 +29,7 @@ class StatementGroups(NamedTuple):
 
 
 def group_by_statement(states: States) -> StatementGroups:
-    count, box_count = len(states.statements), len(states.box_codes)
+    count, box_count = len(states.statements), len(states.box_hashes)
     codes = states.statement_of[:, None] * box_count + states.boxes_of
     pairs, pairs_of = np.unique(codes, return_inverse=True)
     owners, boxes = np.divmod(pairs, box_count)
