@@ -55,7 +55,7 @@ def scatter_boxes(draw: st.DrawFn) -> Box:
 
 
 tower_boxes = st.lists(st.sampled_from(Colour), max_size=4).map(lambda colours: Box(tuple(tower(*colours))))
-loose_boxes = st.lists(items(overhang=35), max_size=MAX_ITEMS).map(lambda loose: Box(tuple(loose)))
+unchecked_boxes = st.lists(items(overhang=35), max_size=MAX_ITEMS).map(lambda unchecked: Box(tuple(unchecked)))
 
 
 def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
@@ -63,4 +63,4 @@ def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
 
 
 SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  # the valid scenes of each appearance
-LOOSE_SCENES = _scenes(loose_boxes)  # items may overlap and cross box walls
+UNCHECKED_SCENES = _scenes(unchecked_boxes)  # items may overlap and cross box walls

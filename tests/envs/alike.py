@@ -64,12 +64,12 @@ def assert_alike(ours: Any, theirs: Any, *, steps: int, seed: int = 5) -> None:
             assert_same(masks, _each(theirs, "action_masks"), f"step {step}: masks")
             assert_same(ours.goal_reached(), _each(theirs, "goal_reached"), f"step {step}: goals")
             actions = random_actions(masks, generator)
-            told = theirs.step(actions)
-            assert_same(ours.step(actions), told, f"step {step}")
-            ended = told[2] | told[3]
+            expected = theirs.step(actions)
+            assert_same(ours.step(actions), expected, f"step {step}")
+            ended = expected[2] | expected[3]
             if theirs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
-                ours_told = ours.reset(options={"reset_mask": ended.copy()})
-                assert_same(ours_told, theirs.reset(options={"reset_mask": ended.copy()}), f"step {step}: reset")
+                actual = ours.reset(options={"reset_mask": ended.copy()})
+                assert_same(actual, theirs.reset(options={"reset_mask": ended.copy()}), f"step {step}: reset")
     finally:
         ours.close()
         theirs.close()

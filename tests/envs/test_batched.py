@@ -177,9 +177,9 @@ def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> 
     current = infos["task"].copy()
     while not env.evaluation_finished:
         _, _, terminated, truncated, infos = env.step(np.zeros(count, np.int64))
-        told = infos.get("final_info", infos)
+        end_infos = infos.get("final_info", infos)
         for number in np.flatnonzero(terminated | truncated):
-            if not told["repeated"][number]:
+            if not end_infos["repeated"][number]:
                 visited.append(current[number])
         if "task" in infos:
             current = np.where(infos["_task"], infos["task"], current)

@@ -1,4 +1,4 @@
-"""Masks of batches are the appearance's own, from whatever scene they start and whatever happens in between."""
+"""Masks of batches equal the appearance's in every state, from any start scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lilgym_mp.rules import RULE_SETS, make_dynamics
 from lilgym_mp.scene import BOX_SIDE, Box, Item, Scene
 from tests.envs.alike import random_actions
 from tests.envs.test_cores import Side, task_set
-from tests.scenes import LARGE, SMALL, circle, loose_boxes, scatter_boxes, scene, square, triangle
+from tests.scenes import LARGE, SMALL, circle, scatter_boxes, scene, square, triangle, unchecked_boxes
 
 GRIDS = [(19, 5), (38, 10), (95, 4), (19, 2), (38, 1), (76, 50)]
 BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
@@ -65,11 +65,18 @@ def test_masks__are_exact_without_the_cache_of_start_masks(monkeypatch: pytest.M
     grid=st.sampled_from(GRIDS[:3]),
     rules=st.sampled_from(list(RULE_SETS)),
     boxes=st.lists(scatter_boxes(), min_size=4, max_size=4),
-    loose=loose_boxes,
+    unchecked=unchecked_boxes,
 )
-def test_masks__are_exact_for_random_scenes(grid: tuple[int, int], rules: str, boxes: list[Box], loose: Box) -> None:
+def test_masks__are_exact_for_random_scenes(
+    grid: tuple[int, int], rules: str, boxes: list[Box], unchecked: Box
+) -> None:
     one, two, three, four = boxes
-    scenes = [Scene((one, two, three)), Scene((loose, two, three)), Scene((one, loose, four)), Scene((four, two, one))]
+    scenes = [
+        Scene((one, two, three)),
+        Scene((unchecked, two, three)),
+        Scene((one, unchecked, four)),
+        Scene((four, two, one)),
+    ]
     assert_masks_are_exact(scenes, grid, rules)
 
 

@@ -22,25 +22,25 @@ def test_trace__starts_with_the_whole_program():
 
 
 def test_trace__lists_items_that_satisfy_a_condition():
-    told = values("exist(filter_obj(all_items, lambda x: is_black(x)))")
-    assert told["lambda x: is_black(x)"] == "satisfied by [small black circle at (0, 0) in the left box] of 3"
+    traced = values("exist(filter_obj(all_items, lambda x: is_black(x)))")
+    assert traced["lambda x: is_black(x)"] == "satisfied by [small black circle at (0, 0) in the left box] of 3"
 
 
 def test_trace__lists_boxes_that_satisfy_a_nested_condition():
     source = "count(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x))))) == 2"
-    told = values(source)
-    assert told[source] == "True"
+    traced = values(source)
+    assert traced[source] == "True"
     condition = "lambda b: exist(filter_obj(b, lambda x: is_blue(x)))"
-    assert told[condition] == "satisfied by [the left box, the right box] of 3"
+    assert traced[condition] == "satisfied by [the left box, the right box] of 3"
     assert not any(
-        "filter_obj(b, " in part and not part.startswith(("count", "filter_obj(all", "lambda b")) for part in told
+        "filter_obj(b, " in part and not part.startswith(("count", "filter_obj(all", "lambda b")) for part in traced
     )
 
 
 def test_trace__shows_the_error_of_a_part_without_a_value():
-    told = values("is_blue(unique(filter_obj(all_items, is_yellow)))")
-    assert all(value.startswith("no value: ") for part, value in told.items() if "unique" in part)
-    assert told["filter_obj(all_items, is_yellow)"] == "[]"
+    traced = values("is_blue(unique(filter_obj(all_items, is_yellow)))")
+    assert all(value.startswith("no value: ") for part, value in traced.items() if "unique" in part)
+    assert traced["filter_obj(all_items, is_yellow)"] == "[]"
 
 
 def test_trace__rejects_invalid_programs():

@@ -20,10 +20,10 @@ from lilgym_mp.render.canvas import box_blits
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.scenes import (
     LARGE,
-    LOOSE_SCENES,
     MEDIUM,
     SCENES,
     SMALL,
+    UNCHECKED_SCENES,
     B,
     K,
     Y,
@@ -145,13 +145,13 @@ def test_draw__a_circle_is_symmetric_and_reaches_every_side_but_no_corner(size: 
 
 
 @FEWER
-@given(LOOSE_SCENES)
+@given(UNCHECKED_SCENES)
 def test_draw__equals_pillow_drawing_onto_the_whole_image(shown: Scene):
     assert np.array_equal(draw(shown), by_pillow(shown))
 
 
 @FEWER
-@given(LOOSE_SCENES)
+@given(UNCHECKED_SCENES)
 def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene):
     half = draw(shown, "half")
     assert (half.shape, half.dtype) == ((50, 190, 3), np.uint8)
@@ -206,7 +206,7 @@ Change = tuple[int, int, Item]
 @st.composite
 def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
     """A sequence of scenes in which each adds or removes an item, replaces a box, or is unrelated."""
-    found = [draw(LOOSE_SCENES)]
+    found = [draw(UNCHECKED_SCENES)]
     for _ in range(draw(st.integers(1, 6))):
         last, index = found[-1], draw(st.integers(0, 2))
         box = last.boxes[index]
@@ -220,7 +220,7 @@ def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
             case "same":
                 found.append(Scene(last.boxes))
             case _:
-                found.append(draw(LOOSE_SCENES))
+                found.append(draw(UNCHECKED_SCENES))
     return found
 
 
@@ -259,7 +259,7 @@ def test_box_blits__draw_the_box(shrink: int, box: Box):
 
 @IMAGE_SIZES
 @FEWER
-@given(first=LOOSE_SCENES, second=SCENES["scatter"])
+@given(first=UNCHECKED_SCENES, second=SCENES["scatter"])
 def test_canvas__repeated_start_scenes_are_drawn_equally(image_size: str, first: Scene, second: Scene):
     canvas = Canvas(image_size)
     for shown in [first, second] * 3:
@@ -376,7 +376,7 @@ def test_text__in_colours_distinguishes_shapes_and_colours():
 
 
 @FEWER
-@given(LOOSE_SCENES)
+@given(UNCHECKED_SCENES)
 def test_text__clips_any_scene_to_the_frame(shown: Scene):
     lines = text(shown, [], coloured=False).splitlines()
     assert [len(line) for line in lines] == [70] * 12

@@ -11,7 +11,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene, Size
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.program_features import ProgramFeatures, program_features
-from tests.scenes import LARGE, B, K, Y, circle, loose_boxes, scatter_boxes, square
+from tests.scenes import LARGE, B, K, Y, circle, scatter_boxes, square, unchecked_boxes
 
 
 def of(program: str) -> ProgramFeatures:
@@ -80,7 +80,7 @@ NOT_RELATIONAL = (
 )
 
 
-@given(st.tuples(*[scatter_boxes() | loose_boxes] * 3), st.sampled_from(NOT_RELATIONAL))
+@given(st.tuples(*[scatter_boxes() | unchecked_boxes] * 3), st.sampled_from(NOT_RELATIONAL))
 @settings(max_examples=80)
 def test_abstraction__preserves_the_programs_value(boxes: tuple[Box, Box, Box], source: str):
     program = compile_program(source)

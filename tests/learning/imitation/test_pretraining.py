@@ -56,8 +56,8 @@ def test_geometry_pretraining__learns_legal_edits():
         pretraining.step(step / 300)
     with torch.no_grad():
         offsets = torch.from_numpy(table.offsets.astype(np.int64))
-        told = geometry(geometry.item_terms(offsets).sum(1))[1].numpy() > 0
-    wrong = told != table.legal
+        predicted = geometry(geometry.item_terms(offsets).sum(1))[1].numpy() > 0
+    wrong = predicted != table.legal
     shares = [wrong[..., part][table.legal[..., part] == valid].mean() for part in (slice(9), 9) for valid in (0, 1)]
     assert max(shares) < 0.12  # 0.5 untrained; of ADDs and REMOVEs, not valid and valid ones
     assert max(shares[2:]) < 0.05  # REMOVEs
