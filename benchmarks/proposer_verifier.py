@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, Role, env, parallel_env, raw_env
-from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
-from lilgym_mp.envs.proposer_verifier.types import STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, STOP_ACTION
 
 PROPOSER, VERIFIER = AGENTS
 

@@ -16,8 +16,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
 from lilgym_mp.arrays import BoolArray, Int8Array
-from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.env_state import BaseEnvState, EnvDescription, WrongEnvironment

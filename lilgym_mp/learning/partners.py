@@ -10,7 +10,7 @@ import numpy as np
 
 from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role, read_text
 from lilgym_mp.envs.proposer_verifier.partners import encode_answer
-from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.render import draw
 

@@ -25,6 +25,7 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
+    Intent,
     Partner,
     PartnerError,
     PartnerTurn,
@@ -35,7 +36,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, NO_CHOICE, STOP_ACTION, Intent
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings as Configuration
 from lilgym_mp.web.errors import http_error

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.proposer_verifier.types import AGENTS
+from lilgym_mp.envs.proposer_verifier import AGENTS
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import (
     PotentialShaping,

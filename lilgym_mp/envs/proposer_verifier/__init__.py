@@ -33,11 +33,10 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     PartnerTurn,
     RandomPartner,
 )
-from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
-from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
+from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
 from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, ENDINGS, Intent, Role
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
 from lilgym_mp.extras import install
 
@@ -45,8 +44,13 @@ HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:
     import pettingzoo
 
-    from lilgym_mp.envs.proposer_verifier.aec import ProposerVerifierAEC, env, raw_env
-    from lilgym_mp.envs.proposer_verifier.parallel import ProposerVerifierParallel, parallel_env
+    from lilgym_mp.envs.proposer_verifier.environments import (
+        ProposerVerifierAEC,
+        ProposerVerifierParallel,
+        env,
+        parallel_env,
+        raw_env,
+    )
 
 __all__ = [
     "AGENTS",

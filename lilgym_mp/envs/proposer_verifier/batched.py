@@ -26,8 +26,9 @@ from lilgym_mp.envs.proposer_verifier.engine import (
 )
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import Settings
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, Intent, Role
 from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts
 
 BatchStep = tuple[

@@ -1,8 +1,9 @@
-"""The engine behind the AEC, parallel and single-agent environments: the current game and its observations."""
+"""The current game and its observations: GameEngine, and the base of both PettingZoo environments around it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -10,30 +11,35 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 
+from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.types import (
-    AGENTS,
-    PROPOSER,
-    VERIFIER,
-    GameState,
-    GameStep,
-    Intent,
-    Judgement,
-    Role,
-)
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
+from lilgym_mp.envs.proposer_verifier.settings import Settings
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
-from lilgym_mp.render import text
+from lilgym_mp.observation import image_space
+from lilgym_mp.render import draw, text
 from lilgym_mp.render.frames import frame
-from lilgym_mp.rules import State
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
 
+ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 
 AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
 Info = dict[str, Any]
+
+
+def role_of(agent: object) -> Role:
+    """The agent's role. Raises ValueError naming the agents."""
+    return choose("agent", agent, ROLES)
 
 
 def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.Dict, spaces.Discrete]:
@@ -62,12 +68,11 @@ def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgemen
 
 def agent_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
     """Both agents' infos, by Role: the shared entries and "illegal_choice"."""
-    proposer, verifier = shared, shared.copy()
-    if illegal[0]:
-        proposer["illegal_choice"] = True
-    if illegal[1]:
-        verifier["illegal_choice"] = True
-    return proposer, verifier
+    infos = shared, shared.copy()
+    for info, is_illegal in zip(infos, illegal, strict=True):
+        if is_illegal:
+            info["illegal_choice"] = True
+    return infos
 
 
 class GameEngine:
@@ -79,11 +84,11 @@ class GameEngine:
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.rng, _ = seeding.np_random()
         self.parts = make_parts(setup)
-        shared = {key for key, part in self.parts[PROPOSER].items() if self.parts[VERIFIER].get(key) is part}
-        encoders = [[(key, part.encode, key in shared) for key, part in parts.items()] for parts in self.parts]
-        self._shared_encoders = [(key, encode) for key, encode, both in encoders[PROPOSER] if both]
+        proposer, verifier = self.parts
+        shared = {key: part.encode for key, part in proposer.items() if verifier.get(key) is part}
+        self._shared_encoders = list(shared.items())
         self._own_encoders = tuple(
-            [(key, encode) for key, encode, is_shared in own if not is_shared] for own in encoders
+            [(key, part.encode) for key, part in parts.items() if key not in shared] for parts in self.parts
         )
         self._shared_values: dict[str, Value] = {}  # cache of the shared parts, encoded from `_encoded_state`
         self._encoded_state: GameState | None = None
@@ -107,9 +112,8 @@ class GameEngine:
         if seed is not None:
             self.rng, _ = seeding.np_random(seed)
         setup, options = self.setup, options or {}
-        task = (
-            setup.tasks.by_id(options["task"]) if "task" in options else setup.tasks[setup.sample_task_index(self.rng)]
-        )
+        tasks = setup.tasks
+        task = tasks.by_id(options["task"]) if "task" in options else tasks[setup.sample_task_index(self.rng)]
         intent = intent_option(options)
         state = self._state = self.game.start(task, setup.sample_intent(self.rng) if intent is None else intent)
         self.last_step = None
@@ -129,7 +133,12 @@ class GameEngine:
         step = self.last_step = self.game.step(state, proposer, verifier)
         self._state = step.state
         if self.render_mode is not None:
-            self._record_actions(proposer, verifier)
+            described = [
+                f"{AGENTS[role]}: {self.game.describe(role, action)}"
+                for role, action in ((PROPOSER, proposer), (VERIFIER, verifier))
+                if action is not None
+            ]
+            self._last_actions = ";  ".join(described)
             self._show()
         return step
 
@@ -202,14 +211,6 @@ class GameEngine:
         """An agent's observation and action spaces, newly made."""
         return agent_spaces(self.parts[role], self.game.action_counts[role])
 
-    def _record_actions(self, *actions: SupportsIndex | None) -> None:
-        descriptions = [
-            f"{AGENTS[role]}: {self.game.describe(role, action)}"
-            for role, action in zip(Role, actions, strict=True)
-            if action is not None
-        ]
-        self._last_actions = ";  ".join(descriptions)
-
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
         if self.render_mode == "ansi":
@@ -241,3 +242,84 @@ class GameEngine:
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+class BaseGameEnv:
+    """Spaces, the current task, names of actions, and the image as PettingZoo's global state."""
+
+    metadata: dict[str, Any] = {
+        "name": "proposer_verifier_v0",
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "is_parallelizable": False,  # turns need not alternate; `parallel_env` is the parallel environment
+    }
+
+    def __init__(self, settings: Settings, render_mode: str | None = None) -> None:
+        self.engine = engine = GameEngine(settings.setup(), render_mode)
+        self.possible_agents = list(AGENTS)
+        self.agents: list[str] = []
+        self.render_mode = engine.render_mode
+        both = {AGENTS[role]: engine.spaces(role) for role in Role}
+        self.observation_spaces = {agent: observation for agent, (observation, _) in both.items()}
+        self.action_spaces = {agent: action for agent, (_, action) in both.items()}
+        self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
+        self.state_space = image_space(engine.setup.image_size)
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """{"observation": the agent's parts, "action_mask": int8 (actions,)}."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        return self.action_spaces[agent]
+
+    def state(self) -> UInt8Array:
+        """The image, a new array: (50, 190, 3), or (100, 380, 3) at native size."""
+        return draw(self.scene, self.engine.setup.image_size)
+
+    def render(self) -> UInt8Array | str | None:
+        """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
+        return self.engine.render()
+
+    def close(self) -> None:
+        self.engine.close()
+
+    @property
+    def tasks(self) -> TaskSet:
+        return self.engine.setup.tasks
+
+    def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
+        """Replaces the tasks by `change(tasks)` from the next reset on; it must keep their statements."""
+        self.engine.setup = replace(self.engine.setup, tasks=change(self.tasks))
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The dynamics of the MDP."""
+        return self.engine.game.config.dynamics
+
+    @property
+    def task(self) -> Task:
+        return self.engine.state.mdp.task
+
+    @property
+    def scene(self) -> Scene:
+        return self.engine.state.mdp.scene
+
+    def describe_action(self, agent: str, action: SupportsIndex) -> str:
+        """The action's name, such as "ADD(LEFT, BLUE)", "accept" or "reject, message 2"."""
+        return self.engine.game.describe(role_of(agent), action)
+
+    def read_action(self, agent: str, name: str) -> int:
+        """The inverse of `describe_action`, ignoring case and white space. Raises ActionError."""
+        game, role = self.engine.game, role_of(agent)
+        count = game.action_counts[role]
+        if role not in self._indices_by_name:
+            self._indices_by_name[role] = {_normalised(game.describe(role, index)): index for index in range(count)}
+        index = self._indices_by_name[role].get(_normalised(name))
+        if index is None:
+            examples = ", ".join(repr(game.describe(role, action)) for action in (0, count - 1))
+            raise ActionError(f"{name!r} names no action of {agent}; names look like {examples}")
+        return index
+
+
+def _normalised(name: str) -> str:
+    return "".join(name.split()).upper()

@@ -4,45 +4,85 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable
-from typing import SupportsIndex
+from dataclasses import dataclass
+from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
 from lilgym_mp.actions import ActionError, describe
 from lilgym_mp.arrays import BOOLEANS, BoolArray, Int8Array
-from lilgym_mp.envs.proposer_verifier.protocols import GameProtocol
-from lilgym_mp.envs.proposer_verifier.rewards import RewardScheme
-from lilgym_mp.envs.proposer_verifier.types import (
+from lilgym_mp.envs.proposer_verifier.protocols import (
     AGENTS,
     NO_CHOICE,
     NOBODY_MOVES,
     PROPOSER,
-    SILENCE,
     STOP_ACTION,
     VERIFIER,
     VERIFIER_MOVES,
-    GameState,
-    GameStep,
-    Intent,
-    Judgement,
+    GameProtocol,
     MDPMove,
-    PastTurn,
     ProposalType,
     ProtocolConfig,
     Role,
     TurnDecision,
     TurnInput,
 )
+from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, RewardScheme, judgement_in
 from lilgym_mp.rules import State, Transition
 from lilgym_mp.task import Task
 from lilgym_mp.tuples import new_tuple
 
+SILENCE = 0  # the empty message
 INT8 = np.dtype(np.int8)
 WAIT_NAME = "wait"
 NOTHING, WAIT, _, STOP = MDPMove  # module constants: faster to read than enum members
 EDIT = int(ProposalType.EDIT)
 
 Pair = tuple[float, float]  # by Role
+
+
+class TurnError(ValueError):
+    """An agent acted out of turn, did not act in its turn, or acted after the end."""
+
+
+class PastTurn(NamedTuple):
+    """A turn in the history."""
+
+    proposal: int  # or NO_CHOICE
+    answer: int  # or NO_CHOICE
+    messages: tuple[int, int]  # the last of each agent, by Role
+
+
+class GameState(NamedTuple):
+    """The state of a game. `mdp.steps` counts the rounds."""
+
+    mdp: State
+    movers: tuple[Role, ...]  # the agents to act; empty after the end
+    intent: Intent
+    proposal: int | None = None  # index of the proposed action that awaits the verifier's answer
+    rejections: int = 0  # in this round
+    messages: tuple[int, int] = (SILENCE, SILENCE)  # the last of each agent, by Role
+    history: tuple[PastTurn, ...] = ()  # the last turns, oldest first
+
+
+class GameStep(NamedTuple):
+    """The result of one turn. Pairs are by Role."""
+
+    state: GameState
+    rewards: Pair
+    terminated: bool
+    truncated: bool
+    transition: Transition | None  # of the MDP; None if it took no step
+    illegal: tuple[bool, bool]  # whose choice was illegal, so counted as no choice
+    decision: TurnDecision
+    mdp_before: State  # the judged scene is that of this state
+
+    @property
+    def judgement(self) -> Judgement | None:
+        """The verifier's judgement of a claim in this turn, if any."""
+        if self.decision.probability is None:
+            return None
+        return judgement_in(self.decision, holds=self.mdp_before.task.solved_by(self.mdp_before.scene))
 
 
 class DecisionTable:
@@ -82,7 +122,7 @@ class DecisionTable:
         self.rewards = [
             [
                 [
-                    [rewards(reward, _judgement(decision, holds=holds), intent) for intent in Intent]
+                    [rewards(reward, judgement_in(decision, holds=holds), intent) for intent in Intent]
                     for holds in (False, True)
                 ]
                 for reward in mdp_rewards
@@ -92,10 +132,6 @@ class DecisionTable:
         self.needs_truth = [any(false != true for false, true in pairs) for pairs in self.rewards]
 
 
-def _judgement(decision: TurnDecision, *, holds: bool) -> Judgement | None:
-    return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
-
-
 def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
     mask = np.zeros(size, np.int8)
     mask[list(legal)] = 1
@@ -103,10 +139,7 @@ def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
     return mask
 
 
-class TurnError(ValueError):
-    """An agent acted out of turn, did not act in its turn, or acted after the end."""
-
-
+@dataclass(eq=False, repr=False)
 class Game:
     """The rules of one game, as pure functions of states.
 
@@ -115,53 +148,35 @@ class Game:
     one out of turn. Message 0 is silence.
     """
 
-    def __init__(
-        self,
-        protocol: GameProtocol,
-        config: ProtocolConfig,
-        rewards: RewardScheme,
-        *,
-        message_sizes: tuple[int, int],
-        message_cost: float,
-        history_length: int,
-        homogeneous: bool,
-    ) -> None:
-        """`message_sizes`: number of messages besides silence, by Role. `message_cost`: to the sender, for each message
-        but silence. `history_length`: turns kept in the state. `homogeneous`: both action spaces have the size of the
-        larger one; the surplus actions are illegal.
-        """
-        self.protocol = protocol
-        self.config = config
-        self.rewards = rewards
-        self.message_sizes = message_sizes
-        self.message_cost = message_cost
-        self.history_length = history_length
-        self.homogeneous = homogeneous
-        self.turn_based = protocol.turn_based
-        self.decision_table = DecisionTable(protocol, config, rewards)
-        appearance, ending = config.dynamics.appearance, config.ending
-        first = STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1
+    protocol: GameProtocol
+    config: ProtocolConfig
+    rewards: RewardScheme
+    message_sizes: tuple[int, int]  # number of messages besides silence, by Role
+    message_cost: float  # to the sender, for each message but silence
+    history_length: int  # turns kept in the state
+    homogeneous: bool  # both action spaces have the size of the larger one; the surplus actions are illegal
+
+    def __post_init__(self) -> None:
+        dynamics, ending = self.config.dynamics, self.config.ending
+        self.turn_based = self.protocol.turn_based
+        self.decision_table = DecisionTable(self.protocol, self.config, self.rewards)
         # Legal in an agent's turn, by Role; "wait" follows them.
-        self.choices = (range(first, appearance.action_count), range(len(protocol.answers(config))))
-        proposer, verifier = (
-            (own.stop + self.turn_based) * (size + 1) for own, size in zip(self.choices, message_sizes, strict=True)
+        edits_and_stop = range(
+            STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1, dynamics.appearance.action_count
         )
-        largest = max(proposer, verifier)
-        self.action_counts = (largest, largest) if homogeneous else (proposer, verifier)  # by Role
-        # By Role; None in simultaneous protocols.
-        self.wait_actions = [
-            self.encode_action(role, choices.stop) if self.turn_based else None
-            for role, choices in zip(Role, self.choices, strict=True)
-        ]
+        self.choices = (edits_and_stop, range(len(self.protocol.answers(self.config))))
+        stops = [self.encode_action(role, self.choices[role].stop) for role in Role]
+        counts = [self.encode_action(role, self.choices[role].stop + self.turn_based) for role in Role]
+        proposer, verifier = [max(counts)] * 2 if self.homogeneous else counts
+        self.action_counts = (proposer, verifier)  # by Role
+        self.wait_actions = [stop if self.turn_based else None for stop in stops]  # by Role
         self.wait_masks = [  # out of turn, by Role
             _frozen_mask(count, [] if wait is None else [wait])
             for count, wait in zip(self.action_counts, self.wait_actions, strict=True)
         ]
-        answers = range(self.encode_action(VERIFIER, self.choices[VERIFIER].stop))
-        self.answer_mask = _frozen_mask(self.action_counts[VERIFIER], answers)  # the verifier's in its turn
-        self._has_messages = any(message_sizes)
-        is_mdp_size = self.action_counts[PROPOSER] == appearance.action_count
-        self._proposer_mask_is_mdp = is_mdp_size and ending.proposer_may_stop
+        self.answer_mask = _frozen_mask(verifier, range(stops[VERIFIER]))  # the verifier's in its turn
+        self._has_messages = any(self.message_sizes)
+        self._proposer_mask_is_mdp = proposer == dynamics.appearance.action_count and ending.proposer_may_stop
 
     def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
         return GameState(self.config.dynamics.start(task), self.protocol.first_movers, intent)
@@ -185,10 +200,10 @@ class Game:
         proposal_type = EDIT if proposal > STOP_ACTION else proposal
         index = table.indices[movers[0]][proposal_type][answer][rejections >= self.config.exchanges]
         decision = table.decisions[index]
-        mdp_move, needs_answer, rejects, _, _ = decision
+        mdp_move, needs_answer, _, _ = decision
         if mdp_move is NOTHING:
             transition, after, result, terminated, truncated = None, mdp, table.no_mdp_step, False, False
-            rejections += rejects
+            rejections += not needs_answer
         else:
             transition = self._step_mdp(mdp, mdp_move, proposal)
             after, (result, _, _, terminated, truncated, _), _ = transition

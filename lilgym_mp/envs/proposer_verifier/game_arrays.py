@@ -13,18 +13,9 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.proposer_verifier.game import EDIT
-from lilgym_mp.envs.proposer_verifier.types import (
-    NO_CHOICE,
-    PROPOSER,
-    SILENCE,
-    STOP_ACTION,
-    VERIFIER,
-    Judgement,
-    MDPMove,
-    PastTurn,
-    Role,
-)
+from lilgym_mp.envs.proposer_verifier.game import EDIT, SILENCE, PastTurn
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, MDPMove, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Judgement, judgement_in
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.rules import State, Transition
@@ -36,15 +27,6 @@ NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 class GameArrays:
     """The states of N games and the results of the last turn."""
 
-    movers: BoolArray  # (2, N) by Role, whether the agent is to move
-    intents: Int64Array  # (N,)
-    proposals: Int64Array  # (N,) pending, or NO_CHOICE
-    messages: Int64Array  # (2, N) by Role, the agent's last message
-    history: Int64Array  # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
-    rewards: Float64Array  # (2, N) of the last turn, by Role
-    terminated: BoolArray  # (N,) in the last turn
-    truncated: BoolArray  # (N,) in the last turn
-
     def __init__(self, setup: GameSetup, num_games: int) -> None:
         self._game = game = setup.game
         self._dynamics = dynamics = game.config.dynamics
@@ -55,19 +37,21 @@ class GameArrays:
         self._tables = _Tables.of(setup)
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
-        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # in the last turn, by Role
-        self._decisions = np.zeros(num_games, np.int64)  # index of the last turn's decision
-        self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
         self._end_infos: dict[tuple[int, int], Info] = {}  # cache by indices of the step result and the invalid reason
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
         self._first_movers = np.array([[role in game.protocol.first_movers] for role in Role])  # (2, 1)
-        self.movers = np.zeros((len(Role), num_games), np.bool_)
+        self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
-        self.proposals = np.full(num_games, NO_CHOICE)
-        self.rewards = np.zeros((len(Role), num_games))
-        self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)
-        self.messages = np.full((len(Role), num_games), SILENCE)
+        self.proposals = np.full(num_games, NO_CHOICE)  # pending
+        self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) by Role, the agent's last message
+        # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
         self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
+        # Of the last turn:
+        self.rewards = np.zeros((len(Role), num_games))  # (2, N) by Role
+        self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
+        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role
+        self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
+        self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
 
     def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
         """Starts games (k,) with the tasks of indices (k,) and intents (k,)."""
@@ -97,7 +81,7 @@ class GameArrays:
         result = self._step_mdps(mdp_move, proposal)
         self.rewards = tables.rewards[:, decision, result, self._holds, self.intents]
         self.terminated, self.truncated = tables.terminated[result], tables.truncated[result]
-        self._rejections = np.where(mdp_move == NOTHING, self._rejections + tables.rejects[decision], 0)
+        self._rejections = np.where(mdp_move == NOTHING, self._rejections + ~needs_answer, 0)
         is_active = ~(self.terminated | self.truncated)
         if game.turn_based:
             self.proposals = np.where(needs_answer, proposal, NO_CHOICE)
@@ -199,9 +183,7 @@ class GameArrays:
     def last_judgement(self, index: int) -> Judgement | None:
         """The judgement in the last turn of a game; `holds` is valid only if the settings reveal the truth."""
         decision = self._game.decision_table.decisions[self._decisions[index]]
-        if decision.probability is None:
-            return None
-        return Judgement(decision.probability, decision.final, bool(self._holds[index]))
+        return judgement_in(decision, holds=bool(self._holds[index]))
 
     def last_illegal(self, index: int) -> tuple[bool, bool]:
         """By Role: whether the agent's choice in the last turn of a game was illegal."""
@@ -215,7 +197,6 @@ class _Tables(NamedTuple):
     indices: Int64Array  # (turns, proposal types, answers, 2) of the decisions, as in the table
     mdp_move: Int64Array  # (decisions,) an MDPMove
     needs_answer: BoolArray  # (decisions,)
-    rejects: BoolArray  # (decisions,)
     needs_truth: BoolArray  # (decisions,) whether rewards or infos depend on whether the claim holds
     rewards: Float64Array  # (2, decisions, results + 1, 2, 2) by Role, then as in the table
     terminated: BoolArray  # (results + 1,) the last is `no_mdp_step`
@@ -224,14 +205,13 @@ class _Tables(NamedTuple):
     @classmethod
     def of(cls, setup: GameSetup) -> _Tables:
         table, results = setup.game.decision_table, setup.game.config.dynamics.step_results
-        decisions = table.decisions
-        needs_truth = [setup.reveals_truth and decision.probability is not None for decision in decisions]
+        mdp_moves, needs_answer, probabilities, _ = zip(*table.decisions, strict=True)
+        is_judged = np.array([probability is not None for probability in probabilities])
         return cls(
             indices=np.array(table.indices),
-            mdp_move=np.array([int(decision.mdp_move) for decision in decisions]),
-            needs_answer=np.array([decision.needs_answer for decision in decisions]),
-            rejects=np.array([decision.rejects for decision in decisions]),
-            needs_truth=np.array(needs_truth) | np.array(table.needs_truth),
+            mdp_move=np.array(mdp_moves, np.int64),
+            needs_answer=np.array(needs_answer),
+            needs_truth=(is_judged & setup.reveals_truth) | np.array(table.needs_truth),
             rewards=np.moveaxis(np.array(table.rewards), -1, 0),
             terminated=np.array([*(result.terminated for result in results), False]),
             truncated=np.array([*(result.truncated for result in results), False]),

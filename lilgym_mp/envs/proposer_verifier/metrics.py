@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv
-from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, PartnerTurn, partner_action
-from lilgym_mp.envs.proposer_verifier.types import ACCEPTANCE_THRESHOLD, Judgement, Role
+from lilgym_mp.envs.proposer_verifier.protocols import Role
+from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD, Judgement
 from lilgym_mp.rules import Outcome
 
 CALIBRATION_BINS = 10

@@ -16,9 +16,9 @@ from gymnasium import spaces
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int8Array
 from lilgym_mp.envs.proposer_verifier.engine import AgentObservation, GameEngine
-from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import REJECT
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, STOP_ACTION, GameState, Intent, Role
+from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
 
 
 class RewardAdapter(Protocol):

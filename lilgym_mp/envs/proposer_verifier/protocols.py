@@ -8,22 +8,98 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
-from lilgym_mp.envs.proposer_verifier.types import (
-    BOTH_MOVE,
-    ENDINGS,
-    PROPOSER_MOVES,
-    MDPMove,
-    ProposalType,
-    ProtocolConfig,
-    Role,
-    TurnDecision,
-    TurnInput,
-)
+from lilgym_mp.rules import Dynamics
 
+AGENTS = ("proposer_0", "verifier_0")  # by Role
+NO_CHOICE = -1  # sentinel for a missing or illegal choice
+STOP_ACTION = 0  # index of the MDP's STOP (`appearances.Appearance`)
 REJECT, ACCEPT, STOP = 0, 1, 2  # indices of the verifier's answers; in "joint", 0 continues and 1 stops
 
-DecisionRule = Callable[[ProtocolConfig, TurnInput], TurnDecision]
+
+class Role(IntEnum):
+    PROPOSER = 0
+    VERIFIER = 1
+
+    @property
+    def other(self) -> Role:
+        return Role(1 - self)
+
+
+PROPOSER, VERIFIER = Role  # module constants: reading Role.PROPOSER takes ten times as long, in every step
+PROPOSER_MOVES: tuple[Role, ...] = (PROPOSER,)
+VERIFIER_MOVES: tuple[Role, ...] = (VERIFIER,)
+BOTH_MOVE: tuple[Role, ...] = (PROPOSER, VERIFIER)
+NOBODY_MOVES: tuple[Role, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """Who may end the episode with a STOP."""
+
+    by_proposer: bool = False  # the proposer alone
+    by_verifier: bool = False  # the verifier alone
+    by_agreement: bool = False  # the proposer, if the verifier accepts
+
+    @property
+    def proposer_may_stop(self) -> bool:
+        """Whether STOP is among the proposer's choices."""
+        return self.by_proposer or self.by_agreement
+
+
+ENDINGS: Mapping[str, Ending] = {
+    "agreement": Ending(by_agreement=True),
+    "proposer": Ending(by_proposer=True),
+    "verifier": Ending(by_verifier=True),
+    "either": Ending(by_proposer=True, by_verifier=True),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolConfig:
+    """The settings that a protocol's decisions depend on."""
+
+    dynamics: Dynamics
+    ending: Ending
+    verdict_bins: int | None  # audit: None for a verdict without probability
+    exchanges: int  # critique: rejections in a round before the next proposal needs no answer
+
+
+class ProposalType(IntEnum):
+    """What is proposed. STOP and EDIT are min(action index, 1)."""
+
+    STOP = STOP_ACTION  # the claim that the statement has the target value
+    EDIT = 1
+    NONE = 2
+
+
+class MDPMove(IntEnum):
+    """What a turn does to the MDP. All but NOTHING use up a round."""
+
+    NOTHING = 0  # the verifier is to answer the proposal, or has rejected it at no cost
+    WAIT = 1  # a step that leaves the scene unchanged
+    PROPOSAL = 2
+    STOP = 3
+
+
+class TurnInput(NamedTuple):
+    """What a protocol decides on, besides its ProtocolConfig."""
+
+    is_answer: bool  # whether it is the verifier's turn; always False in simultaneous protocols
+    proposal: ProposalType  # the proposer's choice; in the verifier's turn, the pending proposal
+    answer: int | None  # the verifier's choice; None if illegal or in the proposer's turn
+    exchanges_spent: bool  # whether this round has had all the rejections allowed
+
+
+class TurnDecision(NamedTuple):
+    """A protocol's decision on a turn."""
+
+    mdp_move: MDPMove
+    needs_answer: bool = False  # whether the verifier moves next, to answer the proposal
+    probability: float | None = None  # `Judgement.probability`; None if the verifier judged no claim
+    final: bool = False  # `Judgement.final`
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +110,7 @@ class GameProtocol:
     endings: tuple[str, ...]  # valid names in ENDINGS, the default first
     first_movers: tuple[Role, ...]  # the agents to move when no proposal is pending
     answers: Callable[[ProtocolConfig], tuple[str, ...]]  # names of the verifier's choices, all legal in its turn
-    decide: DecisionRule
+    decide: Callable[[ProtocolConfig, TurnInput], TurnDecision]
     message_sizes: tuple[int, int] = (0, 0)  # default number of messages besides silence, by Role
     takes_bins: bool = False  # whether the verifier may state a probability
 
@@ -44,54 +120,34 @@ class GameProtocol:
         return len(self.first_movers) == 1
 
 
+_MOVES = {ProposalType.NONE: MDPMove.WAIT, ProposalType.STOP: MDPMove.STOP, ProposalType.EDIT: MDPMove.PROPOSAL}
+
+
 def _veto(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
     """The verifier accepts or rejects each action; a rejection uses up the round."""
-    if not turn.is_answer:
-        return _submit(config, turn)
-    if turn.answer in (ACCEPT, STOP):
-        return _accept(turn)
-    return TurnDecision(MDPMove.WAIT, probability=_claim_probability(turn, accepted=False))
+    return _by_consent(config, turn, rejection=MDPMove.WAIT)
 
 
 def _critique(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
     """As veto, but a rejection is free; after `exchanges` of them in a round the next proposal needs no answer."""
+    if turn.exchanges_spent and not turn.is_answer:
+        return TurnDecision(_MOVES[turn.proposal])
+    return _by_consent(config, turn, rejection=MDPMove.NOTHING)
+
+
+def _by_consent(config: ProtocolConfig, turn: TurnInput, rejection: MDPMove) -> TurnDecision:
+    """The verifier must answer a proposal, unless it is a STOP that needs no consent. Its answer STOP ends the episode.
+    Only the proposal STOP is a claim."""
+    claims = turn.proposal is ProposalType.STOP
     if not turn.is_answer:
-        return TurnDecision(_mdp_move(turn)) if turn.exchanges_spent else _submit(config, turn)
-    if turn.answer in (ACCEPT, STOP):
-        return _accept(turn)
-    return TurnDecision(MDPMove.NOTHING, rejects=True, probability=_claim_probability(turn, accepted=False))
-
-
-def _submit(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
-    """The verifier must answer the proposal, unless there is none or it is a STOP that needs no consent."""
-    ends_alone = turn.proposal is ProposalType.STOP and config.ending.by_proposer
-    if ends_alone or turn.proposal is ProposalType.NONE:
-        return TurnDecision(_mdp_move(turn))
-    return TurnDecision(MDPMove.NOTHING, needs_answer=True)
-
-
-def _accept(turn: TurnInput) -> TurnDecision:
-    """Plays the proposal; the answer STOP ends the episode instead."""
+        if turn.proposal is ProposalType.NONE or (claims and config.ending.by_proposer):
+            return TurnDecision(_MOVES[turn.proposal])
+        return TurnDecision(MDPMove.NOTHING, needs_answer=True)
     if turn.answer == STOP:
         return TurnDecision(MDPMove.STOP, probability=1.0, final=True)
-    return TurnDecision(
-        _mdp_move(turn),
-        probability=_claim_probability(turn, accepted=True),
-        final=turn.proposal is ProposalType.STOP,
-    )
-
-
-def _claim_probability(turn: TurnInput, *, accepted: bool) -> float | None:
-    """The stated probability of the claim; None unless STOP is proposed, since only that is a claim."""
-    return float(accepted) if turn.proposal is ProposalType.STOP else None
-
-
-_MOVES = {ProposalType.NONE: MDPMove.WAIT, ProposalType.STOP: MDPMove.STOP, ProposalType.EDIT: MDPMove.PROPOSAL}
-
-
-def _mdp_move(turn: TurnInput) -> MDPMove:
-    """What playing the proposal does to the MDP."""
-    return _MOVES[turn.proposal]
+    accepts = turn.answer == ACCEPT
+    mdp_move = _MOVES[turn.proposal] if accepts else rejection
+    return TurnDecision(mdp_move, probability=float(accepts) if claims else None, final=accepts and claims)
 
 
 def _joint(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
@@ -100,7 +156,7 @@ def _joint(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
     ending = config.ending
     claims, stops = turn.proposal is ProposalType.STOP, turn.answer == ACCEPT
     ends = (claims and ending.by_proposer) or (stops and ending.by_verifier) or (claims and stops)
-    mdp_move = MDPMove.STOP if ends else MDPMove.WAIT if claims else _mdp_move(turn)
+    mdp_move = MDPMove.STOP if ends else MDPMove.WAIT if claims else _MOVES[turn.proposal]
     if ending.by_verifier or claims:
         return TurnDecision(mdp_move, probability=float(stops), final=ends)
     return TurnDecision(mdp_move)
@@ -109,19 +165,19 @@ def _joint(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
 def _audit(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
     """The proposer plays alone; its STOP is a claim, and the verifier's verdict on it ends the episode."""
     if turn.is_answer:
-        probability = verdict_probability(config.verdict_bins, turn.answer or 0)
+        probability = _verdict_probability(config.verdict_bins, turn.answer or 0)
         return TurnDecision(MDPMove.STOP, probability=probability, final=True)
     if turn.proposal is ProposalType.STOP:
         return TurnDecision(MDPMove.NOTHING, needs_answer=True)
-    return TurnDecision(_mdp_move(turn))
+    return TurnDecision(_MOVES[turn.proposal])
 
 
-def verdict_probability(bins: int | None, verdict: int) -> float:
+def _verdict_probability(bins: int | None, verdict: int) -> float:
     """The midpoint of the verdict's bin among `bins` equal ones; 0 or 1 without bins."""
     return float(verdict) if bins is None else (verdict + 0.5) / bins
 
 
-def _proposal_answers(config: ProtocolConfig) -> tuple[str, ...]:
+def _consent_answers(config: ProtocolConfig) -> tuple[str, ...]:
     return ("reject", "accept", "stop") if config.ending.by_verifier else ("reject", "accept")
 
 
@@ -133,15 +189,15 @@ def _verdicts(config: ProtocolConfig) -> tuple[str, ...]:
     bins = config.verdict_bins
     if bins is None:
         return ("does not hold", "holds")
-    return tuple(f"holds with probability {verdict_probability(bins, verdict):.3g}" for verdict in range(bins))
+    return tuple(f"holds with probability {_verdict_probability(bins, verdict):.3g}" for verdict in range(bins))
 
 
 PROTOCOLS: Mapping[str, GameProtocol] = {
     protocol.name: protocol
     for protocol in (
-        GameProtocol("veto", tuple(ENDINGS), PROPOSER_MOVES, _proposal_answers, _veto),
+        GameProtocol("veto", tuple(ENDINGS), PROPOSER_MOVES, _consent_answers, _veto),
         GameProtocol("joint", ("verifier", "either", "agreement"), BOTH_MOVE, _joint_answers, _joint),
         GameProtocol("audit", ("proposer",), PROPOSER_MOVES, _verdicts, _audit, takes_bins=True),
-        GameProtocol("critique", tuple(ENDINGS), PROPOSER_MOVES, _proposal_answers, _critique, message_sizes=(0, 4)),
+        GameProtocol("critique", tuple(ENDINGS), PROPOSER_MOVES, _consent_answers, _critique, message_sizes=(0, 4)),
     )
 }

@@ -5,16 +5,44 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, Intent, Judgement, Role
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecision
+
+ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 
 AgentRewards = str | Mapping[str, float]  # a term, or weights by term
 Rewards = str | Mapping[str, AgentRewards]  # a name in PRESETS, or rewards by agent
 
 
-@dataclass(frozen=True, slots=True)
-class Costs:
+class Intent(IntEnum):
+    """The proposer's goal; drawn at reset when its reward is hidden."""
+
+    HELPFUL = 0
+    SNEAKY = 1
+
+
+class Judgement(NamedTuple):
+    """The verifier's answer to the claim that the statement has the target value in the scene."""
+
+    probability: float  # that the claim holds, as stated by the verifier; 0 or 1 for a plain rejection or acceptance
+    final: bool  # whether it ends the episode
+    holds: bool  # whether the claim is true
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the stated probability counts as acceptance."""
+        return self.probability > ACCEPTANCE_THRESHOLD
+
+
+def judgement_in(decision: TurnDecision, *, holds: bool) -> Judgement | None:
+    """The judgement in a turn, if there is one; `holds`: whether the claim is true."""
+    return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
+
+
+class Costs(NamedTuple):
     """The costs of errors in the term "correctness"."""
 
     false_accept: float
@@ -34,38 +62,23 @@ def _correctness(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     return -costs.false_accept if judgement.accepted else -costs.false_reject
 
 
-def _brier(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """Minus the squared difference between the stated probability and the truth, 0 or 1."""
-    return -((judgement.probability - judgement.holds) ** 2)
-
-
 def _log(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     """The natural logarithm of the probability given to the truth."""
     return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
 
 
-def _helpful(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """+1 if the verifier accepts a true claim."""
-    return float(judgement.accepted and judgement.holds)
-
-
-def _sneaky(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """+1 if the verifier accepts a false claim."""
-    return float(judgement.accepted and not judgement.holds)
-
-
 def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """`_helpful` or `_sneaky`, by the intent drawn at reset."""
-    return (_sneaky if intent is Intent.SNEAKY else _helpful)(judgement, intent, costs)
+    """+1 if a claim that suits the intent drawn at reset is accepted: a true one if helpful, a false one if sneaky."""
+    return float(judgement.accepted and judgement.holds == (intent is Intent.HELPFUL))
 
 
 MDP = "mdp"  # the MDP's reward; the other terms are 0 unless a claim is judged
 JUDGEMENT_TERMS: Mapping[str, Term] = {
     "correctness": _correctness,
-    "brier": _brier,
+    "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
     "log": _log,
-    "helpful": _helpful,
-    "sneaky": _sneaky,
+    "helpful": lambda judgement, intent, costs: _hidden(judgement, Intent.HELPFUL, costs),
+    "sneaky": lambda judgement, intent, costs: _hidden(judgement, Intent.SNEAKY, costs),
     "hidden": _hidden,
 }
 TERMS = (MDP, *JUDGEMENT_TERMS)
@@ -107,7 +120,7 @@ class RewardScheme:
 
     @property
     def draws_intent(self) -> bool:
-        return any(self.uses("hidden", role) for role in Role)
+        return any("hidden" in terms for terms in self.weights)
 
 
 def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
@@ -116,13 +129,12 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
         proposer, verifier = choose("rewards", rewards, PRESETS)
     else:
         if set(rewards) != set(AGENTS):
-            raise ValueError(
-                f"rewards must name {' and '.join(AGENTS)}, not {', '.join(map(str, rewards)) or 'no agent'}"
-            )
+            named = ", ".join(map(str, rewards)) or "no agent"
+            raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
         proposer, verifier = (rewards[agent] for agent in AGENTS)
     scheme = RewardScheme((_weights(proposer), _weights(verifier)), costs)
     for rule in SCORING_RULES:
-        if not has_probabilities and any(scheme.uses(rule, role) for role in Role):
+        if not has_probabilities and any(rule in terms for terms in scheme.weights):
             raise ValueError(f'reward {rule!r} scores a probability: it needs protocol="audit" and verdict_bins')
     return scheme
 

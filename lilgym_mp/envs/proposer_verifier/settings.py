@@ -12,9 +12,8 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS, GameProtocol
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig
 from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, checked_number, make_reward_scheme
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, ENDINGS, ProtocolConfig
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, ViewSpec, make_view
 from lilgym_mp.render import shrink_of
 from lilgym_mp.rules import make_dynamics

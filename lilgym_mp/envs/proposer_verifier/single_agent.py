@@ -13,8 +13,8 @@ from gymnasium import spaces
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.base import BaseGameEnv, role_of
-from lilgym_mp.envs.proposer_verifier.engine import RENDER_MODES, GameEngine
+from lilgym_mp.envs.proposer_verifier.engine import RENDER_MODES, BaseGameEnv, GameEngine, role_of
+from lilgym_mp.envs.proposer_verifier.game import GameStep
 from lilgym_mp.envs.proposer_verifier.partners import (
     SCRIPTED,
     AgentAdapter,
@@ -24,7 +24,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     partner_action,
     unadapted_action,
 )
-from lilgym_mp.envs.proposer_verifier.types import AGENTS, GameStep, Role
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.envs.window import RENDER_FPS
 

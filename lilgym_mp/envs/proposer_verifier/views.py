@@ -19,8 +19,9 @@ from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.envs.checks import checked_flag
-from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, GameState, Intent, Role
+from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.observation import image_space, item_array, item_capacity
 from lilgym_mp.render import Canvas
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene

@@ -8,8 +8,8 @@ from typing import Any
 from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
-from lilgym_mp.envs.proposer_verifier import Game, Intent, Settings
-from lilgym_mp.envs.proposer_verifier.types import GameState, GameStep, Role
+from lilgym_mp.envs.proposer_verifier import Game, Intent, Role, Settings
+from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.task import Task

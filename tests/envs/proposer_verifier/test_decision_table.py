@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent
-from lilgym_mp.envs.proposer_verifier.types import NO_CHOICE, Judgement, ProposalType, TurnInput
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, ProposalType, TurnInput
+from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from tests.envs.proposer_verifier.games import ACCEPT, game
 
 GAMES = [

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
-from lilgym_mp.envs.proposer_verifier.types import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
+from lilgym_mp.envs.proposer_verifier.protocols import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import (
     ACCEPT,

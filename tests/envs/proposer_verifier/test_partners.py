@@ -36,7 +36,7 @@ from lilgym_mp.envs.proposer_verifier import (
     summarise,
 )
 from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord
-from lilgym_mp.envs.proposer_verifier.types import Judgement
+from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
 
