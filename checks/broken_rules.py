@@ -71,7 +71,8 @@ BREAKS = (
         "maximum snapping distance",
         f"{APPEARANCES}/placement.py",
         "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
-        "frame_x = 0\n    if placement_tables().closest(kind, x, y, [closest])[0] > SNAP_REACH:\n        return x, y",
+        "frame_x = 0\n    if placement_tables().closest(footprint, x, y, [closest])[0] > SNAP_REACH:"
+        "\n        return x, y",
         ("tests/appearances/test_scatter.py",),
     ),
     Break(
