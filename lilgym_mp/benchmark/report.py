@@ -22,6 +22,10 @@ LEGEND = (
     " (median of the ratios in each round); only cases that copy no images can exceed 1."
 )
 
+GOALS_LEGEND = (
+    "`must` is the required value and `aim` the target. Measured values are the worst over the configurations."
+)
+
 
 class DocumentError(ValueError):
     """A document has no marks for the tables."""
@@ -31,7 +35,7 @@ def report_text(bench: Bench) -> str:
     """Everything as Markdown: conditions and goals, then the tables of each configuration."""
     parts = [conditions(bench), *bench.notes]
     if rows := _goal_rows(bench):
-        parts.append("### Goals\n\nThe measured figures are the worst over the configurations.\n\n" + rows)
+        parts.append("### Goals\n\n" + GOALS_LEGEND + "\n\n" + rows)
     parts.append(LEGEND)
     for name in bench.configurations:
         mine = [measurement for measurement in bench.results if measurement.configuration == name]

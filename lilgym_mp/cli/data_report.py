@@ -171,7 +171,7 @@ def task_lines(task: Task, tasks: TaskSet) -> list[str]:
         f"statement  {task.statement}",
         f"program    {task.program.strip()}",
         f"target     {_word(task.target)}: make the statement {_word(task.target)}",
-        f"truth      {_word(truth)} of this scene{' already' if truth == task.target else ''}",
+        f"truth      {_word(truth)} in this scene{' already' if truth == task.target else ''}",
         f"phenomena  {', '.join(shown) or 'none'}",
         f"form       {statement_form(task.statement)}",
     ]

@@ -28,7 +28,7 @@ def add_parser(subparsers: Any) -> None:
         "experiment",
         help="train, evaluate and record a matrix of configurations, learners and seeds",
         description="Executes all runs described by a TOML file. If interrupted, the same command resumes them. "
-        "`lilgym-mp report DIR` makes tables and figures of the results.",
+        "`lilgym-mp report DIR --out REPORT` makes tables and figures of the results.",
     )
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"

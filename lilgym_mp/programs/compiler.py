@@ -93,14 +93,14 @@ def explain_program(source: str) -> str:
     try:
         program = compile_program(source)
     except ProgramError as fault:
-        return f"not a program: {fault.explain()}"
+        return f"invalid program: {fault.explain()}"
     try:
         value = str(program.evaluate(Scene.empty()))
     except ProgramRuntimeError as fault:
         value = f"no value ({fault})"
     words = sorted(_words(program.tree))
     used = f"words: {', '.join(words)}" if words else "words: none"
-    return f"a program\n{used}\non the empty scene: {value}"
+    return f"valid program\n{used}\non the empty scene: {value}"
 
 
 def _words(node: Node) -> set[str]:

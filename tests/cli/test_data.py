@@ -192,7 +192,7 @@ def test_show__prints_all_of_a_task(data: Run, own: Path, tmp_path: Path):
         "statement  Blue is here.",
         "program    exist(filter_color(all_items, Color.BLUE))",
         "target     true: make the statement true",
-        "truth      false of this scene",
+        "truth      false in this scene",
         "phenomena  existence",
         "form       COLOUR is here",
     ):
