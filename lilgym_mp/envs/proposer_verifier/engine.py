@@ -68,11 +68,12 @@ def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgemen
 
 def agent_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
     """Both agents' infos, by Role: the shared entries and "illegal_choice"."""
-    infos = shared, shared.copy()
-    for info, is_illegal in zip(infos, illegal, strict=True):
-        if is_illegal:
-            info["illegal_choice"] = True
-    return infos
+    proposer, verifier = shared, shared.copy()
+    if illegal[0]:
+        proposer["illegal_choice"] = True
+    if illegal[1]:
+        verifier["illegal_choice"] = True
+    return proposer, verifier
 
 
 class GameEngine:

@@ -5,10 +5,11 @@ Every part is an array or a NumPy scalar, because PettingZoo's API test refuses 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from gymnasium import spaces
@@ -33,6 +34,7 @@ ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
 Value = NDArray[Any] | np.integer[Any]
 
 BOX_TITLES = ("left", "middle", "right")
+TARGETS = (np.int64(0), np.int64(1))
 VOCABULARY_SPLIT = "train"
 
 
@@ -125,22 +127,21 @@ class GameSetup:
         return max(len(task.statement.encode()) for task in self.tasks)
 
 
-class Part(Protocol):
-    """One entry of an observation."""
+class Part(ABC):
+    """One entry of an observation, for one game and for many."""
 
-    @property
-    def space(self) -> spaces.Space[Any]: ...
+    space: spaces.Space[Any]
 
+    @abstractmethod
     def encode(self, state: GameState) -> Value:
         """The value in `state`: a new array or a scalar."""
-        ...
 
+    @abstractmethod
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         """(k, ...) a new array: the values in the games `indices` (k,)."""
-        ...
 
 
-class ImagePart:
+class ImagePart(Part):
     """uint8 (50, 190, 3), or (100, 380, 3) at native size."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -154,7 +155,7 @@ class ImagePart:
         return games.images.take(indices, axis=0)
 
 
-class ItemArrayPart:
+class ItemArrayPart(Part):
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -171,7 +172,7 @@ class ItemArrayPart:
 MAX_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
 
-class SceneTextPart:
+class SceneTextPart(Part):
     """`scene_text` as bytes."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -196,55 +197,56 @@ def item_text(item: Item) -> str:
     return f"{size} {colour} {shape} at ({item.x}, {item.y})"
 
 
-class TokensPart:
+class TaskPart(Part):
+    """A value that depends only on the task."""
+
+    def __init__(self, setup: GameSetup, space: spaces.Space[Any]) -> None:
+        self.space = space
+        self._setup = setup
+
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._by_task.take(games.tasks[indices], axis=0)
+
+    @cached_property
+    def _by_task(self) -> NDArray[Any]:
+        """(tasks, ...) by task index."""
+        return np.stack([self.encode(self._setup.game.start(task)) for task in self._setup.tasks])
+
+
+class TokensPart(TaskPart):
     """int64 (length,): the statement's token ids in `GameSetup.vocabulary`, padded with 0."""
 
     def __init__(self, setup: GameSetup) -> None:
-        self._setup = setup
-        self.space = spaces.Box(0, len(setup.vocabulary) - 1, (setup.statement_length,), np.int64)
-        self._tokens = TokenCache(setup)
+        super().__init__(setup, spaces.Box(0, len(setup.vocabulary) - 1, (setup.statement_length,), np.int64))
+        self._cache: dict[str, NDArray[np.int64]] = {}  # by statement
 
     def encode(self, state: GameState) -> Value:
-        return self._tokens[state.mdp.task.statement].copy()
-
-    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._by_task.take(games.tasks[indices], axis=0)
-
-    @cached_property
-    def _by_task(self) -> NDArray[np.int64]:
-        return np.stack([self._tokens[task.statement] for task in self._setup.tasks])
+        statement = state.mdp.task.statement
+        tokens = self._cache.get(statement)
+        if tokens is None:
+            setup = self._setup
+            tokens = self._cache[statement] = setup.vocabulary.encode(statement, setup.statement_length)
+        return tokens.copy()
 
 
-class TokenCache(dict[str, NDArray[np.int64]]):
-    """Lazy cache of token ids (length,) by statement; read-only."""
-
-    def __init__(self, setup: GameSetup) -> None:
-        super().__init__()
-        self._encode = setup.vocabulary.encode
-        self._length = setup.statement_length
-
-    def __missing__(self, statement: str) -> NDArray[np.int64]:
-        tokens = self[statement] = self._encode(statement, self._length)
-        return tokens
-
-
-class StatementTextPart:
+class StatementTextPart(TaskPart):
     """The statement as bytes."""
 
     def __init__(self, setup: GameSetup) -> None:
-        self._setup = setup
-        self._length = setup.max_statement_bytes
-        self.space = byte_space(self._length)
+        super().__init__(setup, byte_space(setup.max_statement_bytes))
 
     def encode(self, state: GameState) -> Value:
-        return as_bytes(state.mdp.task.statement, self._length)
+        return as_bytes(state.mdp.task.statement, self._setup.max_statement_bytes)
 
-    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._by_task.take(games.tasks[indices], axis=0)
 
-    @cached_property
-    def _by_task(self) -> UInt8Array:
-        return np.stack([as_bytes(task.statement, self._length) for task in self._setup.tasks])
+class TargetPart(TaskPart):
+    """0 or 1."""
+
+    def __init__(self, setup: GameSetup) -> None:
+        super().__init__(setup, spaces.Discrete(2))
+
+    def encode(self, state: GameState) -> Value:
+        return TARGETS[state.mdp.task.target]
 
 
 def byte_space(length: int) -> spaces.Box:
@@ -264,26 +266,7 @@ def read_text(array: UInt8Array) -> str:
     return array.tobytes().rstrip(b"\0").decode()
 
 
-class TargetPart:
-    """0 or 1."""
-
-    def __init__(self, setup: GameSetup) -> None:
-        self.space = spaces.Discrete(2)
-        self._setup = setup
-        self._values = (np.int64(0), np.int64(1))
-
-    def encode(self, state: GameState) -> Value:
-        return self._values[state.mdp.task.target]
-
-    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._by_task[games.tasks[indices]]
-
-    @cached_property
-    def _by_task(self) -> NDArray[np.int64]:
-        return np.array([task.target for task in self._setup.tasks], np.int64)
-
-
-class ProposalPart:
+class ProposalPart(Part):
     """int64 (slots,): the pending proposal in the released array form; all -1 if there is none."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -297,14 +280,13 @@ class ProposalPart:
         return self._arrays.batch(games.proposals[indices])
 
 
-class HistoryPart:
+class HistoryPart(Part):
     """int64 (turns, slots + 3): proposal in the released array form, answer, both messages; newest last, -1 padding."""
 
     def __init__(self, setup: GameSetup, turns: int) -> None:
         self._arrays = ActionArrayCache(setup.game)
         self._shape = (turns, self._arrays.slots + 3)
-        answers, sizes = setup.game.choices[Role.VERIFIER], setup.game.message_sizes
-        largest = max(IMAGE_WIDTH - 1, answers.stop - 1, *sizes)
+        largest = max(IMAGE_WIDTH - 1, setup.game.choices[Role.VERIFIER].stop - 1, *setup.game.message_sizes)
         self.space = spaces.Box(NO_CHOICE, largest, self._shape, np.int64)
 
     def encode(self, state: GameState) -> Value:
@@ -347,7 +329,7 @@ class ActionArrayCache(dict[int, NDArray[np.int64]]):
         return np.zeros((count, self.slots), np.int64), np.zeros(count, np.bool_)
 
 
-class MessagePart:
+class MessagePart(Part):
     """The other agent's last message; 0 is silence."""
 
     def __init__(self, setup: GameSetup, speaker: Role, size: int) -> None:
@@ -361,7 +343,7 @@ class MessagePart:
         return games.messages[self._speaker, indices]
 
 
-class IntentPart:
+class IntentPart(Part):
     """0 helpful, 1 sneaky; only for the proposer."""
 
     def __init__(self, setup: GameSetup) -> None:
@@ -374,7 +356,7 @@ class IntentPart:
         return games.intents[indices]
 
 
-class ConstantPart:
+class ConstantPart(Part):
     """A constant: the agent's own index, or a placeholder for a part that only the other agent has."""
 
     def __init__(self, space: spaces.Space[Any], value: Value) -> None:
@@ -408,45 +390,40 @@ VIEWS: Mapping[str, View] = {
 }
 
 
-class PartSpec(NamedTuple):
-    """A constructor of a part and its arguments. Agents with equal specs share the part."""
-
-    build: Callable[..., Part]  # called with a GameSetup and the arguments
-    arguments: tuple[Any, ...] = ()
-
-
 def make_parts(setup: GameSetup) -> tuple[dict[str, Part], dict[str, Part]]:
     """Both agents' parts by key, by Role. A part that both see is one shared object."""
-    specs = [_part_specs(setup, role) for role in Role]
-    distinct = {spec for own in specs for spec in own.values()}
-    built = {spec: spec.build(setup, *spec.arguments) for spec in distinct}
-    proposer, verifier = ({key: built[spec] for key, spec in own.items()} for own in specs)
+
+    @cache
+    def make(build: Callable[..., Part], *arguments: Any) -> Part:
+        return build(setup, *arguments)
+
+    proposer, verifier = (_parts_of(setup, role, make) for role in Role)
     if setup.game.homogeneous:
         return _padded(proposer, verifier, Role.PROPOSER), _padded(verifier, proposer, Role.VERIFIER)
     return proposer, verifier
 
 
-def _part_specs(setup: GameSetup, role: Role) -> dict[str, PartSpec]:
-    """By observation key."""
+def _parts_of(setup: GameSetup, role: Role, make: Callable[..., Part]) -> dict[str, Part]:
+    """An agent's parts by key; `make`: called with a class of parts and its arguments."""
     view, game = setup.views[role], setup.game
-    specs: dict[str, PartSpec] = {}
+    parts: dict[str, Part] = {}
     scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
     if scene is not None:
-        specs[scene[0]] = PartSpec(scene[1])
+        parts[scene[0]] = make(scene[1])
     if statement is not None:
-        specs["statement"] = PartSpec(statement)
+        parts["statement"] = make(statement)
     if view.target:
-        specs["target"] = PartSpec(TargetPart)
+        parts["target"] = make(TargetPart)
     if view.proposal and game.turn_based:
-        specs["proposal"] = PartSpec(ProposalPart)
+        parts["proposal"] = make(ProposalPart)
     if view.history:
-        specs["history"] = PartSpec(HistoryPart, (view.history,))
+        parts["history"] = make(HistoryPart, view.history)
     if game.message_sizes[role.other]:
         size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
-        specs["message"] = PartSpec(MessagePart, (role.other, size))
+        parts["message"] = make(MessagePart, role.other, size)
     if role is Role.PROPOSER and game.rewards.draws_intent:
-        specs["intent"] = PartSpec(IntentPart)
-    return specs
+        parts["intent"] = make(IntentPart)
+    return parts
 
 
 def _padded(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[str, Part]:
