@@ -51,35 +51,6 @@ def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, set
     return AECGameWrapper(env, name, adapters) if isinstance(env, AECEnv) else ParallelGameWrapper(env, name, adapters)
 
 
-class TransformedRewards:
-    """The effect on rewards, in each turn that changes the MDP or ends the game."""
-
-    def __init__(self, transformation: Transformation, engine: Any) -> None:
-        self._transformation = transformation
-        self._engine = engine
-        self._mdp: State | None = None  # after the last turn; None after the end
-        self._potential = np.zeros(1)
-
-    def reset(self) -> None:
-        mdp: State = self._engine.state.mdp
-        self._mdp = mdp
-        self._potential = self._transformation.potentials([mdp])
-
-    def transform(self, rewards: Sequence[float]) -> list[float]:
-        """The transformed rewards of the last turn."""
-        state = self._engine.state
-        is_over = not state.movers
-        if self._mdp is None or (state.mdp is self._mdp and not is_over):
-            return list(rewards)
-        before = self._potential
-        self._mdp = None if is_over else state.mdp
-        self._potential = np.zeros(1) if is_over else self._transformation.potentials([state.mdp])
-        ones = np.ones(len(rewards))
-        return self._transformation.rewards(
-            np.array(rewards, np.float64), before * ones, self._potential * ones
-        ).tolist()
-
-
 class TransformedAgent:
     """The effect on one agent. Actions and masks change only for the proposer, in its turn."""
 
@@ -96,17 +67,32 @@ class TransformedAgent:
         if self.transformation.uses_mdp_actions:
             raise WrongEnvironment(f"{name} uses the MDP's actions, but the game's agents have other action spaces")
         self.observation_space = spaces.Dict({PARTS: self.transformation.observation_space(), MASK: nested[MASK]})
+        self.changes_rewards = self.transformation.changes_rewards
         self._engine = base.engine
-        self.rewards = (
-            TransformedRewards(self.transformation, base.engine) if self.transformation.changes_rewards else None
-        )
         self._role = Role(AGENTS.index(agent))
         self._entries: Info = {}  # info entries of the agent's last action
+        self._mdp: State | None = None  # after the last turn; None after the end; used only to change rewards
+        self._potential = np.zeros(1)
 
     def reset(self) -> None:
         self._entries = {}
-        if self.rewards is not None:
-            self.rewards.reset()
+        if self.changes_rewards:
+            self._mdp = self._engine.state.mdp
+            self._potential = self.transformation.potentials([self._mdp])
+
+    def rewards(self, rewards: Sequence[float]) -> list[float]:
+        """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
+        state = self._engine.state
+        is_over = not state.movers
+        if self._mdp is None or (state.mdp is self._mdp and not is_over):
+            return list(rewards)
+        before = self._potential
+        self._mdp = None if is_over else state.mdp
+        self._potential = np.zeros(1) if is_over else self.transformation.potentials([state.mdp])
+        ones = np.ones(len(rewards))
+        return self.transformation.rewards(
+            np.array(rewards, np.float64), before * ones, self._potential * ones
+        ).tolist()
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         parts, mask = observation[PARTS], observation[MASK]
@@ -199,9 +185,7 @@ class AECGameWrapper(BaseWrapper[str, Any, Any]):
         rewards = [self.env.rewards.get(agent, 0.0) for agent in AGENTS]
         self._cumulative_change[actor] = 0.0
         for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
-            change = self.adapters[agent].rewards
-            assert change is not None
-            self._reward_change[agent] = change.transform(rewards)[role] - reward
+            self._reward_change[agent] = self.adapters[agent].rewards(rewards)[role] - reward
             self._cumulative_change[agent] += self._reward_change[agent]
 
     @property
@@ -261,13 +245,11 @@ class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
         if self.transformation.changes_rewards:
             for agent, info in infos.items():
                 info[UNCHANGED_REWARD] = rewards[agent]
-            rewards = self._transformed_rewards(rewards)
+            both = [rewards[agent] for agent in AGENTS]
+            rewards = {
+                agent: self.adapters[agent].rewards(both)[role] for agent, role in zip(AGENTS, Role, strict=True)
+            }
         return observations, rewards, terminated, truncated, infos
-
-    def _transformed_rewards(self, rewards: Mapping[str, float]) -> dict[str, float]:
-        both = [rewards[agent] for agent in AGENTS]
-        adapters = {agent: self.adapters[agent].rewards for agent in AGENTS}
-        return {agent: adapter.transform(both)[AGENTS.index(agent)] for agent, adapter in adapters.items() if adapter}
 
     def _transformed(
         self, observations: Mapping[str, Any], infos: Mapping[str, Info]

@@ -211,7 +211,8 @@ class Game:
         holds = table.needs_truth[index] and mdp.task.solved_by(mdp.scene)
         rewards = table.rewards[index][result][holds][intent]
         if self._has_messages:
-            rewards = self._minus_message_costs(rewards, proposer_message, verifier_message)
+            cost = self.message_cost
+            rewards = (rewards[0] - cost * bool(proposer_message), rewards[1] - cost * bool(verifier_message))
             messages = (
                 messages[0] if proposer_message is None else proposer_message,
                 messages[1] if verifier_message is None else verifier_message,
@@ -220,7 +221,9 @@ class Game:
             next_movers = NOBODY_MOVES
         else:
             next_movers = VERIFIER_MOVES if needs_answer else self.protocol.first_movers
-        history = self._extended_history(state, choice, answer, messages) if self.history_length else ()
+        history = ()
+        if self.history_length:
+            history = (*state.history, PastTurn(choice, answer, messages))[-self.history_length :]
         pending = proposal if needs_answer else None
         next_state = new_tuple(GameState, (after, next_movers, intent, pending, rejections, messages, history))
         illegal = (proposer_illegal, verifier_illegal)
@@ -250,18 +253,6 @@ class Game:
         if mdp_move is WAIT:
             return dynamics.wait(mdp)
         return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if mdp_move is STOP else proposal))
-
-    def _minus_message_costs(self, rewards: Pair, proposer_message: int | None, verifier_message: int | None) -> Pair:
-        proposer, verifier = rewards
-        return (
-            proposer - self.message_cost if proposer_message else proposer,
-            verifier - self.message_cost if verifier_message else verifier,
-        )
-
-    def _extended_history(
-        self, state: GameState, proposal: int, answer: int, messages: tuple[int, int]
-    ) -> tuple[PastTurn, ...]:
-        return (*state.history, PastTurn(proposal, answer, messages))[-self.history_length :]
 
     def checked_action(self, role: Role, action: SupportsIndex) -> int:
         """`action` as an int. Raises ActionError if it is not in the action space of `role`."""

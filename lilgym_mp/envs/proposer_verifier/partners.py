@@ -21,18 +21,6 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTI
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 
 
-class RewardAdapter(Protocol):
-    """A wrapper's effect on rewards."""
-
-    def reset(self) -> None:
-        """Called before the agent's first turn."""
-        ...
-
-    def transform(self, rewards: Sequence[float]) -> Sequence[float]:
-        """Both agents' rewards of the last turn, transformed; called once per turn."""
-        ...
-
-
 class AgentAdapter(Protocol):
     """A game wrapper's effect on one agent."""
 
@@ -40,12 +28,14 @@ class AgentAdapter(Protocol):
     def observation_space(self) -> spaces.Dict: ...
 
     @property
-    def rewards(self) -> RewardAdapter | None:
-        """None if rewards are unchanged."""
-        ...
+    def changes_rewards(self) -> bool: ...
 
     def reset(self) -> None:
-        """Called after each reset."""
+        """Called after each reset, and again before the agent's first turn."""
+        ...
+
+    def rewards(self, rewards: Sequence[float]) -> Sequence[float]:
+        """Both agents' rewards of the last turn, transformed; called once per turn."""
         ...
 
     def observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self._role = role_of(agent)
         self._adapters = tuple(_adapters_of(env, name) for name in AGENTS)
         own = self._adapters[self._role]
-        self._reward_adapters = [adapter.rewards for adapter in own if adapter.rewards is not None]
+        self._reward_adapters = [adapter for adapter in own if adapter.changes_rewards]
         adapted_space = own[-1].observation_space["observation"] if own else None
         self.observation_space = adapted_space or spaces.Dict(
             {key: part.space for key, part in self.engine.parts[self._role].items()}
@@ -96,8 +96,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
                 adapter.reset()
             deque(self._partner_turns(), maxlen=0)
             if self.engine.state.movers:
-                for rewards in self._reward_adapters:
-                    rewards.reset()
+                for adapter in self._reward_adapters:
+                    adapter.reset()
                 return self._observation(), self._info(infos[self._role]) | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
@@ -120,7 +120,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         """The agent's reward of the last turn, after the wrappers."""
         rewards: Sequence[float] = step.rewards
         for adapter in self._reward_adapters:
-            rewards = adapter.transform(rewards)
+            rewards = adapter.rewards(rewards)
         return rewards[self._role]
 
     def _play_turn(self, action: SupportsIndex) -> GameStep:
