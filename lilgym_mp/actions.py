@@ -106,7 +106,7 @@ def named(name: str) -> Action:
                 return action(*(read(argument) for read, argument in zip(readers, arguments, strict=True)))
         except (KeyError, ValueError):
             pass
-    raise ActionError(f"{name!r} names no action; names look like {', '.join(map(describe, _EXAMPLES))}")
+    raise ActionError(f"{name!r} is not an action; actions look like {', '.join(map(describe, _EXAMPLES))}")
 
 
 _EXAMPLES: tuple[Action, ...] = (

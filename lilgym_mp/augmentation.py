@@ -214,10 +214,10 @@ class Augmentation:
         return Item(BOX_SIDE - x - item.side if self.mirrored else x, y, self.shapes[shape], self.colours[colour], size)
 
     def image(self, image: UInt8Array) -> UInt8Array:
-        """The image of the augmented scene, given that of the scene. uint8 (50, 190, 3) or (100, 380, 3).
+        """The image of the augmented scene, from the image of the scene: uint8 (50, 190, 3) or (100, 380, 3).
 
         When mirrored (a triangle's pixels are not symmetric) or with other shapes, the scene is reconstructed and
-        redrawn. Raises PerceptionError for an image of no scene.
+        redrawn. Raises PerceptionError for an image that shows no scene.
         """
         if self.mirrored or self.shapes != IDENTITY.shapes:
             return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
@@ -274,7 +274,7 @@ class Augmentation:
     def task(self, task: Task, appearance: str | None = None) -> Task | None:
         """The augmented task with the same id, or None when it might not be equivalent.
 
-        None where `pair` gives None, when numbers are permuted (the start scene's truth value may change), when items
+        None if `pair` returns None, when numbers are permuted (the start scene's truth value may change), when items
         of the start overlap or are invalid in the given `appearance`, and when the start's truth value changes.
         """
         if self.numbers != NUMBER_RANGE or (appearance == "tower" and self.moves_squares):

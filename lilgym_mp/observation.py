@@ -18,9 +18,9 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
 from lilgym_mp.task import Task
 
-MAX_STATEMENT_LENGTH = 256  # characters a statement may have before the space grows
+MAX_STATEMENT_LENGTH = 256  # characters; the space grows for longer statements
 TEXT, ARRAYS = "text", "arrays"
-FORMS = {form: form for form in (TEXT, ARRAYS)}  # of observations: the statement as text, or everything as arrays
+FORMS = {form: form for form in (TEXT, ARRAYS)}  # forms of observations: the statement as text, or everything as arrays
 EMPTY = -1  # every field of an empty slot of an item array
 PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
 

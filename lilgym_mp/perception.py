@@ -41,7 +41,7 @@ from lilgym_mp.scene import (
 
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
-MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; beyond, it could be the next box's
+MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
 CACHE_BYTES = 32 << 20  # of cached box pixels per image size: about 3,300 boxes at half size
 BATCH_SIZE = 64  # images read at once
 MAX_TRIALS = 3000  # budget of a decomposition: placements tried for one component
@@ -55,7 +55,7 @@ IntArray = NDArray[np.int16]
 
 
 class PerceptionError(ValueError):
-    """An image that is not `render.draw` of any scene, or of none found within the search budget."""
+    """The image is not a drawing of any scene, or the search budget did not suffice to find one."""
 
 
 def read_scene(image: UInt8Array, appearance: str) -> Scene:

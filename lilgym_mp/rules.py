@@ -42,7 +42,7 @@ class OutcomeSignal(NamedTuple):
 
 @dataclass(frozen=True)
 class RuleSet:
-    """Everything in which the paper's MDP and the release's differ."""
+    """The differences between the paper's MDP and the release's."""
 
     name: str
     horizon: int

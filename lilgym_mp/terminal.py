@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import ProgressColumn
 
-LINES = 10  # of progress in total, where there is no bar
+LINES = 10  # printed in total when there is no bar
 
 
 def printable(text: str) -> str:
@@ -34,7 +34,7 @@ class Progress:
     def __init__(
         self, total: int, unit: str, done: int | None = 0, *, redraws_by_itself: bool = True, lines: int = LINES
     ) -> None:
-        """`done`: progress at the beginning; None if the first call of `reach` gives it, as in a resumed run.
+        """`done`: progress at the beginning; None if the first call of `reach` sets it, as in a resumed run.
 
         `redraws_by_itself`: whether a thread redraws the bar between calls, which updates its clock. `lines`: number of
         lines without a terminal; 0 if the caller prints its own.

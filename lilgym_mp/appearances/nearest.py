@@ -2,7 +2,7 @@
 
 Snapping truncates the nearest points to integers, and where two outlines have several equally near pairs of
 points (parallel sides, symmetric circles) the pair chosen depends on how distances round at the items'
-positions. So ties are resolved as in GEOS's brute-force facet distance does: segment by segment in ring order,
+positions. Ties are therefore resolved as GEOS's brute-force facet distance does: segment by segment in ring order,
 in IEEE doubles, a later pair winning only when it is strictly nearer.
 """
 

@@ -29,7 +29,7 @@ OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
 NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # index of equal top-left corners in a pair's table
 LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
-CACHED_MOVES = 16_384  # of those resolved at run time; on a grid they recur
+CACHED_MOVES = 16_384  # moves resolved at run time; on a grid they recur
 AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
 
 OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d

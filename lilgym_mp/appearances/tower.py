@@ -90,7 +90,7 @@ def _fault(box: Box) -> str:
                 f"item {level} must be a medium square at ({BLOCK_X}, {LEVEL_Y[level]}) to stack,"
                 f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
             )
-    raise AssertionError("this is a tower")
+    raise AssertionError("the box is a legal tower")
 
 
 @cache

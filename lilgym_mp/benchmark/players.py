@@ -1,4 +1,4 @@
-"""Players: each runs the environments in one way, and gives a function that plays a workload and times it.
+"""Players: each runs the environments in one way, and returns a function that plays a workload and times it.
 
 A step is one action of the MDP (in the AEC game, one agent's turn). Resets are timed but do not count as steps, except
 the initial one, which seeds the generators and is not timed. Each player is a context manager.

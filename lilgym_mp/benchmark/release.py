@@ -78,7 +78,7 @@ def _setup_request(workload: Workload, directory: Path, options: Mapping[str, An
 
 
 def _request(child: subprocess.Popen[str], request: Mapping[str, Any]) -> dict[str, Any]:
-    """Sends a request to `release_player` and gives its answer. Raises ReleaseError."""
+    """Sends a request to `release_player` and returns its answer. Raises ReleaseError."""
     assert child.stdin is not None
     assert child.stdout is not None
     line = ""

@@ -15,7 +15,7 @@ Words = Sequence[str]
 
 
 class CommandSyntaxError(ValueError):
-    """A line that is not a command; the message says what would be."""
+    """A line that is not a command; the message shows the valid form."""
 
 
 def _names(members: type[IntEnum]) -> dict[str, Any]:

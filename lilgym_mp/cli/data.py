@@ -160,7 +160,7 @@ def _download(args: argparse.Namespace) -> int:
     except InterruptionError as error:
         raise CommandError(
             f"{error}. Nothing was installed; run the same command again to resume the download. Without a "
-            "network, get the files some other way and run `lilgym-mp data import DIRECTORY`"
+            "network, obtain the files elsewhere and run `lilgym-mp data import DIRECTORY`"
         ) from None
     _print_installation(installation)
     return 0

@@ -26,7 +26,7 @@ BUDGETS: Mapping[str, Mapping[str, Any]] = {
     IMITATION: {"minutes": 10.0},
     PPO: {"steps": 1_000_000, "evaluate_every": None},
 }
-STRING_OPTIONS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, likewise
+STRING_OPTIONS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, options with text values
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")

@@ -45,7 +45,7 @@ class RunResult:
 
 
 class ProgressActor:
-    """Ray actor on the driver's node: collects the runs' progress, and tells them when to stop."""
+    """Ray actor on the driver's node: collects the runs' progress and stops them on request."""
 
     def __init__(self) -> None:
         self._reports: dict[str, ProgressReport] = {}
@@ -58,7 +58,7 @@ class ProgressActor:
         return self._attempts[name]
 
     def report(self, name: str, report: ProgressReport) -> bool:
-        """Stores the report; gives whether the run must save and stop."""
+        """Stores the report; returns whether the run must save and stop."""
         self._reports[name] = report
         return self._stopped
 

@@ -34,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as 'There is a blue block.'")
     parser.add_argument(
-        "--task", metavar="ID", help="task that gives the start scene, the target and, by default, the statement"
+        "--task", metavar="ID", help="task that provides the start scene, the target and, by default, the statement"
     )
     parser.add_argument("--split", choices=list(SPLITS), help="split of the task (default: any)")
     parser.add_argument(

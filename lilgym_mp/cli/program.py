@@ -23,7 +23,7 @@ def add_parser(subparsers: Any) -> None:
         "of each part and which items satisfied its conditions.",
     )
     evaluate.add_argument("source", nargs="?", help="one expression (default: the task's own program)")
-    evaluate.add_argument("--task", required=True, metavar="ID", help="task that gives the start scene")
+    evaluate.add_argument("--task", required=True, metavar="ID", help="task that provides the start scene")
     add_corpus(evaluate)
     evaluate.set_defaults(run=run_in_scene)
 

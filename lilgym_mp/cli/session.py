@@ -133,7 +133,7 @@ class Session:
         self.is_over = True
 
     def save_film(self, path: Path) -> bool:
-        """Writes all pictures shown as a GIF; gives whether there were any."""
+        """Writes all pictures shown as a GIF; returns whether there were any."""
         if self._frames:
             save_gif(path, self._frames)
         return bool(self._frames)

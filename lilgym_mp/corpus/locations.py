@@ -48,7 +48,7 @@ def official_directory() -> Path:
 def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """The existing file or directory of a corpus, valid within the `with` block.
 
-    Raises CorpusError when it does not exist, saying how to get it.
+    Raises CorpusError when it does not exist, saying how to obtain it.
     """
     if corpus == BUILTIN:
         with as_file(files("lilgym_mp.data") / BUILTIN_FILE) as path:

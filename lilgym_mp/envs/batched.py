@@ -169,7 +169,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},), not {mask!r}")
         if not mask.any():
-            raise ValueError("reset_mask chooses no environment; leave it out to reset all")
+            raise ValueError("reset_mask selects no environment; leave it out to reset all")
         return np.flatnonzero(mask)
 
     def _task_indices(self, task: str | int | Sequence[str | int | None] | None) -> Sequence[int | None]:
@@ -208,7 +208,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         Raises ActionError for a wrong shape, type or action, ResetNeeded before the first reset and, without
         autoreset, when an episode has ended.
         """
-        self._check_started()  # and that it is open, before anything is written
+        self._check_started()  # also checks that the environment is open, before anything is written
         self._buffers.action[:] = self._checked(actions)
         self._step()
         result = self._buffers.result
@@ -224,7 +224,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     def _check_started(self) -> None:
         self._check_open()
         if not self._is_started:
-            raise gym.error.ResetNeeded("nothing has started before the first reset; call reset first")
+            raise gym.error.ResetNeeded("there are no episodes before the first reset; call reset first")
 
     def _checked(self, actions: Any) -> Int64Array:
         array = np.asarray(actions)

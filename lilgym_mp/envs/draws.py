@@ -8,5 +8,5 @@ DRAWS = 16  # per call of the generator: the same numbers as one by one, in a qu
 
 
 def next_draws(generator: np.random.Generator, task_count: int) -> list[int]:
-    """Indices of the next uniformly drawn tasks, in reverse: `pop` gives them in order."""
+    """Indices of the next uniformly drawn tasks, in reverse: `pop` returns them in order."""
     return generator.integers(task_count, size=DRAWS)[::-1].tolist()

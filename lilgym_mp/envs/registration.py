@@ -25,8 +25,8 @@ def register_all() -> None:
                     entry_point="lilgym_mp.envs.single:LilGymEnv",
                     vector_entry_point="lilgym_mp.envs.batched:BatchedEnv",
                     kwargs={"appearance": appearance, "start": start},
-                    # A twelfth of a Tower step's time otherwise: the environment itself says when it must be reset
-                    # first, and its tests run Gymnasium's checker (`gym.make` adds it if asked to).
+                    # Gymnasium's wrappers would take a twelfth of a Tower step. The environment itself raises
+                    # ResetNeeded, and its tests run Gymnasium's checker, which `gym.make` can also enable.
                     order_enforce=False,
                     disable_env_checker=True,
                 )

@@ -58,7 +58,7 @@ def _anonymous_file(size: int) -> int:
     """The descriptor of an unlinked file of `size` bytes."""
     available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if size > available:
-        raise SharedMemoryError(f"{_megabytes(size)} to share, and this machine has {_megabytes(available)} of memory")
+        raise SharedMemoryError(f"cannot share {_megabytes(size)}: this machine has {_megabytes(available)} of memory")
     try:
         if hasattr(os, "memfd_create"):
             fd = os.memfd_create("lilgym_mp", os.MFD_CLOEXEC)
@@ -66,14 +66,14 @@ def _anonymous_file(size: int) -> int:
             with tempfile.TemporaryFile() as file:
                 fd = os.dup(file.fileno())
     except OSError as fault:
-        raise SharedMemoryError(f"no file for {_megabytes(size)} to share: {fault.strerror}") from None
+        raise SharedMemoryError(f"cannot create a file of {_megabytes(size)} to share: {fault.strerror}") from None
     try:
         os.ftruncate(fd, size)
         if not hasattr(os, "memfd_create"):
             os.posix_fallocate(fd, 0, size)  # reports a full disk now instead of by a signal later
     except OSError as fault:
         os.close(fd)
-        raise SharedMemoryError(f"no room for {_megabytes(size)} to share: {fault.strerror}") from None
+        raise SharedMemoryError(f"no space for {_megabytes(size)} to share: {fault.strerror}") from None
     return fd
 
 

@@ -192,7 +192,7 @@ def _worker_main(
 
     `inherited`: the caller's ends of pipes, which are open in a forked worker.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller handles Ctrl-C
     for connection in inherited:
         connection.close()
     try:
@@ -247,7 +247,7 @@ def _exit_fds_of_caller() -> list[int]:
 def _wait_for_command(
     control: WorkerControl, count: int, wake_pipe: Connection, exit_fds: Sequence[int], spin_seconds: float
 ) -> bool:
-    """Waits for the next command; False when the caller is gone, one of whose `ends` can be read then."""
+    """Waits for the next command; False if the caller is gone, which makes one of `exit_fds` readable."""
 
     def sent() -> bool:
         return control.sent > count

@@ -143,7 +143,7 @@ def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) ->
     Raises ValueError if the shapes differ.
     """
     if output.probabilities.shape != legal.shape:
-        raise ValueError(f"the policy gave probabilities {output.probabilities.shape}, not {legal.shape}")
+        raise ValueError(f"the policy returned probabilities of shape {output.probabilities.shape}, not {legal.shape}")
     return [_decision(output, row, legal[row], appearance) for row in range(len(legal))]
 
 

@@ -173,7 +173,7 @@ class Recording:
 
 
 def write_episodes(path: Path, header: Header, episodes: Sequence[RecordedEpisode]) -> None:
-    """Writes the file atomically. Raises ValueError if the header gives a different number of episodes."""
+    """Writes the file atomically. Raises ValueError if the header states a different number of episodes."""
     if header.episodes != len(episodes):
         raise ValueError(f"the header says {header.episodes} episodes, but there are {len(episodes)}")
     rows = [header.to_json(), *(episode.to_json() for episode in episodes)]

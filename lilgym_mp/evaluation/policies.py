@@ -37,12 +37,12 @@ class Policy(Protocol):
     - `needs_masks = False`: no masks are computed, and `legal` has shape (B, 0).
     - `needs_states = True`: the policy is called with a list of `State`s as a fourth argument (the expert).
     - `stop_probabilities`: B probabilities of STOP in the latest call; they are stored with the episodes.
-    - `output(legal, chosen)`: a method that gives the `PolicyOutput` of the latest call, or None; called only when
+    - `output(legal, chosen)`: a method that returns the `PolicyOutput` of the latest call, or None; called only when
       decisions are recorded, with the mask and the actions of that call.
     """
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        """`legal`: (B, actions) exact masks, which a policy may ignore. Gives (B,) action indices."""
+        """`legal`: (B, actions) exact masks, which a policy may ignore. Returns (B,) action indices."""
         ...
 
 

@@ -59,7 +59,7 @@ class Recorder:
         self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
 
     def write(self, directory: Path, result: Result) -> Path:
-        """Writes the result's episodes to a file in the directory; gives its path. Raises OutputError."""
+        """Writes the result's episodes to a file in the directory; returns its path. Raises OutputError."""
         plan = result.plan
         path = episodes_file(writable_directory(directory), result.named, plan.settings, plan.split, plan.seed)
         write_episodes(path, self._header(result), [self._recorded(episode) for episode in result.episodes])
@@ -146,7 +146,7 @@ class Recorder:
 
 
 def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
-    """Whether the action begins a shortest solution; None if the expert does not know."""
+    """Whether the action begins a shortest solution; None if unknown to the expert."""
     optimal, dynamics = solver.optimal_actions(state), solver.dynamics
     if dynamics.appearance.encode(action) in optimal.actions:
         return True

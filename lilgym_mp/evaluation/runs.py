@@ -28,8 +28,8 @@ class Episode(NamedTuple):
     reward: float  # total
     actions: tuple[int, ...]
     invalid_reason: str | None = None
-    stop_probabilities: tuple[float, ...] | None = None  # before each action, if the policy gives them
-    decisions: tuple[Decision, ...] | None = None  # before each action, if recorded and the policy gives its output
+    stop_probabilities: tuple[float, ...] | None = None  # before each action, if the policy provides them
+    decisions: tuple[Decision, ...] | None = None  # before each action, if recorded and the policy provides its output
 
     @property
     def is_success(self) -> bool:

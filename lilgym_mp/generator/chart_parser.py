@@ -1,4 +1,4 @@
-"""A chart parser for small context-free grammars without left recursion; gives the value of every parse."""
+"""A chart parser for small context-free grammars without left recursion; returns the value of every parse."""
 
 from __future__ import annotations
 

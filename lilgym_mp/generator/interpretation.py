@@ -1,7 +1,7 @@
 """Evaluates a meaning in a scene from pixel geometry, independently of the program language.
 
-This is the second opinion on every generated program. An `Interpretation` varies what people judge differently (does
-an item two pixels from the wall touch it? is "all the circles" true of none?); start scenes are chosen where all
+Every generated program is checked against it. An `Interpretation` varies what people judge differently (does an item
+two pixels from the wall touch it? is "all the circles" true of none?); start scenes are chosen where all
 interpretations agree. Geometry: SPEC section 8.
 """
 

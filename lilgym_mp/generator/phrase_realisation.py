@@ -107,7 +107,7 @@ class PhraseRealiser:
         return Phrase(f"{determiner.text} {text}", determiner.plural)
 
     def determiner(self, quantity: Quantity) -> Phrase:
-        """The determiner for a quantity; "a" stands for "a" or "an"."""
+        """The determiner for a quantity; "a" also where the noun needs "an"."""
         low, high, vague = quantity
         if vague:
             words = ("several", "quite a few") if low == 3 else ("many", "a lot of", "lots of")

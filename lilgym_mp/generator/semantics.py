@@ -373,7 +373,7 @@ Clause = (
 
 
 def with_values_replaced(node: Node, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Node:
-    """The same tree about other colours and shapes: worded the same way, it gives a statement of the same form."""
+    """The same tree with other colours and shapes: in the same wording, its statement has the same form."""
     return cast("Node", _with_values_replaced(node, colours, shapes))
 
 

@@ -259,7 +259,7 @@ def _negated(predicate: Predicate) -> Predicate:
 
 
 def _box_conditions(add: AddRule) -> None:
-    """Box conditions: CONTENT is an item of CONTENTS, the object of "has" or "with"; each symbol gives conditions."""
+    """Box conditions: CONTENT is an item of CONTENTS, the object of "has" or "with". The values are conditions."""
     add("VARIETY", "a single ATTRIBUTE", lambda attribute: (attribute, exactly(1)))
     add("VARIETY", "all three ATTRIBUTE", lambda attribute: (attribute, exactly(3)))
     add("VARIETY", "RANGE different? ATTRIBUTE", lambda quantity, attribute: (attribute, quantity))

@@ -68,7 +68,7 @@ class BoxConditionTemplates(PhraseTemplates):
 
     @cached_property
     def weighted_conditions(self) -> Sequence[tuple[float, Callable[[], ConditionTemplate]]]:
-        """Probabilities of the condition templates; `contains_some` has the rest."""
+        """Probabilities of the condition templates; the rest is the probability of `contains_some`."""
         raise NotImplementedError
 
     def colour(self) -> tuple[str, ...]:

@@ -185,7 +185,7 @@ class PhraseTemplates:
         return at_most(number)
 
     def determiner(self, quantity: Quantity) -> Phrase:
-        """The determiner for a quantity; "a" stands for "a" or "an"."""
+        """The determiner for a quantity; "a" also where the noun needs "an"."""
         low, high, vague = quantity
         if vague:
             words = {
@@ -337,7 +337,7 @@ class PhraseTemplates:
     ) -> PredicateTemplate:
         """A relation to an item that `noun` denotes.
 
-        `words`: alternative wordings of the relation; `function`: the program function that gives the related items.
+        `words`: alternative wordings of the relation; `function`: the program function that returns the related items.
         """
 
         def test(variable: str) -> str:

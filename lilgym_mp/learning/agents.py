@@ -1,4 +1,4 @@
-"""Trained agents, whichever learner wrote them: a description, and a policy for each configuration they play.
+"""Trained agents of any learner: a description, and a policy for each configuration they play.
 
 A learner saves its agent as one model file (`model_file`), AGENT_FILE in its run directory; the file names the learner.
 """

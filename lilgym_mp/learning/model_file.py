@@ -1,7 +1,7 @@
 """A trained model as one safetensors file: tensors and a description.
 
 The description is JSON in the file's metadata: the model's kind, the configurations it plays, its supervision, and
-whatever its kind needs to rebuild the network. Reading a file never executes its contents.
+everything its kind needs to rebuild the network. Reading a file never executes its contents.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ FIRST_DELAY_SECONDS = 1.0  # before the first retry, doubled each time
 
 
 class AgentError(ValueError):
-    """An unavailable agent, or one that gives no answer."""
+    """The agent is unavailable or does not answer."""
 
 
 class Answer(NamedTuple):

@@ -24,7 +24,7 @@ from lilgym_mp.task import Task
 
 def recording_name(agent: str) -> NamedPolicy:
     """The name under which the agent's recordings are saved."""
-    return NamedPolicy(f"text {agent}", _no_policy, "whatever the agent learnt from", mask=False)
+    return NamedPolicy(f"text {agent}", _no_policy, "unknown training data", mask=False)
 
 
 def _no_policy(settings: Settings) -> Policy:

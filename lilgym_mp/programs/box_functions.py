@@ -1,6 +1,6 @@
 """Words vectorised over a box: a test of an item becomes a bitmask, a relation one bitmask per item.
 
-Bit i stands for the i-th item of the box. Results are computed by the words' own functions and memoised in `box.memo`:
+Bit i represents the i-th item of the box. Results are computed by the words' own functions and memoised in `box.memo`:
 boxes are immutable, and consecutive scenes share them.
 """
 
@@ -42,7 +42,7 @@ class _ItemCache(dict[Item, bool]):
         return value
 
 
-_EMPTY_BOX = BoxView(Box())  # stands in for the box where it does not matter
+_EMPTY_BOX = BoxView(Box())  # placeholder for tests that do not depend on the box
 
 
 def check_size(box: Box) -> None:

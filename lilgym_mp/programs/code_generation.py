@@ -430,7 +430,7 @@ class _Generator:
             masks = [part.mask for part in parts]
             return Bool(f"only_in(({', '.join(masks)}), ({', '.join(tests)}))", total=False)
         if not isinstance(item, ItemRef):
-            unsupported("test of what is not an item")
+            unsupported("test of something other than an item")
         return Bool(f"({self.test_mask(node, item.box)} >> {item.text} & 1)", item.total)
 
     def test_mask(self, node: Call, box: str) -> str:

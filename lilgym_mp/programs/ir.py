@@ -84,7 +84,7 @@ class BoxRef:
 
 @dataclass(frozen=True)
 class BoxItems:
-    """Items of one box, represented as a bitmask; `text` None stands for all items."""
+    """Items of one box, represented as a bitmask; `text` None means all items."""
 
     box: str
     text: str | None

@@ -98,7 +98,7 @@ class Lambda:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call of a word, with one argument per parameter; None stands for the default."""
+    """A call of a word, with one argument per parameter; None means the default."""
 
     word: Word
     arguments: tuple[Node | None, ...]

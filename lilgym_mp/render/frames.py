@@ -70,7 +70,7 @@ def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None
 
 
 def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
-    """A line around each box, the first of which begins at (margin, margin); lines outside the image are clipped."""
+    """A line around each box; the first box is at (margin, margin); lines outside the image are clipped."""
     for box in range(BOX_COUNT):
         left = margin + scale * BOX_PITCH * box
         pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)

@@ -95,7 +95,7 @@ def _panels(
 
 
 def calibration(data: ReportData) -> Item:
-    """How often STOP would have been right, by the probability that the agent gave it."""
+    """How often STOP would have been right, by the probability that the agent assigned to STOP."""
     title = f"Calibration of STOP on {data.main_split}"
     panels: list[tuple[str, str, str, list[Line]]] = []
     for configuration in data.configurations:

@@ -1,7 +1,7 @@
 """The expert: shortest solutions of tasks.
 
 `Solver(dynamics).solve(task)` solves a task from its start, `solve_from(state)` from any state, and
-`optimal_actions(state)` gives the first actions of shortest solutions. `Expert(env).act()` plays an environment.
+`optimal_actions(state)` returns the first actions of shortest solutions. `Expert(env).act()` plays an environment.
 docs/solver.md describes the algorithm and its results. The modules:
 
     solver, solution         entry point and results

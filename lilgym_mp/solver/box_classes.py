@@ -65,7 +65,7 @@ def signature_of(program: str) -> Signature | None:
 
 
 class BoxClasses:
-    """The classes of boxes that are interchangeable for several programs together, numbered as they are found.
+    """The classes of boxes that are interchangeable for several programs together, indexed in order of discovery.
 
     If `separable` is false, because some program is not, each box is a class of its own.
     """

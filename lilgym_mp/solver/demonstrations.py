@@ -99,7 +99,7 @@ def images_of(states: Iterable[State]) -> Iterable[UInt8Array]:
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any], about: Mapping[str, Any]) -> None:
-    """Writes a compressed npz file of the arrays, and of `about` as JSON. Equal content gives equal bytes."""
+    """Writes a compressed npz file of the arrays, and of `about` as JSON. Equal content yields equal bytes."""
     text = json.dumps(about, ensure_ascii=False, sort_keys=True)
     with path.open("wb") as file:
         np.savez_compressed(file, about=np.array(text), **arrays)

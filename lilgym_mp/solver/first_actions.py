@@ -1,9 +1,9 @@
 """Reachable box classes of Scatter scenes, and all first actions on shortest paths to them.
 
 For programs that are not relational. Abstract paths say which classes of items may be added or removed first; tables
-of all edits of a box say which actions do that. The rest of the path must still be feasible after the first action. In
-other boxes it is if it is now; in the same box it is if it has a refinement now that the first action does not affect,
-and otherwise a refinement is sought in the edited box.
+of all edits of a box say which actions do that. The rest of the path must still be feasible after the first action.
+Other boxes are unaffected. In the same box, the rest stays feasible if it has a refinement that the first action does
+not affect; otherwise a refinement is searched for in the edited box.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class ScatterReachability:
         return result
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit] | None:
-        """Edits that lead to boxes of these classes, in the given numbers; None if none were found.
+        """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.
 
         Raises BudgetExhaustedError.
         """
@@ -333,7 +333,7 @@ class _BoxReachability:
                     complete = complete and found is NoRefinement.INFEASIBLE
                     continue
                 feasible[index] = True
-                if self._unaffected(found, added.squares[index : index + 1])[0]:  # it holds without the addition too
+                if self._unaffected(found, added.squares[index : index + 1])[0]:  # also feasible without the addition
                     feasible |= self._unaffected(found, added.squares)
         return feasible, complete
 
@@ -346,7 +346,7 @@ class _BoxReachability:
         return unaffected
 
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
-        """The region (left, top, right, bottom) outside of which items do not affect the edit."""
+        """The region (left, top, right, bottom); items outside it do not affect the edit."""
         width, height = self._scatter.cell
         x, y = edit.column * width - self._index * BOX_PITCH, edit.row * height
         if isinstance(edit, AddItem):

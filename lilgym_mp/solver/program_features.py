@@ -236,7 +236,7 @@ def _side(node: Node | None) -> Side | None:
 
 @lru_cache(maxsize=FEATURE_CACHE_SIZE)
 def _item_test_values(word: Word, sides: tuple[Side | None, ...]) -> BoolArray:
-    """(1323,) the value of an item test for each canonical item; None stands for a side's default."""
+    """(1323,) the value of an item test for each canonical item; None means a side's default."""
     defaults = [parameter.default for parameter in word.parameters[1:]]
     given = [default if side is None else side for side, default in zip(sides, defaults, strict=True)]
     empty = BoxView(Box())

@@ -103,7 +103,7 @@ class _Refiner:
                 yield edited
 
     def _removable(self, box: Box, edit: AbstractEdit) -> list[int]:
-        """The positions of items whose removal gives the same abstract box as the edit."""
+        """The positions of items whose removal leads to the same abstract box as the edit."""
         item_classes = [self._abstraction.classes.of(item) for item in box.items]
         candidates = [position for position, item_class in enumerate(item_classes) if item_class == edit.item_class]
         if not self._abstraction.order_matters:

@@ -89,7 +89,7 @@ def map_chunks(
 
 
 def _ignore_interrupts() -> None:
-    """The parent process handles them."""
+    """Leaves Ctrl-C to the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -56,7 +56,7 @@ class ScatterSearch:
         if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
         if not has_program_goal(state.task):
-            return not_found(1, budget, "success is not the value of its program, by which Scatter tasks are solved")
+            return not_found(1, budget, "Scatter tasks can be solved only if success depends on their program alone")
         search = self.task_search(state, max_edits, budget, {})
         try:
             actions = search.solution()
@@ -132,7 +132,7 @@ class ScatterSearch:
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
 
     def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[int, Sequence[int], Box]]:
-        """Every box index, a group of actions on the box that are equivalent to the program, and the box after one."""
+        """Groups of actions that are equivalent for the program: box index, actions, and the box after one of them."""
         for index, box in enumerate(scene.boxes):
             for actions, after in self._box_edits(index, box, classes):
                 yield index, actions, after
@@ -290,7 +290,7 @@ class _TaskSearch:
     # Search in scenes
 
     def _by_single_edit(self) -> list[BoxEdit] | None:
-        """A single edit to a goal. If all were tried in vain, raises the lower bound to 2."""
+        """A single edit that reaches a goal. If all edits were tried and none does, raises the lower bound to 2."""
         left, middle, right = self._boxes
         for index, box in enumerate(self._boxes):
             for edit, after in self._successors(index)(box):

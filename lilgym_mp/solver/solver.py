@@ -93,7 +93,7 @@ class Solver:
     def plan_for(
         self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int, budget: int | None = None
     ) -> WeightedPlan:
-        """A plan that satisfies as much of the goals' probability as was found to be possible, in as few actions.
+        """The plan found with the highest total probability of satisfied goals, then with the fewest actions.
 
         `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. `budget`: scenes or class
         triples that may be examined; by default PLAN_BUDGET, or for a single goal, which is solved as by `solve`,

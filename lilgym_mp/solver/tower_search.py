@@ -98,7 +98,7 @@ class TowerReachability:
         self.reachable = [space.reachable(("stack", box.items), layer) for box, layer in boxes]
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit]:
-        """Edits that lead to boxes of these classes, in the given numbers. Raises BudgetExhaustedError."""
+        """Edits that lead to boxes of these classes, `edit_counts` in each box. Raises BudgetExhaustedError."""
         found: list[BoxEdit] = []
         for index, (edits, box_class) in enumerate(zip(edit_counts, triple, strict=True)):
             after, *_ = self.reachable[index].layer(edits, budget)[box_class]
@@ -165,7 +165,7 @@ class TowerSearch:
         return ActionSet((), complete=True, steps=0)
 
     def _first_actions_by_class(self, state: State, edits: int, budget: Budget) -> set[int]:
-        """The first actions of solutions with that many edits, given that none has fewer."""
+        """The first actions of solutions with that many edits, given that no solution has fewer."""
         programs, targets = programs_of(state.task), target_bits(state.task)
         space = class_space(programs)
         reachability = self.reachability(programs, state.scene)

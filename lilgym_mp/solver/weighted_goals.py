@@ -1,4 +1,4 @@
-"""Plans under uncertainty about the goal: one plan that satisfies as much of several goals' probability as possible."""
+"""Plans under uncertainty about the goal: maximise the total probability of the goals that one plan satisfies."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.solution import Solution
 
 PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
-BUDGET_DIVISOR = 24  # with several goals, one search may spend this fraction of the remaining budget
-MAX_EXTRA_EDITS = 3  # to satisfy one more goal
+BUDGET_DIVISOR = 24  # with several goals, one search may spend the remaining budget divided by this
+MAX_EXTRA_EDITS = 3  # added to a plan to satisfy one more goal
 MAX_REPAIRS = 4  # searches for a plan that satisfies one more goal without losing others
 MAX_TIES = 4  # equally short plans that are compared
-ROUNDING = 1e-12  # by which sums of the same probabilities in another order may differ
+ROUNDING = 1e-12  # tolerance for sums of the same probabilities in different order
 
 
 class WeightedGoal(NamedTuple):
@@ -56,7 +56,7 @@ class Reachability(Protocol):
         ...
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> Sequence[Action] | None:
-        """Edits that lead to boxes of these classes, in the given numbers; None if none were found.
+        """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.
 
         Raises BudgetExhaustedError.
         """

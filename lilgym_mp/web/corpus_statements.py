@@ -51,7 +51,7 @@ class StatementsBody(BaseModel):
 
 
 class ChoicesBody(BaseModel):
-    """Filter values for the statements of an appearance and split, with the number of statements for statement."""
+    """Filter values for an appearance and split, each with its number of statements; the length of the longest one."""
 
     phenomena: dict[str, int]
     words: dict[str, int]

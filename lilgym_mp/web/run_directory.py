@@ -26,7 +26,7 @@ FileStamp = tuple[int, int]  # modification time in ns and size; a change invali
 
 
 class UnreadableRecording(ValueError):
-    """A recording that is damaged or too large; the message gives its listed name, not its path."""
+    """A recording that is damaged or too large; the message contains its listed name, not its path."""
 
 
 class RecordingFile(NamedTuple):

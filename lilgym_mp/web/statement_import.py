@@ -55,9 +55,9 @@ class _ParsedStatement(NamedTuple):
 
 
 def read_statements(data: bytes, split: str) -> ImportResult:
-    """Reads a file in the corpus format or in NLVR's JSON lines; the first line tells which.
+    """Reads a file in the corpus format or in NLVR's JSON lines; the first line determines which.
 
-    `split` is assigned to NLVR statements, whose files name none. Raises CorpusError if the file is unreadable.
+    `split` is assigned to NLVR statements, whose files name no split. Raises CorpusError if the file is unreadable.
     """
     faults = FaultLog(stop_at_first=False)
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:

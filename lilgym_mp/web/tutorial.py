@@ -39,7 +39,7 @@ TASKS: tuple[TutorialTask, ...] = (
         "exist",
         "Existence",
         "At least one of the items is blue.",
-        "filter_obj(items, condition) keeps the items for which the condition holds; exist(...) tells whether any are "
+        "filter_obj(items, condition) keeps the items for which the condition holds; exist(...) is true if any are "
         "left. all_items holds the items of all three boxes. Try: exist(filter_obj(all_items, lambda x: is_blue(x)))",
         (
             (_towers("yb", "k", ""), True),
@@ -53,7 +53,7 @@ TASKS: tuple[TutorialTask, ...] = (
         "Counting boxes",
         "Exactly two towers have a black block at the base.",
         "all_boxes holds the three boxes; a box can be used wherever a collection of items is expected. is_bottom(x) "
-        "tells whether an item is the lowest in its box. Count the boxes that hold such an item: "
+        "is true if the item is the lowest in its box. Count the boxes that hold such an item: "
         "equal_int(count(filter_obj(all_boxes, lambda b: ...)), 2)",
         (
             (_towers("ky", "kb", "yk"), True),

@@ -315,7 +315,7 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
         ({"options": {"task": 5}}, "no task 5 in"),
         ({"options": {"task": [[], 1, None]}}, "no task \\[\\] in"),
         ({"options": [1]}, "reset options must be a mapping such as {'task': id}, not \\[1\\]"),
-        ({"options": {"reset_mask": np.zeros(3, bool)}}, "reset_mask chooses no environment"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, "reset_mask selects no environment"),
         ({"options": {"reset_mask": [True, False, True]}}, "reset_mask must be a bool array of shape \\(3,\\)"),
         ({"options": {"reset_mask": np.ones(2, bool)}}, "reset_mask must be a bool array of shape \\(3,\\)"),
     ],

@@ -68,7 +68,7 @@ def test_decision__has_at_most_five_actions_and_none_without_probability():
 
 
 def test_decision__rejects_probabilities_of_another_shape():
-    with pytest.raises(ValueError, match=r"probabilities \(1, 7\), not \(1, 13\)"):
+    with pytest.raises(ValueError, match=r"probabilities of shape \(1, 7\), not \(1, 13\)"):
         decisions(PolicyOutput(np.zeros((1, 7))), ALL_LEGAL, TOWER)
 
 
@@ -167,7 +167,7 @@ def test_from_json__is_the_inverse_of_to_json():
         ({"types": [0.5, 0.5]}, "3 numbers each"),
         ({"types": [0.5, 0.5, 2]}, "types must be probabilities from 0 to 1, not 2"),
         ({"add_cells": [[1, "much"]]}, "add_cells must be probabilities"),
-        ({"likeliest": [["FLY", 0.5]]}, "'FLY' names no action"),
+        ({"likeliest": [["FLY", 0.5]]}, "'FLY' is not an action"),
         ({"programs": {"exist(all_items)": -1}}, "programs: exist"),
     ],
 )

@@ -144,7 +144,7 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
         (lambda rows: rows[2].pop("outcome"), "line 3: missing key 'outcome'"),
         (lambda rows: rows[2].update(outcome="lost"), "line 3: outcome must be one of success, wrong_stop"),
         (lambda rows: rows[2].update(phenomena=["irony"]), "line 3: phenomena must be among existence"),
-        (lambda rows: rows[2].update(actions=["JUMP"]), "line 3: 'JUMP' names no action"),
+        (lambda rows: rows[2].update(actions=["JUMP"]), "line 3: 'JUMP' is not an action"),
         (lambda rows: rows[2].update(rewards=[]), "line 3: 0 rewards for 2 actions"),
         (lambda rows: rows[2].update(start=[[], []]), "line 3: a scene has 3 boxes, not 2"),
         (lambda rows: rows[2].update(invalid_reason="bad luck"), "line 3: invalid_reason must be null or one of"),

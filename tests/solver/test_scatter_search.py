@@ -108,7 +108,7 @@ def test_unsolvable__is_not_claimed_if_success_is_not_the_programs_value():
     matching = MatchingTask("one", "A statement.", "True", True, Scene.empty(), frozenset({content(goal)}))
     solution = Solver(mdp("scatter")).solve(matching)
     assert solution.status is Status.NOT_FOUND
-    assert "not the value of its program" in solution.reason
+    assert "depends on their program alone" in solution.reason
 
 
 def test_proof__agrees_with_trying_every_single_edit():

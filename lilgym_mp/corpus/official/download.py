@@ -1,8 +1,7 @@
 """Downloads the official corpus from its repository on GitHub, or from a directory on any web server.
 
-Files are found by name anywhere in the repository's tree; Git object ids serve as checksums. No commit is pinned, since
-that of the release was not known when this was written: the installation records the commit, and `release` verifies
-the content of the files.
+Files are found by name anywhere in the repository's tree; Git object ids serve as checksums. No commit is pinned,
+because that of the release is unknown: the installation records the commit, and `release` verifies the files' content.
 """
 
 from __future__ import annotations
@@ -75,7 +74,7 @@ class GitHub:
         missing = [name for name in names if name not in found]
         if missing:
             raise CorpusError(
-                f"{self}: has no {listed(missing)}; obtain the files otherwise and run `lilgym-mp data import`"
+                f"{self}: has no {listed(missing)}; obtain the files elsewhere and run `lilgym-mp data import`"
             )
         return Listing(commit, found)
 

@@ -164,7 +164,7 @@ class _Watchdog:
     def __init__(self, retries: RetryPolicy) -> None:
         self._seconds = retries.timeout
         self._least = retries.least_rate * retries.timeout
-        self._came = 0  # bytes, in the present span of `seconds`
+        self._received = 0  # bytes in the current span of `seconds`
         self._end = time.monotonic() + self._seconds
         self._sockets: list[socket.socket] = []
         self._over = threading.Event()
@@ -176,9 +176,9 @@ class _Watchdog:
 
     def note(self, count: int) -> None:
         """Counts received bytes; restarts the timeout once the least rate is met."""
-        self._came += count
-        if self._came >= self._least:
-            self._came, self._end = 0, time.monotonic() + self._seconds
+        self._received += count
+        if self._received >= self._least:
+            self._received, self._end = 0, time.monotonic() + self._seconds
 
     def stop(self) -> None:
         self._over.set()

@@ -1,8 +1,8 @@
 """Known properties of the files in lilGym's release 0.0.1, and verification of files against them.
 
-The numbers of tasks and contexts are those of the paper (SPEC section 2). Content digests are known for the files of
-which copies were available: Scratch train and dev, and FlipIt dev. The other files are verified by the number of
-entries, their format, and labels that agree with the programs.
+The numbers of tasks and contexts are those of the paper (SPEC section 2). Content digests are known for the files that
+were available: Scratch train and dev, and FlipIt dev. The other files are verified by the number of entries, their
+format, and labels that agree with the programs.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def content_digest(records: Iterable[Record]) -> str:
 def check_official_file(path: Path) -> OfficialFile:
     """Verifies a file under its released name.
 
-    Raises CorpusError naming the file and the fault: one that `load_tasks` would raise, or another version.
+    Raises CorpusError naming the file and the fault: a fault that `load_tasks` would raise, or another version.
     """
     appearance, start, _ = path.name.removesuffix(".json").split("_")
     facts, faults = FILE_FACTS[path.name], FaultLog(stop_at_first=True)

@@ -1,4 +1,4 @@
-"""Which places in the cells of a Scatter grid remain free beside items, as lookup tables for masks.
+"""Lookup tables for masks: the places in the cells of a Scatter grid that items leave free.
 
 Each place that a new item may take in a cell, by its footprint, is one bit of the cell's words, set in an empty box. An
 item clears some of them, depending on its own footprint and its offset from the cell: the words of the empty box, ANDed

@@ -40,12 +40,11 @@ class ScatterCore(CompiledCore):
         count = len(buffers.action)
         self._appearance = cast(Scatter, dynamics.appearance)
         self._tables = grid_tables(self._appearance, dynamics.rules.placement)
-        self._scenes = [Scene.empty()] * count  # of the versions in `_scene_versions`
+        self._scenes = [Scene.empty()] * count  # scenes at the versions in `_scene_versions`
         self._scene_versions = np.full((count, BOX_COUNT), NO_VERSION)
         self._versions_by_env = self._current.versions.reshape(count, BOX_COUNT)
-        self._start_uses_fallback = np.zeros(
-            len(tasks), np.bool_
-        )  # (tasks,) whether the start scene does, once it has been played
+        # (tasks,) whether the start scene needs the fallback; known once the task has been played
+        self._start_uses_fallback = np.zeros(len(tasks), np.bool_)
         self._uses_fallback = self._current.uses_fallback  # (N,) environments whose scenes are only in `_scenes`
         self._canvases: dict[int, Canvas] = {}  # by env id, of environments that use the fallback
         self._written_masks: Int64Array | None = None  # versions of boxes as of `buffers.mask`

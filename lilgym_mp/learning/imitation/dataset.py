@@ -174,7 +174,7 @@ class DataCollector:
             if actions is None or len(entry.with_actions) >= enough:
                 return
             truth = entry.truths[index]
-            self.add(entry, self.edited(scene), solve=False)  # a neighbour, whatever its truth
+            self.add(entry, self.edited(scene), solve=False)  # a neighbour of either truth value
             action = self.heads.action_of[actions[rng.integers(len(actions))]]
             scene, _ = self._appearance.apply(
                 scene, self._appearance.decode(int(action)), self._dynamics.rules.placement

@@ -11,7 +11,7 @@ from torch import Tensor
 from lilgym_mp.learning.imitation.batches import Batch
 from lilgym_mp.learning.imitation.network import Outputs
 
-MIN_PROBABILITY = 1e-13  # clamp; sets below it give no gradient
+MIN_PROBABILITY = 1e-13  # clamp; sets below it have no gradient
 
 
 class Losses(NamedTuple):

@@ -1,4 +1,4 @@
-"""Plans that satisfy as much of the candidate programs' probability as possible."""
+"""Plans that maximise the total probability of the candidate programs they satisfy."""
 
 from __future__ import annotations
 

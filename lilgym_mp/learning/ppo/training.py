@@ -98,11 +98,11 @@ def train_ppo(
     """Trains for `steps` environment steps in total, rounded up to whole rollouts; saves and returns the agent.
 
     `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
-    recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, every so
-    many steps, and at the end, without affecting training. Ctrl-C and SIGTERM save and stop after the current rollout,
-    a second one immediately. With equal seed and threads an interrupted and resumed run gives the same agent as an
-    uninterrupted one. Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`, TrainingError
-    when the loss is not finite, CorpusError for unusable data.
+    recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, at intervals
+    of that many steps, and at the end, without affecting training. Ctrl-C and SIGTERM save and stop after the current
+    rollout, a second one immediately. With equal seed and threads an interrupted and resumed run trains the same agent
+    as an uninterrupted one. Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`,
+    TrainingError when the loss is not finite, CorpusError for unusable data.
     """
     with _threads(threads), stop_on_signals() as stop:
         run = Run(settings, recipe, out, recipe_name, weights, device, resume=resume)
