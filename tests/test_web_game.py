@@ -243,7 +243,7 @@ def test_legal__equals_the_agents_mask(browser: Browser):
 @pytest.mark.parametrize(
     ("action", "own_actions", "status", "said"),
     [
-        ("ADD(LEFT, PINK)", 0, 422, "names no action"),
+        ("ADD(LEFT, PINK)", 0, 422, "is not an action"),
         ("ADD(3, 4, CIRCLE, BLACK, LARGE)", 0, 422, "not an action of tower"),
         ("REMOVE(LEFT)", 0, 409, "not legal now; nothing was done"),
         ("ADD(LEFT, BLUE)", 5, 409, "you have acted since"),
