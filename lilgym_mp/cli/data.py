@@ -41,8 +41,12 @@ def add_parser(subparsers: Any) -> None:
         add(actions)
 
 
+def _add_action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
+    return actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
+
+
 def _add_download(actions: Any) -> None:
-    parser = actions.add_parser("download", help="download the official corpus into the user's cache")
+    parser = _add_action(actions, "download", "download the official corpus into the user's cache")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--revision", help="commit, branch or tag of the repository (default: its newest commit)")
     source.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
@@ -52,20 +56,20 @@ def _add_download(actions: Any) -> None:
 
 
 def _add_import(actions: Any) -> None:
-    parser = actions.add_parser("import", help="install the official corpus from a directory or a checkout")
-    parser.add_argument("path", type=Path, help="directory with the released files, at any depth")
+    parser = _add_action(actions, "import", "install the official corpus from a directory or a checkout")
+    parser.add_argument("path", type=Path, metavar="PATH", help="directory with the released files, at any depth")
     _add_splits(parser)
     parser.set_defaults(run=_import)
 
 
 def _add_list(actions: Any) -> None:
-    parser = actions.add_parser("list", help="list corpora with their task sets")
-    parser.add_argument("corpus", nargs="*", help="names or paths (default: builtin and lilgym)")
+    parser = _add_action(actions, "list", "list corpora with their task sets")
+    parser.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
     parser.set_defaults(run=_list)
 
 
 def _add_stats(actions: Any) -> None:
-    parser = actions.add_parser("stats", help="count tasks, words, sentence forms, phenomena and program words")
+    parser = _add_action(actions, "stats", "count tasks, words, sentence forms, phenomena and program words")
     _add_corpus_argument(parser)
     parser.add_argument("--charts", type=Path, metavar="DIR", help="write charts to DIR as SVG")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
@@ -73,14 +77,14 @@ def _add_stats(actions: Any) -> None:
 
 
 def _add_check(actions: Any) -> None:
-    parser = actions.add_parser("check", help=f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
+    parser = _add_action(actions, "check", f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
     _add_corpus_argument(parser)
     parser.set_defaults(run=_check)
 
 
 def _add_show(actions: Any) -> None:
-    parser = actions.add_parser("show", help="show a task with its start scene, statement, program and truth value")
-    parser.add_argument("id", help="id of the task")
+    parser = _add_action(actions, "show", "show a task with its start scene, statement, program and truth value")
+    parser.add_argument("id", metavar="ID", help="id of the task")
     add_corpus(parser)
     for name, choices in SET_CHOICES.items():
         parser.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
@@ -90,7 +94,7 @@ def _add_show(actions: Any) -> None:
 
 
 def _add_synthesize(actions: Any) -> None:
-    parser = actions.add_parser("synthesize", help="make FlipIt start scenes for every statement of a corpus")
+    parser = _add_action(actions, "synthesize", "make FlipIt start scenes for every statement of a corpus")
     _add_corpus_argument(parser)
     _add_output(parser)
     _add_appearances_and_splits(parser)
@@ -102,7 +106,7 @@ def _add_synthesize(actions: Any) -> None:
 
 
 def _add_permute(actions: Any) -> None:
-    parser = actions.add_parser("permute", help="augment FlipIt start scenes with all permutations of their boxes")
+    parser = _add_action(actions, "permute", "augment FlipIt start scenes with all permutations of their boxes")
     _add_corpus_argument(parser)
     _add_output(parser)
     _add_appearances_and_splits(parser)
@@ -110,7 +114,7 @@ def _add_permute(actions: Any) -> None:
 
 
 def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("corpus", nargs="?", default="builtin", help=CORPUS_HELP)
+    parser.add_argument("corpus", nargs="?", default="builtin", metavar="CORPUS", help=CORPUS_HELP)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:

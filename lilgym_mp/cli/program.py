@@ -13,8 +13,14 @@ from lilgym_mp.programs import ProgramError, compile_program, explain_program
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("program", help="check a program, or evaluate it in a scene")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="compile a program, and show where and why it is wrong if it fails")
-    check.add_argument("source", help="one expression, such as 'exist(filter_obj(all_items, is_blue))'")
+    check = actions.add_parser(
+        "check",
+        help="compile a program, and show where and why it is wrong if it fails",
+        description="Compiles a program and lists the words it uses, or shows where and why it is wrong.",
+    )
+    check.add_argument(
+        "source", metavar="PROGRAM", help="one expression, such as 'exist(filter_obj(all_items, is_blue))'"
+    )
     check.set_defaults(run=run)
     evaluate = actions.add_parser(
         "run",
@@ -22,7 +28,9 @@ def add_parser(subparsers: Any) -> None:
         description="Evaluates a program, by default the task's own, in the start scene of a task, and shows the value "
         "of each part and which items satisfied its conditions.",
     )
-    evaluate.add_argument("source", nargs="?", help="one expression (default: the task's own program)")
+    evaluate.add_argument(
+        "source", nargs="?", metavar="PROGRAM", help="one expression (default: the task's own program)"
+    )
     evaluate.add_argument("--task", required=True, metavar="ID", help="task that provides the start scene")
     add_corpus(evaluate)
     evaluate.set_defaults(run=run_in_scene)
