@@ -91,7 +91,7 @@ _READERS: Mapping[tuple[str, int], tuple[Callable[..., Action], Sequence[Callabl
     ("REMOVE", 1): (RemoveBlock, (_BOX,)),
     ("ADD", 5): (AddItem, (int, int, Shape.__getitem__, Colour.__getitem__, Size.__getitem__)),
     ("REMOVE", 2): (RemoveItem, (int, int)),
-}  # by word and number of arguments
+}
 
 
 def named(name: str) -> Action:

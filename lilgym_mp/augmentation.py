@@ -333,7 +333,7 @@ class Symmetries(NamedTuple):
     squares: bool  # also squares; not if the program tests for towers, which consist of squares
     sides: bool  # not if the program tests for towers, whose right edges are compared, or indexes a list
     boxes: bool  # the program does not depend on their order
-    numbers: frozenset[int]  # among 1 .. 7: occur equally often in both
+    numbers: frozenset[int]  # those of 1 .. 7 that occur equally often in both
     named_numbers: frozenset[int]  # occur in the statement
     compares: bool  # "more than 2" may be `ge(..., 3)`: do not permute two numbers independently
 

@@ -42,7 +42,7 @@ from lilgym_mp.scene import (
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
-CACHE_BYTES = 32 << 20  # of cached box pixels per image size: about 3,300 boxes at half size
+CACHE_BYTES = 32 << 20  # budget for cached box pixels per image size: about 3,300 boxes at half size
 BATCH_SIZE = 64  # images read at once
 MAX_TRIALS = 3000  # budget of a decomposition: placements tried for one component
 MAX_SEARCH_STEPS = 300  # budget of an occlusion search: search nodes expanded
@@ -182,7 +182,7 @@ def _read_tower(image: UInt8Array) -> Scene:
 class _CoverageTables(NamedTuple):
     """Lookup tables by pixel hash: a perfect hash (mod 256) of the possible red, green and blue values."""
 
-    factors: tuple[np.uint8, np.uint8]  # of green and blue in the hash
+    factors: tuple[np.uint8, np.uint8]  # multipliers of green and blue in the hash
     pixels: UInt8Array  # (512, 3) the pixel with each hash inside a box, then on a separator
     coverage: UInt8Array  # (3, 256) native pixels of each colour
     is_box: BoolArray  # (256,) whether the hash is of a pixel inside a box
@@ -240,7 +240,7 @@ def _recoloured_pixels(colours: tuple[Colour, ...], shrink: int) -> UInt8Array:
 class _Region(NamedTuple):
     """Image region of a box and the adjacent halves of the separators."""
 
-    columns: slice  # of the image
+    columns: slice  # columns of the image
     before: int  # columns to the left of the box
     after: int  # columns to the right of the box
     offsets: NDArray[np.uint16]  # (columns,) offset into `_CoverageTables.pixels`: 0 in the box, 256 on separators

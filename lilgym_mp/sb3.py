@@ -31,7 +31,7 @@ STATEMENT = "statement"  # observation key; SB3 accepts statements only as token
 VECTOR_METHODS = ("action_masks", "goal_reached")  # return one row per environment
 
 Infos = Mapping[str, Any]  # Gymnasium's vector infos: arrays (N, ...), each with a mask `_name`
-Wrap = Callable[[Any], Any]  # for example a factory of `lilgym_mp.wrappers`
+Wrap = Callable[[Any], Any]  # such as a factory of `lilgym_mp.wrappers`
 
 
 class BatchVecEnv(VecEnv):

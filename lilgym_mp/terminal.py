@@ -101,7 +101,7 @@ class DownloadBar:
     def __init__(self, stream: TextIO | None = None) -> None:
         """`stream`: standard error by default."""
         self._stream = stream or sys.stderr
-        self._bar: RichProgress | None = None  # on a terminal, after the first `show`
+        self._bar: RichProgress | None = None  # set on a terminal by the first `show`
 
     def show(self, name: str, have: int, total: int | None) -> None:
         """Updates the bar. `total` is None if unknown."""

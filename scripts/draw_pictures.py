@@ -39,10 +39,8 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
 AGENT, SPLIT = "parse-and-plan", "dev"
-ACTIONS, CHARACTERS = (
-    range(3, 7),
-    range(30, 75),
-)  # numbers suitable for a film, of actions and of characters in the statement
+# numbers of actions, and of characters in the statement, that suit a film
+ACTIONS, CHARACTERS = range(3, 7), range(30, 75)
 PROPOSERS = {
     "veto": HELPFUL_PROPOSER,
     "joint": HELPFUL_PROPOSER,

@@ -194,9 +194,8 @@ def test_monitor__is_recognised_by_evaluate_policy(made: Any, backend: str, eval
         def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
             return np.zeros(COUNT, np.int64), None
 
-    returns, lengths = evaluate(
-        Stopping(), env, n_eval_episodes=10, return_episode_rewards=True
-    )  # warns if unmonitored
+    # warns if unmonitored
+    returns, lengths = evaluate(Stopping(), env, n_eval_episodes=10, return_episode_rewards=True)
     assert lengths == [1] * 10
     assert set(returns) <= {1.0, -1.0}
 

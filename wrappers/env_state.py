@@ -59,10 +59,10 @@ class EnvDescription:
     wrapper: str  # the wrapper's name, for error messages
     tasks: TaskSet
     dynamics: Dynamics
-    observation_space: spaces.Space[Any]  # of one environment
-    action_space: spaces.Space[Any]  # of one environment
+    observation_space: spaces.Space[Any]  # space of one environment
+    action_space: spaces.Space[Any]  # space of one environment
     item_capacity: int = field(init=False)  # the most items a box can have
-    stop_index: int = field(init=False)  # of the action STOP
+    stop_index: int = field(init=False)  # index of the action STOP
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "item_capacity", item_capacity(self.tasks, self.dynamics))

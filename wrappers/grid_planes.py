@@ -32,7 +32,7 @@ from lilgym_mp.wrappers.transformation import Batch
 OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # index of the last plane
 PLANE_COUNT = OCCUPANCY + 1
 
-_FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # of shape, colour and size
+_FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # first plane of shape, colour and size
 _SIDES = np.array(SIZE_PIXELS)
 _CORNER_SIGNS = (1, -1, -1, 1)
 

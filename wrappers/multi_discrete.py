@@ -88,7 +88,7 @@ class ArrayDecoding(Transformation):
 
 
 def _action_blocks(appearance: Appearance) -> list[_ActionBlock]:
-    """By ActionType."""
+    """The block of each ActionType."""
     unused = [0] * (len(appearance.to_array(STOP)) - 1)
     firsts = [appearance.encode(appearance.from_array([int(action_type), *unused])) for action_type in ActionType]
     ends = [*firsts[1:], appearance.action_count]

@@ -30,7 +30,7 @@ from lilgym_mp.wrappers.transformation import Batch, Transformation
 
 TARGET = "target"  # observation key
 MAX_LISTED = 64  # more legal actions than this are listed by cell instead of one by one with their numbers
-MAX_DESCRIBED = 50_000  # with a larger action space, legal actions are only counted
+MAX_DESCRIBED = 50_000  # in larger action spaces legal actions are only counted
 
 # Upper bounds on text lengths, in characters
 FIXED_LENGTH = 2_500

@@ -58,7 +58,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
             self.action_space = batch_space(self.single_action_space, env.num_envs)
         self._state = VectorEnvState(env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # (N,) where the next step ignores the action and resets
-        self._potentials = np.zeros(env.num_envs)  # (N,) of the current states, if rewards are changed
+        self._potentials = np.zeros(env.num_envs)  # (N,) potentials of the current states, if rewards are changed
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
 
     def __del__(self) -> None:

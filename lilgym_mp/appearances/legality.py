@@ -27,8 +27,8 @@ Place = tuple[slice, ...]
 class _Span(NamedTuple):
     """The overlap of an axis of an array with a shorter one laid over it that may extend beyond both ends."""
 
-    there: slice  # in the axis
-    own: slice  # in the axis laid over it
+    there: slice  # slice of the axis
+    own: slice  # slice of the axis laid over it
 
     @classmethod
     def of(cls, start: int, length: int, size: int) -> _Span:
@@ -50,7 +50,7 @@ class BoxLegality:
     def __init__(self, cell_width: int, cell_height: int, *, searches: bool) -> None:
         self._cell = cell_width, cell_height
         self._grid = BOX_SIDE // cell_width, BOX_SIDE // cell_height
-        self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # of a column, per word
+        self._pixels = cell_height if cell_height <= WORD_BITS[-1] else cell_height // 2  # pixels of a column per word
         # (footprints, words, 100) bitmasks by column: where a corner can be in an empty box.
         self._allowed = self._packed(allowed_corners(cell_width, cell_height, searches=searches))
         self._clear = [self._clear_words(footprint) for footprint in range(FOOTPRINT_COUNT)]

@@ -50,9 +50,8 @@ class PlacementTables:
 
     clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new footprint, other footprint, offset: clearance code
     moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
-    ties: Mapping[
-        int, Sequence[tuple[int, int]]
-    ]  # by flat index in `clearance`: the nearest segments, where they matter
+    # keyed by flat index in `clearance`: the nearest segments, where they matter
+    ties: Mapping[int, Sequence[tuple[int, int]]]
     outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
     pixel_areas: NDArray[np.int64]  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
 

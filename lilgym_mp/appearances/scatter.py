@@ -126,12 +126,11 @@ class Scatter:
     grid: Grid = RELEASED_GRID
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
-    cell_count: int = field(init=False, repr=False)  # of the grid, separators included
+    cell_count: int = field(init=False, repr=False)  # cells of the grid, separators included
     box_cells: tuple[range, ...] = field(init=False, repr=False, compare=False)  # cells of each box
     is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
-    _table: Sequence[Action] = field(
-        init=False, repr=False, compare=False
-    )  # by index, if there are at most MAX_DECODED
+    # decoded actions by index, if there are at most MAX_DECODED
+    _table: Sequence[Action] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         columns, rows = checked_grid(self.grid)

@@ -38,7 +38,7 @@ class _Stack(NamedTuple):
     """A box and its successors; None if the edit is invalid."""
 
     box: Box
-    with_block: tuple[Box | None, ...]  # by Colour
+    with_block: tuple[Box | None, ...]  # indexed by Colour
     without_top: Box | None
 
 
@@ -117,7 +117,7 @@ class TowerTables(NamedTuple):
     """The 121 boxes by index, the empty one first, as arrays for vectorised lookup."""
 
     boxes: Sequence[Box]  # (121,)
-    indices: Mapping[tuple[Item, ...], int]  # by items
+    indices: Mapping[tuple[Item, ...], int]  # keyed by the box's items
     after: NDArray[np.int64]  # (121, 4) index of the box after adding each colour and after removing; -1 if invalid
     colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
     action_box: NDArray[np.int64]  # (13,) box of an action; 0 for STOP
@@ -221,7 +221,7 @@ class Tower:
         return _legal_rows()[len(left.items)][len(middle.items)][len(right.items)].copy()
 
     def check_scene(self, scene: Scene) -> Scene:
-        """The same scene made of the shared boxes."""
+        """The same scene, composed of the shared boxes."""
         boxes: list[Box] = []
         for index, box in enumerate(scene.boxes):
             try:

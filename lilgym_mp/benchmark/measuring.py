@@ -21,7 +21,7 @@ class Effort(NamedTuple):
 
     repeats: int  # rounds
     seconds: float  # minimum time of one measurement
-    actions: int = ACTIONS  # of a workload, for all environments together
+    actions: int = ACTIONS  # actions of a workload, over all environments
 
 
 EFFORTS: Mapping[str, Effort] = {"full": Effort(9, 0.1), "quick": Effort(3, 0.01, ACTIONS // 8)}

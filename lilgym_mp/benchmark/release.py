@@ -18,8 +18,8 @@ from lilgym_mp.benchmark.players import Play, Timing
 from lilgym_mp.benchmark.traces import Workload
 
 PACKAGE = "lilgym"
-TIMEOUT_SECONDS = 300.0  # for the release to start, or to play once
-OWN_PYTHON = Path(".venv", "bin", "python")  # of the checkout, with the release's requirements
+TIMEOUT_SECONDS = 300.0  # time limit for the release to start, or to play once
+OWN_PYTHON = Path(".venv", "bin", "python")  # the checkout's Python, with the release's requirements
 
 
 class ReleaseError(ValueError):

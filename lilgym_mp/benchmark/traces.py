@@ -22,7 +22,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 SPLIT = "train"
 STOP = 0  # index of the action
 EPISODE_ACTIONS = 11  # edits and a STOP
-ACTIONS = 4_400  # of a workload, for all environments together
+ACTIONS = 4_400  # actions of a workload, over all environments
 MIN_EPISODES = 4  # per environment
 
 

@@ -19,7 +19,7 @@ from lilgym_mp.terminal import Progress
 OUTPUT = RUNS / "bench"
 QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
 CHART = "benchmark_scaling.png"
-PICTURES = "pictures"  # in the directory of the document that shows them
+PICTURES = "pictures"  # subdirectory of the document's directory
 
 
 def add_parser(subparsers: Any) -> None:

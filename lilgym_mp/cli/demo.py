@@ -70,7 +70,7 @@ class TrainingJob(NamedTuple):
     name: str
     directory: Path
     command: Sequence[str]
-    fraction_done: Callable[[dict[str, float]], float]  # from the last line of its progress file
+    fraction_done: Callable[[dict[str, float]], float]  # computed from the last line of its progress file
     note: Callable[[dict[str, float]], str]  # that line as text
 
 

@@ -37,7 +37,7 @@ POLICIES_RUN = "policies"
 class PlannedRun:
     """A training run with its evaluation, or the evaluation of built-in policies."""
 
-    name: str  # of its directories and log
+    name: str  # name of its directories and log
     train: tuple[str, ...]  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
     evaluate: tuple[tuple[str, ...], ...]  # one command per split, except the run directory and --record
     budget: tuple[str, float] | None = None  # a key of the progress file, and its value at the end of training

@@ -29,7 +29,7 @@ class ProgressReport:
     """Progress of a run."""
 
     node: str
-    attempt: int  # from 1; increases each time the run's node dies
+    attempt: int  # starts at 1; increases each time the run's node dies
     status: RunStatus
     fraction_done: float | None
 
@@ -41,7 +41,7 @@ class RunResult:
     status: RunStatus
     error: str
     seconds: float
-    files: bytes  # as made by `pack`
+    files: bytes  # archive made by `pack`
 
 
 class ProgressActor:

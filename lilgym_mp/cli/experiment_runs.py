@@ -23,7 +23,7 @@ from lilgym_mp.evaluation.files import writable_directory, write_json
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-SHUTDOWN_SECONDS = 30.0  # for interrupted runs to save
+SHUTDOWN_SECONDS = 30.0  # time for interrupted runs to save
 
 
 class RunStatus(StrEnum):
@@ -51,7 +51,7 @@ class Attempt:
         self.threads = threads
         self.status = RunStatus.WAITING
         self.location = ""  # node of a run on a cluster
-        self.remote_fraction_done: float | None = None  # as reported by that node
+        self.remote_fraction_done: float | None = None  # progress reported by that node
         self.began: float | None = None
         self.seconds = 0.0
         self.error = ""

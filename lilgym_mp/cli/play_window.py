@@ -24,7 +24,7 @@ FPS = 30
 BUTTON_WIDTH, BUTTON_HEIGHT, GAP = 76, 30, 8  # pixels
 MESSAGE_HEIGHT = 28
 SELECTED_RGB, BUTTON_RGB, EDGE_RGB = (200, 219, 245), (240, 240, 240), (150, 150, 150)
-LEFT_BUTTON, RIGHT_BUTTON = 1, 3  # of the mouse, as numbered by pygame
+LEFT_BUTTON, RIGHT_BUTTON = 1, 3  # pygame's numbers of the mouse buttons
 COMMANDS = ("stop", "hint", "next", "back", "quit")
 HELP = "Left button adds, right button removes. Keys: s stop, h hint, n next, b back, q quit."
 
@@ -46,7 +46,7 @@ class ControlPanel:
 
     appearance: Appearance
     message: str = HELP
-    selected: dict[int, str] = field(default_factory=dict)  # by row of buttons, the selected word
+    selected: dict[int, str] = field(default_factory=dict)  # the selected word in each row of buttons
 
     def __post_init__(self) -> None:
         attributes: list[Sequence[str]] = [[*COLOURS]]

@@ -32,7 +32,7 @@ class Session:
         self._env = env
         self._say = say
         self._coloured = coloured
-        self._last_result = ""  # of the last action, as text
+        self._last_result = ""  # result of the last action, as text
         self._episode_over = False
         self._frames: list[UInt8Array] = []
         self._successes: list[bool] = []

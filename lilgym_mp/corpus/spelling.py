@@ -22,7 +22,7 @@ CONTRACTIONS = (
 )
 LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
 MIN_LENGTH = 3  # shortest word that is corrected
-LONG = 7  # from this length on, two edits are corrected
+LONG = 7  # letters; words at least this long may be corrected by two edits
 MAX_LENGTH = 30  # longest word that is corrected
 CACHED_WORDS = 20_000
 _WORD = re.compile(r"[a-z]+|[0-9]+")

@@ -47,7 +47,7 @@ class Provenance:
     appearance: str
     start: str
     split: str
-    sha256: str  # of the file's bytes
+    sha256: str  # SHA-256 of the file's bytes
 
     def __str__(self) -> str:
         return f"corpus {self.corpus!r}, {self.appearance} {self.start}, split {self.split!r}"

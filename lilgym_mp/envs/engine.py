@@ -26,7 +26,7 @@ from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
-NO_ACTION = 2 * len(ActionStatus)  # in `Buffers.result`: the environment was reset and took no action
+NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action
 
 
 @dataclass(frozen=True)

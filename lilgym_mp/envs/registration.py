@@ -10,7 +10,7 @@ START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
 
 def environment_id(appearance: str, start: str) -> str:
-    """Such as "lilgym_mp/TowerFlipIt-v0"."""
+    """The Gymnasium id, such as "lilgym_mp/TowerFlipIt-v0"."""
     return f"lilgym_mp/{appearance.capitalize()}{START_TITLES[start]}-v0"
 
 

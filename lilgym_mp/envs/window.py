@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.extras import install
 
-RENDER_FPS = 4  # of every environment
+RENDER_FPS = 4  # the same for every environment
 
 
 class Window:

@@ -58,10 +58,10 @@ class Result:
     named: NamedPolicy
     plan: EvaluationPlan
     summary: Summary
-    seen_forms: SuccessCount  # of episodes whose statement has the form of a training statement
+    seen_forms: SuccessCount  # on statements that share a form with a training statement
     unseen_forms: SuccessCount
     episodes: Sequence[Episode]
-    cpu_seconds: float  # of the whole evaluation
+    cpu_seconds: float  # CPU time of the whole evaluation
     mask: bool = False  # whether illegal actions were masked
 
     @property

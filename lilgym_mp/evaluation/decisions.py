@@ -20,7 +20,7 @@ from lilgym_mp.scene import BOX_COUNT
 
 MAX_ANSWER_LENGTH = 4_000  # characters recorded of a text agent's answer
 MAX_LIKELIEST = 5  # actions and programs recorded per step
-MIN_PROBABILITY = 0.0005  # of a cell to be recorded
+MIN_PROBABILITY = 0.0005  # cells with lower probabilities are not recorded
 DIGITS = 4
 
 Cells = Mapping[int, float]  # probability by cell
@@ -30,9 +30,9 @@ FloatArray = NDArray[np.floating[Any]]
 class PolicyOutput(NamedTuple):
     """Outputs of a policy's latest call, for B states."""
 
-    probabilities: FloatArray  # (B, actions) of taking each action; one-hot if the policy is deterministic
+    probabilities: FloatArray  # (B, actions) probability of each action; one-hot if the policy is deterministic
     values: FloatArray | None = None  # (B,) the critic's value estimates
-    success_probabilities: Sequence[float] | None = None  # (B,) of the current plan, as estimated by its planner
+    success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
     programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
 
 
@@ -61,11 +61,11 @@ class Decision:
     legal: tuple[int, int, int]  # number of legal actions by type
     legal_probability: float  # total probability of legal actions
     value: float | None = None  # the critic's value estimate
-    success_probability: float | None = None  # of the plan, as estimated by its planner
+    success_probability: float | None = None  # the planner's estimate for its plan
     programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the most probable of those planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
-    answers: tuple[AgentAnswer, ...] = ()  # of a text agent; the action taken is from the last one
+    answers: tuple[AgentAnswer, ...] = ()  # answers of a text agent; the last one chose the action
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}

@@ -46,14 +46,14 @@ class Header:
     actions: str  # GREEDY or SAMPLED
     mask: bool  # whether illegal actions were masked
     stop_forcing: bool
-    seed: int  # of the evaluation
+    seed: int  # seed of the evaluation
     training_seed: int | None
     passes: int
     episodes: int
     start_scenes: int
     contexts: int
     corpus: str  # the corpus's own name
-    tasks_sha256: str  # of the task file
+    tasks_sha256: str  # SHA-256 of the task file
     expert: bool  # whether the episodes contain the lengths of the expert's solutions
     run: str | None = None  # the agent's run directory
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
@@ -88,15 +88,15 @@ class RecordedEpisode:
     target: bool
     statement_seen: bool  # whether it occurs verbatim in the training tasks
     form_seen: bool  # the same, ignoring colours, shapes, sizes and numbers
-    phenomena: tuple[str, ...]  # by the rules of `analysis.phenomena`
-    tags: tuple[str, ...]  # of the task in the corpus
+    phenomena: tuple[str, ...]  # detected by the rules of `analysis.phenomena`
+    tags: tuple[str, ...]  # annotations of the task in the corpus
     outcome: str
     invalid_reason: str | None
     actions: tuple[Action, ...]
     rewards: tuple[float, ...]  # one per action
     start: Scene
     optimal_actions: int | None = None  # length of the expert's solution from the start, including STOP
-    actions_left: int | None = None  # the same from the scene of a wrong STOP
+    actions_left: int | None = None  # length of the expert's solution from the scene of a wrong STOP
     stop_probabilities: tuple[float, ...] | None = None  # of the agent, before each action
     decisions: tuple[Decision, ...] | None = None  # of the agent, before each action; None if not recorded
 

@@ -38,7 +38,7 @@ class FilmFrame(NamedTuple):
     picture: UInt8Array  # (100, 380, 3), antialiased
     task: str  # statement and target as text
     caption: str  # last action, and the outcome at the end
-    rgb: tuple[int, int, int]  # of caption and border
+    rgb: tuple[int, int, int]  # colour of caption and border
 
 
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:

@@ -20,7 +20,7 @@ class NamedPolicy:
     name: str
     policy: Callable[[Settings], Policy]
     supervision: str = NO_SUPERVISION  # what it learnt from
-    configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # those that it can play
+    configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # configurations that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to reproduce it
 

@@ -51,7 +51,7 @@ class RandomLegal:
     """Uniform over legal actions."""
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        rank = rng.integers(legal.sum(1))  # of the action among the legal ones of its row
+        rank = rng.integers(legal.sum(1))  # rank of the action among the legal ones of its row
         return (legal.cumsum(1) > rank[:, None]).argmax(1)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
@@ -136,7 +136,7 @@ class ExpertPolicy:
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics = dynamics
         self._solver = Solver(dynamics)
-        self._plans: dict[int, tuple[Action, ...]] = {}  # by episode
+        self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
 
     @classmethod
     def of(cls, settings: Settings) -> ExpertPolicy:

@@ -22,8 +22,8 @@ from lilgym_mp.evaluation.report import software
 
 CIRCUMSTANCES_SUFFIX = ".made.json"
 MAX_BYTES = 1 << 20  # bytes
-MODIFIED_SUFFIX = " with changes"  # of a commit with uncommitted changes
-_OLD_MODIFIED_SUFFIX = ", changed"  # the same in older files
+MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
+_OLD_MODIFIED_SUFFIX = ", changed"  # used in older files
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class RecordingMetadata:
 
     date: str  # UTC, as 2026-01-31 23:59
     command: str
-    commit: str | None  # of the checkout that contains the package, None if it is installed
+    commit: str | None  # commit of the checkout; None for an installed package
     machine: str
     software: dict[str, str]  # versions
 

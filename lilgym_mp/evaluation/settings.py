@@ -47,7 +47,7 @@ class Settings:
 
     @property
     def id(self) -> str:
-        """Such as "lilgym_mp/TowerScratch-v0"."""
+        """The Gymnasium id, such as "lilgym_mp/TowerScratch-v0"."""
         return environment_id(self.appearance, self.start)
 
     def dynamics(self) -> Dynamics:

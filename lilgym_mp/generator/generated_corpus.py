@@ -27,12 +27,12 @@ from lilgym_mp.generator.validation import Draft, Entry, drafts, is_trivial, val
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-SPLIT_SIZES = {"train": 250, "dev": 50, "test": 100}  # in statements
+SPLIT_SIZES = {"train": 250, "dev": 50, "test": 100}  # numbers of statements
 SPLIT_WEIGHTS = {"train": 7, "dev": 1, "test": 2}  # shares of all programs
 POOL_WALKS = 32
-MAX_WORDINGS = 3  # of one program
+MAX_WORDINGS = 3  # wordings of one program
 PATIENCE = 3_000  # drafts after which MAX_WORDINGS more are allowed, for levels with few programs
-MAX_TRIVIAL_SHARE = 0.05  # of statements that are true in the empty scene
+MAX_TRIVIAL_SHARE = 0.05  # share of statements that are true in the empty scene
 CACHED_CORPORA = 16
 NAME = "lilgym_mp generated corpus"
 

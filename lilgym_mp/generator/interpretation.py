@@ -61,8 +61,8 @@ class Interpretation(NamedTuple):
     """Thresholds and conventions for judging a statement. The defaults are those of the program language."""
 
     wall_gap: int = 0  # largest gap in pixels at which an item touches a wall
-    touch_gap: int = 1  # the same for two items
-    near_gap: int = 4  # the same for "touching or almost touching" an item or wall
+    touch_gap: int = 1  # largest gap at which two items touch
+    near_gap: int = 4  # largest gap for "touching or almost touching" an item or wall
     overlap: int = 0  # pixels by which an item above another may reach below that one's top
     vacuous: bool = False  # whether "all" and "every" are true of no items
     vague_shift: int = 0  # added to the lower bound of vague quantities

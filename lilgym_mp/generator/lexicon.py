@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-IRREGULAR_PLURALS = {"is": "are", "has": "have", "does": "do", "touches": "touch"}  # of verbs
+IRREGULAR_PLURALS = {"is": "are", "has": "have", "does": "do", "touches": "touch"}  # plurals of verbs
 
 
 class Phrase(NamedTuple):

@@ -7,7 +7,7 @@ import re
 from collections.abc import Container
 from itertools import pairwise
 
-MIN_LETTERS = 4  # of a word that may be misspelt
+MIN_LETTERS = 4  # shorter words are not misspelt
 MISSPELLINGS = {
     "color": ("colour",),
     "colors": ("colours",),

@@ -48,7 +48,7 @@ from lilgym_mp.generator.semantics import (
 )
 from lilgym_mp.scene import Size
 
-VARIABLES = "xyzuvw"  # of nested lambdas, by depth
+VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
 _SIZE_TESTS = {Size.SMALL: "is_small", Size.MEDIUM: "is_medium", Size.LARGE: "is_big"}
 _POSITION_TESTS = {
     TowerPosition.TOP: "is_top",

@@ -21,7 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape
 
 RULES = RULE_SETS["paper"]
 EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
-SUCCESSORS = 3  # at most, of each expanded scene
+SUCCESSORS = 3  # most successors of an expanded scene
 TOUCHING_GAP = 1  # most pixels between two touching items
 NEAR_GAPS = (2, 3, 4)  # pixels: almost touching in the program language
 CLEAR_GAP = 9  # pixels: visibly apart
@@ -35,7 +35,7 @@ class Expansion(NamedTuple):
 
     scene: Scene
     successors: tuple[Scene, ...]
-    edits: int | None  # that led from the empty scene to `scene`; None if unknown
+    edits: int | None  # number of edits from the empty scene to `scene`; None if unknown
 
 
 Walk = tuple[Expansion, ...]  # each scene but the first is a successor of the one before

@@ -12,7 +12,7 @@ from lilgym_mp.generator.scene_sampling import EDIT_LIMIT, random_walks
 from lilgym_mp.scene import Scene
 
 SceneTest = Callable[[Scene], bool]
-SceneIndex = int  # into `ScenePool.scenes`
+SceneIndex = int  # index in `ScenePool.scenes`
 
 
 class StartScene(NamedTuple):

@@ -23,7 +23,7 @@ from lilgym_mp.generator.template_phrases import (
     item_set,
 )
 
-TRIES = 12  # to find compatible conditions
+TRIES = 12  # attempts to find compatible conditions
 BOX_WORDS = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
 ORDERS = {"more": ">", "fewer": "<", "equal": "==", "at least": ">="}
 TWO_COLOURS = (("yellow", "black"), ("yellow", "blue"), ("black", "blue"))
@@ -33,13 +33,13 @@ TWO_COLOURS = (("yellow", "black"), ("yellow", "blue"), ("black", "blue"))
 class ConditionTemplate:
     """A condition of boxes: its words and its test. At least one of `contents` and `verb_forms` is set."""
 
-    test: ProgramTest  # of a box expression
+    test: ProgramTest  # test of a box expression
     contents: str | None = None  # follows "has" or "with"
     modifier: str | None = None  # follows the noun: "of three blocks"
     verb_forms: tuple[str, str] | None = None  # singular and plural
     negative: bool = False  # listed last, after "but"
     kind: str = "contains"
-    attributes: AttributeWords | None = None  # of the items that are counted
+    attributes: AttributeWords | None = None  # attributes of the counted items
     min_items: int = 0  # fewest items of a box that satisfies it
     max_items: int | None = None  # most items
 

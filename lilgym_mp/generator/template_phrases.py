@@ -55,7 +55,7 @@ class PredicateTemplate:
     """A predicate of items: its words and its test."""
 
     complement: str  # follows "is"
-    test: ProgramTest  # of the positive predicate
+    test: ProgramTest  # test of the positive predicate
     verb_forms: tuple[str, str] | None = None  # singular and plural: "touches a wall", "touch a wall"
     positive: bool = True
     negated_complement: str | None = None  # follows "not", where it differs

@@ -25,10 +25,10 @@ from lilgym_mp.scene import Colour, Scene, Shape
 
 Value = TypeVar("Value")
 
-MIN_SHARE = 0.004  # of the pool's scenes that must have each truth value
-VARIANTS = 3  # of a draft, at most: drafts of the same form, so that train and dev share forms
+MIN_SHARE = 0.004  # share of the pool's scenes that must have each truth value
+VARIANTS = 3  # most variants of a draft: drafts of the same form, so that train and dev share forms
 MAX_VARIANT_LEVEL = 3  # drafts of higher levels have no variants
-PROBE_SCENES = 24  # on which the parses are compared with the program
+PROBE_SCENES = 24  # scenes on which the parses are compared with the program
 
 
 class Draft(NamedTuple):

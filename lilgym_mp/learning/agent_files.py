@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 
-AGENT_FILE = "agent.safetensors"  # in a run directory
+AGENT_FILE = "agent.safetensors"  # file name in a run directory
 SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
 
 

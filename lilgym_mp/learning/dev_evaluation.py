@@ -25,8 +25,8 @@ Goals = Mapping[str, frozenset[Content]]  # task id -> contents of the corpus's 
 class DevEvaluation(NamedTuple):
     """One episode from each start scene of dev; fractions from 0 to 1."""
 
-    steps: int  # of training
-    seconds: float  # of training
+    steps: int  # training steps so far
+    seconds: float  # training time so far
     start_scenes: int
     accuracy: float
     mean_reward: float
@@ -79,7 +79,7 @@ class DevEvaluator:
 
 
 def _goals(settings: Settings) -> Goals | None:
-    """None for FlipIt, and for a corpus without labelled scenes."""
+    """Goal scenes by task id; None for FlipIt, and for a corpus without labelled scenes."""
     if settings.start != SCRATCH:
         return None
     try:

@@ -35,8 +35,8 @@ class ModelDescription:
     """Metadata of a model file."""
 
     kind: str  # the learner that wrote it, as named on the command line
-    version: int  # of the kind's own format
-    configurations: tuple[str, ...]  # that it plays
+    version: int  # version of the kind's own format
+    configurations: tuple[str, ...]  # configurations that it plays
     supervision: str  # what it learnt from, for result tables
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # hyperparameters
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # specific to the kind, such as a vocabulary

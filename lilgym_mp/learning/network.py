@@ -25,7 +25,7 @@ PATCH_PIXELS = 10
 PATCHES = BOX_PIXELS // PATCH_PIXELS  # along each side of a box
 MAX_INTENSITY = 255.0
 MAX_ACTIONS = 50_000
-SMALL_GAIN = 0.01  # of the policy's last layer, so that learning starts from a nearly uniform policy
+SMALL_GAIN = 0.01  # gain of the policy's last layer, so that learning starts from a nearly uniform policy
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Summary:
     mean_actions: float
     answers: int
     misunderstood: int  # answers that named no action
-    seconds: float  # of the agent, in total
+    seconds: float  # total time of the agent
     prompt_tokens: int | None
     completion_tokens: int | None
     outcomes: dict[str, int]

@@ -16,7 +16,7 @@ from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
-MAX_BOX_ITEMS = 24  # for larger boxes the reference evaluator is used, which counts steps
+MAX_BOX_ITEMS = 24  # larger boxes use the reference evaluator, which counts steps
 TABLE_SIZE = 20_000  # cached items per test
 ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 

@@ -32,7 +32,7 @@ from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.programs.words import WORDS, Parameter, Word
 from lilgym_mp.scene import BOX_COUNT
 
-VARIABLES = ("x", "y", "z", "u", "v", "w")  # by depth of nesting; deeper ones are numbered
+VARIABLES = ("x", "y", "z", "u", "v", "w")  # names by nesting depth; deeper variables are numbered
 ATTRIBUTE_TESTS: Mapping[Enum, str] = {
     **{color: f"is_{color.name.lower()}" for color in Color},
     **{size: f"is_{size.name.lower()}" for size in Size},
@@ -138,7 +138,7 @@ def _simplify(node: Node, scope: Scope) -> Node:
 def _simplify_call(node: Call, scope: Scope) -> Node:
     name, arguments = node.word.name, _without_defaults(node)
     if name in _CONNECTIVES or name == "NOT":
-        return _python_logic(name, arguments, scope) or node
+        return _as_python_operator(name, arguments, scope) or node
     if name in _COMPARISONS and _all_have_type(arguments, INT, scope):
         return Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
     if name in ("equal", "equal_color", "equal_shape", "equal_size"):
@@ -157,7 +157,7 @@ def _simplify_call(node: Call, scope: Scope) -> Node:
         queried = _required(arguments[0].arguments[0])
         if type_of(queried, scope) in (ITEMS, BOX):
             return _call(_QUERIES[arguments[0].word.name], queried)
-    return Call(node.word, tuple(map(_box_for_its_items, node.word.parameters, arguments)))
+    return Call(node.word, tuple(map(_simplify_box_items, node.word.parameters, arguments)))
 
 
 def _without_defaults(node: Call) -> tuple[Node | None, ...]:
@@ -170,7 +170,7 @@ def _without_defaults(node: Call) -> tuple[Node | None, ...]:
     )
 
 
-def _box_for_its_items(parameter: Parameter, argument: Node | None) -> Node | None:
+def _simplify_box_items(parameter: Parameter, argument: Node | None) -> Node | None:
     """Replaces `b.all_items_in_box()` by `b` where any collection is accepted."""
     match argument:
         case Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_TYPES:
@@ -179,7 +179,7 @@ def _box_for_its_items(parameter: Parameter, argument: Node | None) -> Node | No
             return argument
 
 
-def _python_logic(name: str, arguments: Sequence[Node | None], scope: Scope) -> Node | None:
+def _as_python_operator(name: str, arguments: Sequence[Node | None], scope: Scope) -> Node | None:
     """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not raise."""
     operands = tuple(map(_required, arguments))
     if not _all_have_type(operands, BOOL, scope) or any(may_raise(operand, scope) for operand in operands[1:]):

@@ -15,7 +15,7 @@ from lilgym_mp.programs import box_functions, costs
 from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.scene import BOX_COUNT, Item
 
-MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # in a scene that generated code accepts
+MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # most items of a scene that generated code accepts
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
 LOCAL_BOX = "b"  # the parameter of a kernel
 ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}

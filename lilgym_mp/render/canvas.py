@@ -38,7 +38,7 @@ from lilgym_mp.scene import (
     Size,
 )
 
-CACHE_BYTES = 48 << 20  # for pictures of scenes; at half size those of all official Scatter scenes take 44 MB
+CACHE_BYTES = 48 << 20  # budget for cached scene pictures; those of all official Scatter scenes take 44 MB at half size
 RUN_PIXELS = 32
 LARGEST_PATCH = 2 + max(FOOTPRINT_SIDES)  # native side of the largest patch
 

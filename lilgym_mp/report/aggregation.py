@@ -18,7 +18,7 @@ class MeanStd(NamedTuple):
     """Mean and standard deviation of a metric over runs."""
 
     mean: float
-    deviation: float | None  # of the sample (n - 1); None for a single run
+    deviation: float | None  # sample standard deviation (n - 1); None for a single run
     runs: int
 
     def __str__(self) -> str:
@@ -26,7 +26,7 @@ class MeanStd(NamedTuple):
 
 
 def mean_std(values: Sequence[float]) -> MeanStd | None:
-    """None for no values."""
+    """Mean and sample standard deviation of the values; None if there are none."""
     if not values:
         return None
     return MeanStd(mean(values), stdev(values) if len(values) > 1 else None, len(values))

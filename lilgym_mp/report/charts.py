@@ -17,7 +17,7 @@ INK, FAINT = "#1d2733", "#8793a1"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
-MAX_LABELLED_BARS = 24  # in a panel; with more, values are not printed
+MAX_LABELLED_BARS = 24  # bars per panel; with more, values are not printed
 FRAMES_PER_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
 

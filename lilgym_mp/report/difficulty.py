@@ -23,8 +23,8 @@ from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import AgentResults, ReportData
 
-MAX_EDITS = 6  # from here on episodes are grouped together
-BINS = 10  # of the probability of STOP
+MAX_EDITS = 6  # episodes that need this many edits or more are grouped
+BINS = 10  # bins of the probability of STOP
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
 
 

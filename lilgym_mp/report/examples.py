@@ -14,7 +14,7 @@ from lilgym_mp.report.charts import FilmStrip, film_strips
 from lilgym_mp.report.items import Chart, Item, MissingItem
 from lilgym_mp.report.report_data import EXPERT, AgentResults, ReportData
 
-MAX_FRAMES = 10  # in a film strip
+MAX_FRAMES = 10  # frames of a film strip
 EXAMPLE_LENGTH = 4  # preferred number of actions of an example
 
 

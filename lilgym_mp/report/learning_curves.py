@@ -17,7 +17,7 @@ PROGRESS_METRICS: Mapping[str, tuple[str, str]] = {
     "imitation": ("truth_accuracy", "accuracy of predicted truth values"),
     "parse-and-plan": ("loss", "loss of the parser"),
 }
-REWARD_KEY = "nlvr_reward"  # of a recipe: whether only STOP in a scene of the corpus was rewarded
+REWARD_KEY = "nlvr_reward"  # recipe key: whether only STOP in a scene of the corpus was rewarded
 NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
     " --evaluate-every N`, with and without --nlvr-reward"
@@ -73,7 +73,7 @@ def _group_by_recipe(curves: Sequence[TrainingCurve]) -> dict[str, list[Training
 
 
 def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
-    """(suffix of the line's name, key of the evaluations) for runs of one recipe."""
+    """The lines of runs of one recipe: suffix of the line's name, key of the evaluations."""
     if any(line.get(PROGRAM_ACCURACY) is None for run in runs for line in run.evaluations):
         return [("", "accuracy")]
     if runs[0].recipe.get(REWARD_KEY):

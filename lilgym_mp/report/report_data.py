@@ -45,7 +45,7 @@ class TrainingCurve:
     learner: str
     configuration: str  # "" for a run on all configurations
     progress: tuple[dict[str, Any], ...]
-    evaluations: tuple[dict[str, Any], ...] = ()  # on dev during training
+    evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
@@ -55,8 +55,8 @@ class ReportData:
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have it
-    training_commands: tuple[str, ...] = ()  # of experiments, sorted by run name
+    metadata: tuple[RecordingMetadata, ...] = ()  # metadata of the recordings that have any
+    training_commands: tuple[str, ...] = ()  # commands of experiments, sorted by run name
 
     @property
     def agents(self) -> list[str]:

@@ -41,7 +41,7 @@ class ItemClasses:
         self.by_canonical_item = classes  # (1323,)
         self._by_canonical_item: list[int] = classes.tolist()
         self.representatives = [canonical_items()[first] for first in firsts]  # by class
-        self.canonical_counts: list[int] = np.bincount(classes).tolist()  # by class, of its canonical items
+        self.canonical_counts: list[int] = np.bincount(classes).tolist()  # number of canonical items of each class
         self.item_types = _one_colour_per_footprint(classes, len(firsts))  # by class
 
     @cached_property
@@ -71,7 +71,7 @@ def _classes(features: Sequence[ItemFeature]) -> tuple[Int64Array, list[int]]:
 
 
 def _one_colour_per_footprint(classes: Int64Array, count: int) -> list[tuple[ItemType, ...]]:
-    """By class: the item types that its items can have, one colour for each footprint, small ones first."""
+    """The item types that items of each class can have, one colour for each footprint, small ones first."""
     _, firsts = np.unique(classes * FOOTPRINT_COUNT + _footprints(), return_index=True)
     item_types: list[list[ItemType]] = [[] for _ in range(count)]
     chosen: list[int] = firsts.tolist()

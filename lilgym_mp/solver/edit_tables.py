@@ -138,7 +138,7 @@ def _snapped(
 def _moves(
     footprints: Int64Array, x: Int64Array, y: Int64Array, others: Int64Array, items: tuple[Item, ...], frame_x: int
 ) -> tuple[Int64Array, Int64Array]:
-    """By how much each new item moves towards `items[others[i]]`."""
+    """The snap move of each new item towards `items[others[i]]`."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
     entry = (footprints, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
     codes = _tables().moves[entry].astype(np.int64)

@@ -94,7 +94,7 @@ class ScatterReachability:
         return other
 
     def failure(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> NoRefinement | None:
-        """None if at least one goal is feasible. Raises BudgetExhaustedError."""
+        """Why no goal is feasible; None if at least one is. Raises BudgetExhaustedError."""
         result = NoRefinement.INFEASIBLE
         for edit_counts, triple in goals:
             failure = self._goal_failure(edit_counts, triple, budget)
@@ -134,7 +134,7 @@ class ScatterReachability:
         return FirstActions(frozenset(actions), complete)
 
     def _goal_failure(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> NoRefinement | None:
-        """None if the goal is feasible in each box."""
+        """Why the goal is infeasible; None if it is feasible in each box."""
         failures = [box.failure(edit_counts[index], triple[index], budget) for index, box in enumerate(self._boxes)]
         infeasible = NoRefinement.INFEASIBLE in failures
         return NoRefinement.INFEASIBLE if infeasible else next(filter(None, failures), None)
@@ -179,7 +179,7 @@ class _BoxReachability:
         return found
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
-        """None if `edits` edits can lead to a box of the class. Raises BudgetExhaustedError."""
+        """Why `edits` edits lead to no box of the class; None if they can. Raises BudgetExhaustedError."""
         if edits == 1:
             return None if self.first_actions(edits, box_class, budget).actions else NoRefinement.INFEASIBLE
         found = self.refinement(edits, box_class, budget)

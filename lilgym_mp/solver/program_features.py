@@ -38,7 +38,7 @@ from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
 
 ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the language's name: the field of Item
 LOGIC_WORDS: dict[str, Callable[..., BoolArray]] = {"AND": np.logical_and, "OR": np.logical_or, "NOT": np.logical_not}
-NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # of words that never inspect an item
+NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # groups of words that never inspect an item
 FEATURE_CACHE_SIZE = 4_096
 PROGRAM_CACHE_SIZE = 4_096
 

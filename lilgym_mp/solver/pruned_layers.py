@@ -116,7 +116,7 @@ class HeuristicSignature:
 
 
 def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
-    """By item: the classes of items that the word relates to it, its value, or for other words the item's position."""
+    """For each item: the classes of the items that the word relates to it, or its value; else the item's position."""
     if word.depends_on == "box" and word.parameters[0].type.mapped:
         masks = box_functions.vectorised_relation(word)(box)
         return [tuple(sorted(_selected(item_classes, masks[position]))) for position in range(len(item_classes))]
@@ -134,7 +134,7 @@ def _selected(item_classes: list[int], mask: int) -> list[int]:
 
 
 def _related_classes(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
-    """By item: the classes of the other items with which it satisfies a binary predicate."""
+    """For each item: the classes of the other items with which it satisfies a binary predicate."""
     members = BoxView(box).members
     return [
         tuple(sorted(item_classes[y.index] for y in members if y is not x and word.function(x, y))) for x in members

@@ -103,10 +103,10 @@ class Summary(NamedTuple):
 
     tasks: int
     solved: int
-    proven_optimal: int  # of the solved tasks
+    proven_optimal: int  # solved tasks with a proof of optimality
     unsolvable: int  # proven
     not_found: int
-    mean_steps: float  # of the solved tasks, STOP included
+    mean_steps: float  # mean over the solved tasks, STOP included
     most_steps: int
     median_seconds: float
     mean_seconds: float

@@ -97,7 +97,7 @@ class ScatterSearch:
         return self._first_actions_by_trial(state, max_edits, budget) if found is None else found
 
     def _first_actions_by_class(self, state: State, max_edits: int, budget: Budget) -> ActionSet | None:
-        """None if the nearest abstract goals are not feasible, or the budget is exhausted."""
+        """First actions by class; None if the nearest abstract goals are infeasible or the budget is exhausted."""
         programs, targets = programs_of(state.task), target_bits(state.task)
         space, reachability = class_space(programs), self.reachability(programs, state.scene)
         try:
@@ -207,7 +207,7 @@ class _FirstEditCheck:
 class _LayerResult(NamedTuple):
     """The result of refining the abstract goals at one distance."""
 
-    edits: list[BoxEdit] | None  # to a goal
+    edits: list[BoxEdit] | None  # edits that reach a goal; None if none were found
     goals: int  # examined
     failure: NoRefinement  # if `edits` is None
 

@@ -197,5 +197,5 @@ class TowerSearch:
 
 
 def _paths(layers: list[StackLayers], goal: Scene) -> list[tuple[BoxEdit, ...]]:
-    """By box, the edits to the goal."""
+    """The edits of each box that lead to the goal."""
     return [layers[index].path(goal.boxes[index], index) for index in range(BOX_COUNT)]

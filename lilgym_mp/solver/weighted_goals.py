@@ -52,7 +52,7 @@ class Reachability(Protocol):
 
     @property
     def reachable(self) -> Sequence[ReachableClasses]:
-        """By box."""
+        """The reachable classes of each box."""
         ...
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> Sequence[Action] | None:

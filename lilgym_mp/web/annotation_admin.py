@@ -33,7 +33,7 @@ from lilgym_mp.web.store.models import (
 )
 
 KEPT, DISPUTED, REJECTED = "kept", "disputed", "rejected"
-MAX_COMPARED_SCENES = 300  # for inter-annotator agreement
+MAX_COMPARED_SCENES = 300  # scenes used for inter-annotator agreement
 
 
 class PersonSummary(BaseModel):

@@ -29,7 +29,7 @@ ORGANISER, ANNOTATOR = "organiser", "annotator"
 class Caller:
     """Sender of a request: a browser, and the person logged in there, if any."""
 
-    id: str  # of the visitor
+    id: str  # visitor id
     csrf_token: str
     is_new: bool  # sent no valid cookie
     person: Person | None = None

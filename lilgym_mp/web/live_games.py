@@ -57,7 +57,7 @@ VIEWS: Mapping[str, View] = {
 MAX_GAMES = 300  # beyond that the least recently used game is evicted
 MAX_GAMES_PER_VISITOR = 10
 IDLE_SECONDS = 2 * 3600.0  # until an unused game is evicted
-MAX_PARTNER_TURNS = 500  # in a row, without a person's action
+MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
 
 
 class PastTurnBody(BaseModel):

@@ -18,8 +18,8 @@ from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recordi
 from lilgym_mp.learning.agent_files import AGENT_FILE
 
 MAX_FILES = 2_000  # listed per kind
-MAX_DEPTH = 6  # of nested directories
-MAX_BYTES = 64 << 20  # of a recording, compressed
+MAX_DEPTH = 6  # depth of nested directories
+MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
 
 FileStamp = tuple[int, int]  # modification time in ns and size; a change invalidates cache entries

@@ -13,7 +13,7 @@ from lilgym_mp.scene import Scene
 
 IMAGE_CACHE_SIZE = 2_000
 SCALE = 2  # 760 x 200 pixels
-COMPRESSION = 3  # of 9: higher levels take longer than sending the bytes they save
+COMPRESSION = 3  # zlib level; higher levels take longer than sending the bytes they save
 
 
 @lru_cache(IMAGE_CACHE_SIZE)

@@ -34,7 +34,7 @@ class RemoteFile(NamedTuple):
 
 class Listing(NamedTuple):
     revision: str | None
-    files: dict[str, RemoteFile]  # by released name
+    files: dict[str, RemoteFile]  # keyed by released name
 
 
 class Source(Protocol):

@@ -39,7 +39,7 @@ class RetryPolicy:
     tries: int = 5  # consecutive tries without progress
     first_pause: float = 1.0  # doubled after each try
     longest_pause: float = 30.0
-    timeout: float = 30.0  # to connect, to receive the headers, and to receive each chunk
+    timeout: float = 30.0  # for connecting, for the headers, and for each chunk
     least_rate: float = 4_000.0  # bytes per second, averaged over `timeout`; slower connections are closed
     pause: Callable[[float], None] = time.sleep
 
@@ -276,7 +276,7 @@ class _Connection:
             raise CorpusError(f"cannot download from {url!r}: {_one_line(fault)}") from None
         except (OSError, http.client.HTTPException) as fault:
             raise self._broken(f"invalid response: {_one_line(fault)}") from None
-        except ValueError as fault:  # from a redirect URL or a header
+        except ValueError as fault:  # caused by a redirect URL or a header
             raise CorpusError(f"cannot download from {url!r}: invalid response: {_one_line(fault)}") from None
 
     def read(self) -> bytes:

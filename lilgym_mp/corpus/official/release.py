@@ -28,7 +28,7 @@ class FileFacts(NamedTuple):
     """Known properties of a released file."""
 
     tasks: int
-    contexts: int  # as reported in the paper
+    contexts: int  # number reported in the paper
     content_sha256: str | None = None  # `content_digest`; None: no copy was available
 
 

@@ -21,10 +21,11 @@ from lilgym_mp.rules import Dynamics
 __all__ = ["FEWEST_COMPILED", "Core", "ScalarCore", "make_core"]
 
 FEWEST_COMPILED = 8  # environments; for fewer, calling compiled code costs more than it saves
+# module and class by appearance
 _COMPILED: Mapping[type[Appearance], tuple[str, str]] = {
     Tower: ("lilgym_mp.envs.cores.tower", "TowerCore"),
     Scatter: ("lilgym_mp.envs.cores.scatter", "ScatterCore"),
-}  # by appearance: module and class
+}
 
 
 def make_core(dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> Core:

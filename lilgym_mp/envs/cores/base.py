@@ -15,8 +15,8 @@ from lilgym_mp.scene import Scene
 
 # Plain ints for arrays: with enum members NumPy runs Python code, which takes microseconds and can swallow a Ctrl-C.
 CORRECT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(status) for status in ActionStatus)
-_EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # by whether the edit is valid
-_STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # by whether the target is reached
+_EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # indexed by whether the edit is valid
+_STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # indexed by whether the target is reached
 
 
 class Core(ABC):

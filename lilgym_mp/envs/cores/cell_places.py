@@ -36,9 +36,8 @@ class CellPlaces(NamedTuple):
     empty: Words  # (parts, cells of a box, words) words in an empty box
     left: Words  # (distinct masks, words) the bits that an item leaves set; mask 0 leaves all
     left_index: NDArray[np.unsignedinteger]  # (9, columns, rows) by footprint and `offset`: index in `left`
-    offset: tuple[
-        int, int
-    ]  # index in `left_index` of equal top-left corners; increases with the offset of a part from the item
+    # index in `left_index` of equal top-left corners; increases with the offset of a part from the item
+    offset: tuple[int, int]
     edits: Int64Array  # (words,) bit of the footprint, legal if the word is not 0; last: REMOVABLE, legal if 0
     adds: BoolArray  # (2 * REMOVABLE, 27) by bitmask of legal edits: whether each item type can be added
 

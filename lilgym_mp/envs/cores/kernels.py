@@ -135,14 +135,14 @@ class DrawingTables(NamedTuple):
     lines: UInt8Array  # (28, 3 * columns) colours of a run, by item type; last: of an empty box
     colours: UInt8Array  # (counts, 3) `render.Palette.colours`
     background: UInt8Array  # (height * width * 3,) the image of empty boxes
-    width: int  # of the image
+    width: int  # width of the image
     shrink: int
 
 
 class Scenes(NamedTuple):
     """The current scenes of N environments, and their images."""
 
-    items: Int64Array  # (3 N, capacity) by row: items, then NO_ITEM
+    items: Int64Array  # (3 N, capacity) each row: items, then NO_ITEM
     counts: Int64Array  # (3 N,) number of items
     versions: Int64Array  # (3 N,) increases with every change of the box: by 1 if an item is added, else by 2 or more
     weighted: UInt8Array  # (3 N, side, side) weighted counts of coloured pixels, as in `render.Palette`

@@ -118,7 +118,7 @@ class StackBoxLowering:
         self.places = np.zeros((0, 0, 0), np.int64)
         self.tables = np.empty((0, len(boxes)), np.int64)
         self._lowering = boxes
-        self._indices: dict[BoxFunction, int] = {}  # in `tables`
+        self._indices: dict[BoxFunction, int] = {}  # indices in `tables`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:

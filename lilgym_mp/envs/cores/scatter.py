@@ -162,14 +162,13 @@ class _StartMasks:
 
     def __init__(self, tasks: int, actions: int) -> None:
         self._masks = np.empty((tasks, actions), np.bool_)  # the system allocates pages when they are written
-        self._known = np.zeros(tasks, np.bool_)
-        self._started: dict[
-            int, tuple[int, tuple[int, ...]]
-        ] = {}  # by environment: an unknown task, versions of its boxes
+        self._is_cached = np.zeros(tasks, np.bool_)
+        # keyed by environment: its task, whose mask is not cached yet, and the versions of its boxes
+        self._started: dict[int, tuple[int, tuple[int, ...]]] = {}
 
     def write(self, env_ids: Int64Array, tasks: Int64Array, versions: Int64Array, mask: BoolArray) -> Int64Array:
         """Writes cached masks of started tasks (k,) into `mask` (N, actions); returns the environments written."""
-        known = self._known[tasks]
+        known = self._is_cached[tasks]
         started = env_ids[known]
         mask[started] = self._masks[tasks[known]]
         for env_id, task in zip(env_ids[~known].tolist(), tasks[~known].tolist(), strict=True):
@@ -180,7 +179,7 @@ class _StartMasks:
         """Caches masks (N, actions) of environments that started an uncached task and have not changed since."""
         for env_id, (task, started) in self._started.items():
             if tuple(versions[env_id].tolist()) == started:
-                self._masks[task], self._known[task] = mask[env_id], True
+                self._masks[task], self._is_cached[task] = mask[env_id], True
         self._started.clear()
 
 

@@ -39,7 +39,7 @@ class GridTables(NamedTuple):
     )
     areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
-    cell_count: int  # of the grid
+    cell_count: int  # cells of the grid
     cell_width: int
     cell_height: int
     part_height: int

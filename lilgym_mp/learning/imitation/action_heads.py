@@ -21,7 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 
 COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # identity first; colour c becomes order[c]
 COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
-STOP_INDEX = 0  # of STOP's logit
+STOP_INDEX = 0  # index of STOP's logit
 
 
 @dataclass(frozen=True)

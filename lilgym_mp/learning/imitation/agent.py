@@ -131,7 +131,7 @@ class _ImagePolicy:
         self._horizon = horizon
         self._sampled = sampled
         self._policy = self._new_policy()
-        self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
+        self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
         self._latest: _PolicyInputs = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
 
     def _new_policy(self) -> CachedPolicy:

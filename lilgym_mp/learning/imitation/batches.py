@@ -21,7 +21,7 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDE
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 CACHED_STATEMENTS = 20_000
-MAX_CHARACTERS = 1_000  # of a statement; the rest is truncated
+MAX_CHARACTERS = 1_000  # longer statements are truncated
 Rng = np.random.Generator
 
 
@@ -95,7 +95,7 @@ class DistinctBoxes(NamedTuple):
 
     @classmethod
     def of(cls, scenes: Int64Array, acting: int) -> DistinctBoxes:
-        """From (S, N, 3) scenes as indices into the feature table; `acting` is A."""
+        """The distinct boxes of (S, N, 3) scenes, given as indices into the feature table; `acting` is A."""
         parts = [_distinct(row, acting) for row in scenes]
         rows = [row for row, _, _ in parts]
         counts = np.array([len(row) for row in rows])

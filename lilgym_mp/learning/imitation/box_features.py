@@ -31,13 +31,11 @@ class BoxFeatureTable:
         self.counts = np.zeros(0, np.int64)  # (N,)
         self.features = np.zeros((0, item_capacity, FIXED_FEATURES), np.uint8)  # (N, K, F) binary
         self.colours = np.zeros((0, item_capacity), np.int64)  # (N, K)
-        self.relations = np.zeros(
-            (0, item_capacity, item_capacity), np.uint8
-        )  # (N, K, K) of the second item to the first
+        # (N, K, K) relation of the second item to the first
+        self.relations = np.zeros((0, item_capacity, item_capacity), np.uint8)
         self.offsets = np.zeros((0, item_capacity, 2, CELLS), np.int16)  # (N, K, 2, 5) see `cell_offsets`
-        self.legal = np.zeros(
-            (0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_
-        )  # (N, 25, 9 + 1) ADD of each footprint, REMOVE
+        # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
+        self.legal = np.zeros((0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_)
         self._legality = box_legality(CELL, CELL, searches=True)
 
     def __len__(self) -> int:

@@ -30,7 +30,7 @@ from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.task import Task
 
 BATCH_SIZE = 128  # scenes, or statements, per forward pass
-MAX_CACHED_PAIRS = 50_000  # of a statement and a box
+MAX_CACHED_PAIRS = 50_000  # pairs of a statement and a box
 MAX_BOX_INDICES = 1 << 32  # factor of the statement in cache keys
 
 
@@ -83,17 +83,17 @@ class _RowCache:
 class _CachedStatement(NamedTuple):
     """A statement's encoding, shared by all of its scenes."""
 
-    index: int  # among all cached statements
+    index: int  # index among all cached statements
     key_values: list[Tensor]  # (T, 2 d) of each layer but the last, which attends from scenes
     length: int  # padded number of words; selects the cache of the last layer's keys and values
-    row: int  # in that cache
+    row: int  # row in that cache
 
 
 class _SceneBatch(NamedTuple):
     """Scenes of one forward pass."""
 
     rows: Int64Array  # (B,) their indices in the call
-    statements: StatementEncodings  # of the last layer alone
+    statements: StatementEncodings  # encodings for the last layer alone
     pairs: Tensor  # (B, 1, 3) indices of their statement-box pairs in the cache
 
 

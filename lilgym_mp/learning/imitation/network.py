@@ -25,7 +25,7 @@ RELATION_GATES = 8  # per relation layer
 CELL_CHANNELS = 32  # dimension of cell keys and item type queries
 CELL_HIDDEN = 64
 GEOMETRY_CHANNELS = VALUE_CHANNELS = 16
-MAX_WORDS = 64  # of a statement; the rest is truncated
+MAX_WORDS = 64  # longer statements are truncated
 MIN_PADDED_WORDS = 16  # padded length of a batch of statements: torch's softmax is slow over fewer
 
 
@@ -36,7 +36,7 @@ class Inputs(NamedTuple):
     """
 
     words: Tensor  # (S, T) word indices, 0 is padding
-    features: Tensor  # (S, M, F) of each item, except its colour
+    features: Tensor  # (S, M, F) features of each item, except its colour
     colours: Tensor  # (S, M)
     by_box: Tensor  # (S, U, K) index of each box's items among the S * M; S * M is padding
     by_item: Tensor  # (S, M) index of each item among the S * U * K
@@ -265,9 +265,8 @@ class ScatterHeads(nn.Module):
     def encode_cells(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """(S, V, 25, C) cell keys and (S, V, 25, 10) legality logits."""
         statements, boxes = inputs.cell_boxes.shape
-        across, down = (
-            embedding(inputs.offsets[:, axis]) for axis, embedding in enumerate((self.across, self.down))
-        )  # (items, 5, C)
+        # (items, 5, C) each
+        across, down = (embedding(inputs.offsets[:, axis]) for axis, embedding in enumerate((self.across, self.down)))
         value = self.value(items.flatten(0, 1).index_select(0, inputs.cell_items)).float()[:, None]
         each = ((across * value)[:, :, None] * down[:, None]).flatten(1, 2)  # (items, 25, C)
         each = torch.cat([self.geometry.item_terms(inputs.offsets), each], -1)
@@ -375,7 +374,7 @@ class ImitationNetwork(nn.Module):
         return self.predict(statements, self.encode_boxes(inputs, statements), inputs.scenes, targets)
 
     def encode_statements(self, words: Tensor) -> StatementEncodings:
-        """From (S, T) word indices."""
+        """Encodes statements, given as (S, T) word indices."""
         mask = attention_mask(words)
         x = self.text(words)
         layers = (cast("ItemLayer", layer).reading for layer in self.item_layers)
@@ -415,7 +414,7 @@ class ImitationNetwork(nn.Module):
         return outputs if boxes.legal is None else outputs._replace(legal=boxes.legal.float())
 
     def outputs(self, truth: Tensor, features: Tensor, heads: tuple[Tensor, Tensor]) -> Outputs:
-        """From truth logits, `features` (S, A, 3, d) from `action_features`, and the ADD and REMOVE logits."""
+        """Combines truth logits, `features` (S, A, 3, d) from `action_features`, and the ADD and REMOVE logits."""
         whole, (adds, removes) = features.sum(2), heads
         return Outputs(
             truth.float(),

@@ -65,10 +65,10 @@ VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabular
 class Progress(NamedTuple):
     """A line of progress.jsonl; losses are means since the last report."""
 
-    steps: int  # of the optimiser
+    steps: int  # optimiser steps
     states: int  # trained on so far
-    cpu_seconds: float  # of this process and its children, over the whole run
-    exploring_seconds: float  # of these, spent on data collection
+    cpu_seconds: float  # CPU time of this process and its children over the whole run
+    exploring_seconds: float  # part of `cpu_seconds` spent on data collection
     sets: int  # expert queries since the run was started or resumed
     text: float | None  # loss of writing programs, during text pretraining only
     truth: float | None  # truth loss; None during pretraining, like the following

@@ -44,7 +44,7 @@ class ParseAndPlanPolicy:
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
         self._episode_plans: dict[int, _EpisodePlan] = {}
-        self._latest: list[Plan | None] = []  # (B,) of the latest call
+        self._latest: list[Plan | None] = []  # (B,) plans of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         appearance = self.planner.dynamics.appearance

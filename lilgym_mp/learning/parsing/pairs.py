@@ -22,8 +22,8 @@ from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 
 APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # first word of each normalised statement
-MAX_NUMBER = 7  # of an augmented statement
-MAX_WORDS = 64  # of a statement, the appearance word included; the rest is truncated
+MAX_NUMBER = 7  # largest number in an augmented statement
+MAX_WORDS = 64  # including the appearance word; longer statements are truncated
 SHAPES = ("circle", "square", "triangle")
 
 

@@ -16,7 +16,7 @@ from lilgym_mp.task import Task
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
 IDENTITY = Calibration()
-MIN_PROBABILITY = 0.0002  # of a program to be planned for
+MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
 
 
 class Plan(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any
 
 from lilgym_mp.learning.recipes import check_bounds, setting
 
-HEADS = 4  # of attention; they divide the width
+HEADS = 4  # attention heads; must divide the width
 
 
 @dataclass(frozen=True)

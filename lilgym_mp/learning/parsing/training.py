@@ -52,16 +52,16 @@ MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 REPORT_EVERY = 50  # steps
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
 MAX_STARTS = 2  # planned from per held-out statement and target, for calibration
-MIN_PROBABILITY = 1e-4  # of the correct program where the beam misses it
+MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses it
 
 
 class Progress(NamedTuple):
     """A line of progress.jsonl."""
 
     step: int
-    steps: int  # in total
+    steps: int  # steps of the whole training
     loss: float  # mean since the last report
-    cpu_seconds: float  # of this process since training began, data preparation included
+    cpu_seconds: float  # CPU time of this process since training began, including data preparation
 
 
 class TrainingData(NamedTuple):

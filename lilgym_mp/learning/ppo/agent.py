@@ -40,7 +40,7 @@ class ModelPolicy:
         self.needs_masks = mask
         self._model, self._sampled = model, sampled
         self._table = BoxImageTable()
-        self.stop_probabilities = np.zeros(0)  # (B,) of the latest call
+        self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
         self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:

@@ -31,7 +31,7 @@ class Head(NamedTuple):
 
     name: str
     size: int
-    types: tuple[ActionType, ...]  # that use it
+    types: tuple[ActionType, ...]  # action types that use the argument
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def value_loss(values: Tensor, old_values: Tensor, returns: Tensor, clip: float 
 class ActionEvaluation(NamedTuple):
     """The current policy and value evaluated on M transitions."""
 
-    log_probabilities: Tensor  # (M,) of the actions taken
+    log_probabilities: Tensor  # (M,) log-probabilities of the actions taken
     entropies: Tensor  # (M,)
     values: Tensor  # (M,)
 

@@ -194,7 +194,7 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
 def _ours(configuration: str, model: str) -> dict[str, Any]:
     start = CONFIGURATIONS[configuration][1]
     fine_tuned = model in FINE_TUNED
-    fine_tuning = {  # of a policy that is already good
+    fine_tuning = {  # for a policy that is already good
         "learning_rate": 1e-4,
         "entropy": 0.01,
         "final_entropy": 0.003,

@@ -82,7 +82,7 @@ class RolloutCollector:
         self._sampler = TaskSampler(tasks, recipe)
         self._ids = tasks.tasks.ids
         self._task_of = np.zeros(recipe.envs, np.int64)  # task index of each environment
-        self._actions: list[list[int]] = [[] for _ in range(recipe.envs)]  # of the current episodes
+        self._actions: list[list[int]] = [[] for _ in range(recipe.envs)]  # actions of the current episodes
         self._returns = np.zeros(recipe.envs)  # undiscounted, of the current episodes
         self._observations: dict[str, Any] = {}
         self.statistics = EpisodeStatistics()

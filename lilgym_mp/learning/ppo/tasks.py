@@ -31,7 +31,7 @@ class TrainingTasks:
     tasks: TaskSet  # for training
     from_empty: BoolArray  # (tasks,) Scratch tasks in a FlipIt run
     validation: tuple[str, ...]  # held-out task ids of the corpus's train split
-    sha256: str  # of the corpus file
+    sha256: str  # SHA-256 of the corpus file
 
     @property
     def statements(self) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class TaskSampler:
         counts = np.array([len(task_indices) for task_indices in self._main], np.float64)
         if not counts.any():
             counts += 1
-        self._cumulative = (counts / counts.sum()).cumsum()  # of statements, by their number of tasks
+        self._cumulative = (counts / counts.sum()).cumsum()  # statements weighted by their number of tasks
         self.current = np.full(recipe.envs // self._group, -1, np.int64)  # (groups,) statement index
 
     def resample_statements(self, rng: np.random.Generator) -> None:

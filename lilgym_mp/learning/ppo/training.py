@@ -48,12 +48,12 @@ VALIDATIONS_FILE = "validations.jsonl"
 class Progress(NamedTuple):
     """A line of progress.jsonl: statistics of one rollout and its updates."""
 
-    steps: int  # so far, like the next three
+    steps: int  # so far, like the next three fields
     episodes: int
-    seconds: float  # of training
-    cpu_seconds: float  # of this process, evaluations included
+    seconds: float  # training time
+    cpu_seconds: float  # CPU time of this process, including evaluations
     steps_per_second: float
-    accuracy: float | None  # of the episodes that ended, by stop forcing too; None without any
+    accuracy: float | None  # accuracy of the episodes that ended, also by stop forcing; None without any
     mean_reward: float | None
     mean_length: float | None
     outcomes: dict[str, float]  # fractions of those episodes
@@ -69,7 +69,7 @@ class _TrainingState:
     """The counters in a checkpoint; field names are part of its format."""
 
     steps: int = 0
-    updates: int = 0  # of the optimiser
+    updates: int = 0  # optimiser steps
     episodes: int = 0
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -389,7 +389,7 @@ class _RolloutTensors:
 
     rollout: Rollout
     actions: Tensor  # (T * N,)
-    columns: RolloutBatch  # of all T * N transitions
+    columns: RolloutBatch  # all T * N transitions
     device: torch.device = field(repr=False)
 
     @classmethod

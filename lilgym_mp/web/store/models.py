@@ -144,9 +144,9 @@ class Submission(Base):
     verdict: Mapped[str] = mapped_column(String(10))  # accepted, failed (on a hidden scene), skipped
     program: Mapped[str] = mapped_column(Text, default="")
     confidence: Mapped[int | None] = mapped_column(Integer)  # 1 .. 5
-    reason: Mapped[str] = mapped_column(Text, default="")  # for a skip
+    reason: Mapped[str] = mapped_column(Text, default="")  # reason for a skip
     comment: Mapped[str] = mapped_column(Text, default="")
-    question: Mapped[str] = mapped_column(Text, default="")  # for the organisers
+    question: Mapped[str] = mapped_column(Text, default="")  # question to the organisers
     seconds: Mapped[float] = mapped_column(Float)  # since the assignment was first opened
     created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 

@@ -37,10 +37,10 @@ from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.scene import BOX_COUNT, Colour
 
-CHANNELS = 32  # of a patch
+CHANNELS = 32  # channels of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
 CHUNK = 256  # states per pass through the cell head, to stay in the CPU cache
-SMALL_GAIN = 0.01  # of the last layers, so that training starts from a nearly uniform policy
+SMALL_GAIN = 0.01  # gain of the last layers, so that training starts from a nearly uniform policy
 MAX_CACHED = 20_000  # statements, and boxes; 8,192 boxes take 30 MB
 
 
@@ -213,7 +213,7 @@ class BoxEncoder(nn.Module):
         self.feedforward = Feedforward(width)
 
     def forward(self, patches: Tensor, patches_of: Tensor) -> EncodedBoxes:
-        """From distinct patches (Q, 300) uint8, and the patch indices of U boxes (U, 25)."""
+        """Encodes U boxes, given as distinct patches (Q, 300) uint8 and patch indices (U, 25)."""
         pixels = patches.float().sub_(MIDDLE_GREY).div_(HALF_RANGE)
         encoded = F.embedding(patches_of.unflatten(1, (PATCHES, PATCHES)), F.relu(self.patch(pixels)))  # (U, 5, 5, C)
         encoded = encoded + F.relu(self.around(encoded.permute(0, 3, 1, 2)).permute(0, 2, 3, 1))

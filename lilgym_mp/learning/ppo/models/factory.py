@@ -14,7 +14,7 @@ from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import IMITATION, TRANSFORMERS, PPORecipe
 
-Make = Callable[[bool, bool], Model]  # of has_actor and has_critic
+Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
 
 
 def make_model(

@@ -15,7 +15,7 @@ class Prediction(NamedTuple):
     """Logits of a `FactoredPolicy` and values, for N states."""
 
     types: Tensor  # (N, 3)
-    heads: tuple[Tensor, ...]  # (N, size) of each head of the factorisation
+    heads: tuple[Tensor, ...]  # (N, size) logits of each head of the factorisation
     values: Tensor  # (N,) in -1 .. 1
 
 
