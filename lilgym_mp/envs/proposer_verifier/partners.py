@@ -5,7 +5,7 @@ A partner is a function of a `PartnerTurn`, which can be indexed like its observ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, SupportsIndex
@@ -57,7 +57,7 @@ class PartnerError(ValueError):
 
 @dataclass
 class PartnerTurn:
-    """A partner's input. Observation and mask are computed lazily."""
+    """A partner's input: an agent's side of the game. Observation and mask are computed lazily."""
 
     engine: GameEngine
     role: Role
@@ -76,12 +76,15 @@ class PartnerTurn:
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        return adapted_observation(self.adapters, self.engine.observe(self.role))
+        observation = self.engine.observe(self.role)
+        for adapter in self.adapters:
+            observation = adapter.observation(observation)
+        return observation
 
-    @property
+    @cached_property
     def observation(self) -> dict[str, Any]:
         """The observation without the mask."""
-        return self.full_observation["observation"]
+        return self.full_observation["observation"] if self.adapters else self.engine.observe_parts(self.role)
 
     @cached_property
     def action_mask(self) -> Int8Array:
@@ -97,19 +100,11 @@ class PartnerTurn:
         legal = np.flatnonzero(self.action_mask if mask is None else mask)
         return int(legal[self.rng.integers(len(legal))])
 
-
-def adapted_observation(adapters: Iterable[AgentAdapter], observation: AgentObservation) -> AgentObservation:
-    """The observation after the adapters, innermost first."""
-    for adapter in adapters:
-        observation = adapter.observation(observation)
-    return observation
-
-
-def unadapted_action(adapters: Sequence[AgentAdapter], action: Any) -> Any:
-    """The game's action for an agent's action above the adapters, innermost first."""
-    for adapter in reversed(adapters):
-        action = adapter.action(action)
-    return action
+    def game_action(self, action: Any) -> Any:
+        """The game's action for an action of the agent above the adapters."""
+        for adapter in reversed(self.adapters):
+            action = adapter.action(action)
+        return action
 
 
 Partner = Callable[[PartnerTurn], SupportsIndex]
@@ -127,7 +122,7 @@ def partner_action(partner: Partner, turn: PartnerTurn) -> int:
         raise PartnerError(
             f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[turn.role]} now"
         )
-    return unadapted_action(turn.adapters, index)
+    return turn.game_action(index)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, TypeVar
 
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
@@ -60,12 +61,14 @@ class Settings:
         views = _by_role(self.views, make_view)
         protocol = choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
-        sizes = protocol.message_sizes if self.message_size is None else self.message_size
+        sizes = protocol.message_sizes
+        if self.message_size is not None:
+            sizes = _by_role(self.message_size, partial(_count, "message_size", least=0))
         game = Game(
             protocol,
             self._config(protocol),
             self._reward_scheme(),
-            message_sizes=sizes if isinstance(sizes, tuple) else _by_role(sizes, _message_size),
+            message_sizes=sizes,
             message_cost=checked_number("message_cost", self.message_cost),
             history_length=max(view.history for view in views),
             homogeneous=checked_flag("homogeneous", self.homogeneous),
@@ -109,10 +112,6 @@ def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]
         return proposer, verifier
     value = checked(given)
     return value, value
-
-
-def _message_size(size: Any) -> int:
-    return _count("message_size", size, least=0)
 
 
 def _count(name: str, value: Any, *, least: int) -> int:

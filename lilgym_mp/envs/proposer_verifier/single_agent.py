@@ -20,9 +20,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     AgentAdapter,
     Partner,
     PartnerTurn,
-    adapted_observation,
     partner_action,
-    unadapted_action,
 )
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
@@ -128,7 +126,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         engine, role = self.engine, self._role
         if self._adapters[role]:
             engine.game.checked_action(role, action)
-            action = unadapted_action(self._adapters[role], action)
+            action = self._turn(role).game_action(action)
         other = self._partner_action() if role.other in engine.state.movers else None
         return engine.step(action, other) if role is Role.PROPOSER else engine.step(other, action)
 
@@ -140,29 +138,26 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             yield engine.step(None, action) if role is Role.PROPOSER else engine.step(action, None)
 
     def _partner_action(self) -> int:
-        other = self._role.other
-        return partner_action(self.partner, PartnerTurn(self.engine, other, self.engine.rng, self._adapters[other]))
+        return partner_action(self.partner, self._turn(self._role.other))
+
+    def _turn(self, role: Role, adapters: int | None = None) -> PartnerTurn:
+        """The side of `role`, with its innermost `adapters` (None: all)."""
+        return PartnerTurn(self.engine, role, self.engine.rng, self._adapters[role][:adapters])
 
     def _observation(self) -> Any:
-        adapters = self._adapters[self._role]
-        if not adapters:
-            return self.engine.observe_parts(self._role)
-        return adapted_observation(adapters, self.engine.observe(self._role))["observation"]
+        role = self._role
+        return self._turn(role).observation if self._adapters[role] else self.engine.observe_parts(role)
 
     def _info(self, info: dict[str, Any]) -> dict[str, Any]:
-        adapters = self._adapters[self._role]
-        for count, adapter in enumerate(adapters, 1):
-            info = adapter.info(
-                info, lambda inner=adapters[:count]: adapted_observation(inner, self.engine.observe(self._role))
-            )
+        for count, adapter in enumerate(self._adapters[self._role], 1):
+            info = adapter.info(info, lambda count=count: self._turn(self._role, count).full_observation)
         return info
 
     def action_masks(self) -> np.ndarray:
         """(actions,) bool, a new array: the agent's legal actions."""
         engine, role = self.engine, self._role
-        if self._adapters[role]:
-            return adapted_observation(self._adapters[role], engine.observe(role))["action_mask"].astype(bool)
-        return engine.game.legal_mask(engine.state, role).astype(bool)
+        mask = self._turn(role).action_mask if self._adapters[role] else engine.game.legal_mask(engine.state, role)
+        return mask.astype(bool)
 
     def render(self) -> UInt8Array | str | None:
         return self.engine.render()
