@@ -78,7 +78,7 @@ _COMPARISON = re.compile(r"(?<![a-z])(more|less|fewer|greater|larger|smaller)(?!
 # Common words that look like misspelt names, and words often typed together with the next one
 _ORDINARY = {"block", "blocks", "back", "lack", "bellow", "lift", "let", "light", "might", "night", "sight"}
 _SHORT = {"a", "an", "the", "is", "of", "in", "at", "on", "with", "and", "one"}
-_TOWER_WORDS = {"is_second", "is_third", "get_above", "get_below"}  # depend on whether a box is a tower
+_TOWER_WORDS = {"is_second", "is_third", "get_above", "get_below"}  # words that depend on whether a box is a tower
 
 
 class AugmentationError(ValueError):

@@ -18,21 +18,21 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Item
 
 WORD_BITS = (8, 16, 32, 64)
-CACHED_ITEMS = 20_000  # (footprint, x, y) whose masks are cached
+CACHED_ITEMS = 20_000  # triples (footprint, x, y) whose masks are cached
 
 Words = NDArray[Any]  # unsigned integers
 Place = tuple[slice, ...]
 
 
 class _Span(NamedTuple):
-    """The overlap of an axis of an array with a shorter one laid over it that may extend beyond both ends."""
+    """The overlap of an array axis with a shorter window that may extend beyond both ends."""
 
-    there: slice  # slice of the axis
-    own: slice  # slice of the axis laid over it
+    axis: slice  # in coordinates of the axis
+    window: slice  # in coordinates of the window
 
     @classmethod
     def of(cls, start: int, length: int, size: int) -> _Span:
-        """For an axis of `size` and one of `length` laid over it from `start`, which may be negative."""
+        """For an axis of `size` and a window of `length` from `start`, which may be negative."""
         first = max(0, start)
         stop = max(first, min(size, start + length))
         return cls(slice(first, stop), slice(first - start, stop - start))
@@ -55,8 +55,8 @@ class BoxLegality:
         self._allowed = self._packed(allowed_corners(cell_width, cell_height, searches=searches))
         self._clear = [self._clear_words(footprint) for footprint in range(FOOTPRINT_COUNT)]
         self._covers = np.array(cell_areas(cell_width, cell_height)) > 0
-        self._left_clear = lru_cache(CACHED_ITEMS)(self._new_clear)
-        self._covered = lru_cache(CACHED_ITEMS)(self._new_covered)
+        self._clear_of = lru_cache(CACHED_ITEMS)(self._compute_clear)
+        self._covered_by = lru_cache(CACHED_ITEMS)(self._compute_covered)
 
     def addable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows, footprints): whether an ADD to the cell is valid in a box with `items`."""
@@ -81,7 +81,7 @@ class BoxLegality:
         """(footprints, rows, words of a cell's column, columns, cell width) bitmasks: free corners."""
         free = self._allowed.copy()
         for item in items:
-            place, clear = self._left_clear(item.footprint, item.x, item.y)
+            place, clear = self._clear_of(item.footprint, item.x, item.y)
             here = free[place]
             here &= clear
         columns, rows = self._grid
@@ -91,30 +91,30 @@ class BoxLegality:
         """(columns, rows): whether one of `items` covers part of the cell."""
         found = np.zeros(self._grid, np.bool_)
         for item in items:
-            place, covers = self._covered(item.footprint, item.x, item.y)
+            place, covers = self._covered_by(item.footprint, item.x, item.y)
             here = found[place]
             here |= covers
         return found
 
-    def _new_clear(self, footprint: int, x: int, y: int) -> tuple[Place, Words]:
+    def _compute_clear(self, footprint: int, x: int, y: int) -> tuple[Place, Words]:
         """The slice of words around an item of `footprint` at (x, y), and masks of the bits that it leaves free."""
         columns = _Span.of(x - LARGEST_SIDE, 2 * LARGEST_SIDE + 1, BOX_SIDE)
         first, phase = divmod(y - LARGEST_SIDE, self._pixels)
         words = self._clear[footprint][phase]
         rows = _Span.of(first, words.shape[1], self._allowed.shape[1])
-        return (slice(None), rows.there, columns.there), words[:, rows.own, columns.own]
+        return (slice(None), rows.axis, columns.axis), words[:, rows.window, columns.window]
 
-    def _new_covered(self, footprint: int, x: int, y: int) -> tuple[Place, BoolArray]:
+    def _compute_covered(self, footprint: int, x: int, y: int) -> tuple[Place, BoolArray]:
         """The slice of cells around an item of `footprint` at (x, y), and which of them it covers in part."""
         (column, left), (row, top) = divmod(x, self._cell[0]), divmod(y, self._cell[1])
         width, height = self._cell
         covers = self._covers[footprint, width - 1 - left :: width, height - 1 - top :: height]
         columns = _Span.of(column, covers.shape[0], self._grid[0])
         rows = _Span.of(row, covers.shape[1], self._grid[1])
-        return (columns.there, rows.there), covers[columns.own, rows.own]
+        return (columns.axis, rows.axis), covers[columns.window, rows.window]
 
     def _clear_words(self, footprint: int) -> Sequence[Words]:
-        """(footprints, words, 61) bitmasks of the corners that do not overlap an item of `footprint`.
+        """(footprints, words, 61) bitmasks of the corners at which new items do not overlap an item of `footprint`.
 
         Corners up to LARGEST_SIDE from the item's, indexed by the position of the first one within its word.
         """

@@ -126,7 +126,7 @@ class TowerTables(NamedTuple):
     legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
 
 
-EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # by column of `after`
+EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # indexed by column of `after`
 
 
 @cache

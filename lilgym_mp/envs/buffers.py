@@ -15,7 +15,7 @@ from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.render import image_shape
 
-INVALID_REASONS = tuple(InvalidReason)  # by index in `Buffers.invalid`
+INVALID_REASONS = tuple(InvalidReason)  # in the order of the indices in `Buffers.invalid`
 REASON_INDICES = {reason: index for index, reason in enumerate(INVALID_REASONS)}
 NO_REASON = -1
 ALIGNMENT = 64  # bytes: each array starts on its own cache line

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-DRAWS = 16  # per call of the generator: the same numbers as one by one, in a quarter of the time
+DRAWS = 16  # drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time
 
 
 def next_draws(generator: np.random.Generator, task_count: int) -> list[int]:

@@ -123,7 +123,7 @@ class Engine:
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
         self._generators: list[np.random.Generator | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
-        self._episodes = np.zeros(count, np.int64)  # started, in evaluation
+        self._episodes = np.zeros(count, np.int64)  # number of tasks started in the evaluation
         self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
 
     def set_tasks(self, tasks: TaskSet) -> None:

@@ -44,12 +44,12 @@ AUTO = "auto"
 ENVS_WORTH_A_PROCESS = 64  # fewest environments per process with "auto"
 SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
-PAGES = 3  # copies of the images in shared memory that the caller can hold at a time; beyond, it copies them itself
+PAGES = 3  # copies of the images in shared memory that the caller can hold at a time; beyond that it copies them itself
 NO_PAGE = -1
-POLL_SECONDS = 0.2  # between checks that the other processes are alive
+POLL_SECONDS = 0.2  # time between checks that the other processes are alive
 START_SECONDS = 120.0  # time limit for a worker's imports and tasks
 JOIN_SECONDS = 1.0
-LONGEST_WAIT = 1e6  # seconds; the system accepts no longer wait
+LONGEST_WAIT = 1e6  # seconds; the longest wait that the system accepts
 DESCRIPTORS = 12  # file descriptors that starting a worker takes; Python leaks some if they run out half-way
 
 

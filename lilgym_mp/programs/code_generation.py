@@ -196,7 +196,7 @@ class _Generator:
         self.hoisted: dict[str, str] = {}
         self.max_runs: int = 1  # upper bound on how often the code being generated runs per evaluation
         self.loop_depth = 0
-        self.variables = 0  # loop variables created
+        self.variables = 0  # number of loop variables created
 
     def charge(self, steps: int) -> None:
         self.context.nodes_left -= 1
@@ -718,4 +718,4 @@ class Kernel:
         self.expression = expression
 
 
-_KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # by source; shared between programs
+_KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # keyed by source; shared between programs

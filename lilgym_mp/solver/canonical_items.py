@@ -12,7 +12,7 @@ from functools import cache
 from lilgym_mp.programs.functions.items import MARGIN, WIDE_MARGIN
 from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Colour, Item, Shape, Size
 
-OVERHANG = 2 * BOX_SIDE  # pixels by which an item may lie outside its box and still be looked up
+OVERHANG = 2 * BOX_SIDE  # pixels by which an item may lie outside its box and still have a canonical index
 ZONE_COUNT = 7  # along one axis: away from walls; at the near wall or within either margin of it; the same at the far
 ZONE_PAIR_COUNT = ZONE_COUNT**2
 COLOUR_COUNT = len(Colour)

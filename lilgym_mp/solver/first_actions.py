@@ -49,12 +49,12 @@ from lilgym_mp.solver.layered_search import Budget
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
 
 MAX_GOALS = 40  # abstract boxes of one class, at one distance, that are refined
-MAX_REMAINDERS = 8  # rests of paths after a first edit that are refined
+MAX_REMAINDERS = 8  # remainders of paths after a first edit that are refined
 MAX_CHECKED = 60  # additions of one item class after which the rest of the path is refined one by one
 ABSTRACT_BOX_COST = 5  # budget spent on finding the class of an abstract box, in class triples
 CLEARANCE = SNAP_REACH + LARGEST_MOVE + 1  # pixels between items beyond which neither affects the other's placement
 
-Remainder = tuple[AbstractEdit, ...]  # the rest of an abstract path, in any order
+Remainder = tuple[AbstractEdit, ...]  # what remains of an abstract path after its first edit, in any order
 
 
 class FirstActions(NamedTuple):
@@ -94,7 +94,7 @@ class ScatterReachability:
         return other
 
     def failure(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> NoRefinement | None:
-        """Why no goal is feasible; None if at least one is. Raises BudgetExhaustedError."""
+        """None if some goal is feasible, INFEASIBLE if none is, else UNDECIDED. Raises BudgetExhaustedError."""
         result = NoRefinement.INFEASIBLE
         for edit_counts, triple in goals:
             failure = self._goal_failure(edit_counts, triple, budget)
@@ -134,7 +134,7 @@ class ScatterReachability:
         return FirstActions(frozenset(actions), complete)
 
     def _goal_failure(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> NoRefinement | None:
-        """Why the goal is infeasible; None if it is feasible in each box."""
+        """None if the goal is feasible in each box; INFEASIBLE if it is not in some box, else UNDECIDED."""
         failures = [box.failure(edit_counts[index], triple[index], budget) for index, box in enumerate(self._boxes)]
         infeasible = NoRefinement.INFEASIBLE in failures
         return NoRefinement.INFEASIBLE if infeasible else next(filter(None, failures), None)
@@ -179,7 +179,7 @@ class _BoxReachability:
         return found
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
-        """Why `edits` edits lead to no box of the class; None if they can. Raises BudgetExhaustedError."""
+        """None if `edits` edits can lead to a box of the class, else why not. Raises BudgetExhaustedError."""
         if edits == 1:
             return None if self.first_actions(edits, box_class, budget).actions else NoRefinement.INFEASIBLE
         found = self.refinement(edits, box_class, budget)

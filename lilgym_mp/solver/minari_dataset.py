@@ -38,7 +38,7 @@ def write_minari(
         raise ValueError(f"the Minari dataset {dataset_id!r} exists already; choose another name, or delete it")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
+            warnings.simplefilter("ignore", UserWarning)  # warnings about missing authors and links
             dataset = minari.create_dataset_from_buffers(
                 dataset_id,
                 _buffers(episodes, dynamics),  # may be an iterator: it is consumed once

@@ -104,7 +104,7 @@ class Summary(NamedTuple):
     tasks: int
     solved: int
     proven_optimal: int  # solved tasks with a proof of optimality
-    unsolvable: int  # proven
+    unsolvable: int  # proven unsolvable
     not_found: int
     mean_steps: float  # mean over the solved tasks, STOP included
     most_steps: int

@@ -28,7 +28,7 @@ from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, so
 
 ABSTRACTION_CACHE_SIZE = 256  # tuples of programs
 MAX_GOALS = 40  # abstract goals at one distance that are refined
-MAX_EXTRA_EDITS = 2  # beyond the abstract distance, before the pruned search takes over
+MAX_EXTRA_EDITS = 2  # distances tried beyond the abstract distance before the pruned search takes over
 FIRST_ACTION_BUDGET = 100_000  # scenes examined to check first actions one by one
 
 # By box index, items and abstract path. Shared by the searches from several states.
@@ -208,7 +208,7 @@ class _LayerResult(NamedTuple):
     """The result of refining the abstract goals at one distance."""
 
     edits: list[BoxEdit] | None  # edits that reach a goal; None if none were found
-    goals: int  # examined
+    goals: int  # number of goals examined
     failure: NoRefinement  # if `edits` is None
 
 

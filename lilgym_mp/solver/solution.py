@@ -24,7 +24,7 @@ class Solution:
     status: Status
     actions: tuple[Action, ...]  # edits, then STOP; empty when not solved
     least_edits: int  # proven lower bound on the edits of any solution
-    scenes: int  # examined by the search
+    scenes: int  # number of scenes examined by the search
     reason: str = ""  # why there is no solution
 
     @property

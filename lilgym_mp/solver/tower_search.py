@@ -22,7 +22,7 @@ from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, un
 
 BoxEdit = AddBlock | RemoveBlock
 
-MAX_EXHAUSTIVE_EDITS = 4  # up to which evaluating every scene is faster than finding box classes
+MAX_EXHAUSTIVE_EDITS = 4  # edits; up to this distance, evaluating every scene is faster than finding box classes
 
 _EDITS: tuple[BoxEdit, ...] = (*(AddBlock(0, colour) for colour in Colour), RemoveBlock(0))
 _ACTIONS = [{edit: Tower().encode(edit._replace(box=index)) for edit in _EDITS} for index in range(BOX_COUNT)]  # by box
@@ -33,7 +33,7 @@ class StackLayers:
     """The breadth-first layers of a stack, and the paths to the stacks in them."""
 
     layers: tuple[tuple[Box, ...], ...]
-    paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]]  # by the items of the stack; edits of box 0
+    paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]]  # keyed by the items of the stack; edits of box 0
 
     def layer(self, edits: int) -> Sequence[Box]:
         return self.layers[edits] if edits < len(self.layers) else ()

@@ -39,7 +39,7 @@ class WeightedPlan:
     actions: tuple[Action, ...]  # edits, then STOP; empty if no goal was found to be reachable
     satisfied: tuple[int, ...]  # indices of the goals that hold at STOP, ascending
     mass: float  # the sum of their probabilities
-    scenes: int  # examined by the search
+    scenes: int  # number of scenes examined by the search
 
     @property
     def steps(self) -> int:

@@ -22,8 +22,8 @@ from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT
 
 WORD_BITS = 64
-HIGHEST_PART = 25  # rows: higher cells, which would have too many places, are divided into parts
-LOW_PART = 10  # rows: divides the heights of all higher cells
+HIGHEST_PART = 25  # rows; higher cells are divided into parts, as they would have too many places
+LOW_PART = 10  # rows; a divisor of the heights of all higher cells
 REMOVABLE = 1 << FOOTPRINT_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each footprint to add
 
 Words = NDArray[np.uint64]

@@ -24,7 +24,7 @@ from lilgym_mp.render.drawing import palette, stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 
-NO_VERSION = -2  # older than any version, and by more than one added item
+NO_VERSION = -2  # older than any version by more than one added item
 _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 
 

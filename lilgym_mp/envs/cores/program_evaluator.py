@@ -85,7 +85,7 @@ class ItemBoxLowering:
     def __init__(self) -> None:
         self.places = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)
         self.tables = np.empty((0, 0), np.int64)
-        self._place_tests: dict[BoxFunction, int] = {}  # the bit of each in `places`
+        self._place_tests: dict[BoxFunction, int] = {}  # bit of each test in `places`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         test = item_test(function)

@@ -46,7 +46,7 @@ class ScatterCore(CompiledCore):
         # (tasks,) whether the start scene needs the fallback; known once the task has been played
         self._start_uses_fallback = np.zeros(len(tasks), np.bool_)
         self._uses_fallback = self._current.uses_fallback  # (N,) environments whose scenes are only in `_scenes`
-        self._canvases: dict[int, Canvas] = {}  # by env id, of environments that use the fallback
+        self._canvases: dict[int, Canvas] = {}  # keyed by env id; only environments that use the fallback
         self._written_masks: Int64Array | None = None  # versions of boxes as of `buffers.mask`
         self._start_masks: _StartMasks | None = None
         with compiling(kernels.edit_scatter_scenes):

@@ -18,7 +18,7 @@ from lilgym_mp.programs.words import (
     word,
 )
 
-MAX_BINOMIAL = 10**9  # above every limit
+MAX_BINOMIAL = 10**9  # exceeds every limit
 
 
 def binomial(n: int, k: int) -> int:

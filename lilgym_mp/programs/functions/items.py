@@ -10,7 +10,7 @@ from lilgym_mp.programs.words import ItemArg, SideArg, word
 from lilgym_mp.scene import BOX_SIDE
 
 MARGIN = 4  # pixels: "closely touching"
-WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; our choice, as the release's two such functions always raise
+WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; our choice, because both such functions of the release always raise
 LEVEL_HEIGHT = 21  # pixels between the bottoms of consecutive blocks of a tower
 
 
