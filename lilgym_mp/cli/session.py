@@ -146,7 +146,7 @@ class Session:
 
 
 HELP = (
-    "stop             end the episode: the statement has its target value",
+    "stop             end the episode, once the statement has the target value",
     "hint             show an optimal action",
     "legal            list the legal actions",
     "show             show the picture again",
