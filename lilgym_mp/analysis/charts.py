@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 WIDTH = 760  # pixels
 BAR_HEIGHT, GROUP_GAP, HEAD_HEIGHT = 11, 9, 100
 BLUES, BROWNS = ("#1f4e9c", "#6f9bd8", "#b9cdec"), ("#8a5a00", "#d49a2a", "#efd59a")
-MAX_WORDS = 30  # program words shown
+MAX_WORDS = 30  # most program words shown
 
 
 class Series(NamedTuple):

@@ -39,7 +39,7 @@ from lilgym_mp.analysis.structure import (
 from lilgym_mp.programs.syntax import Call, Display, Lambda, Logic, Node, Not, SceneName, WordName, parse
 from lilgym_mp.scene import BOX_COUNT
 
-CACHE_SIZE = 8_192  # programs, statements
+CACHE_SIZE = 8_192  # cached programs and statements
 
 
 class Phenomenon(StrEnum):
@@ -68,7 +68,7 @@ PHENOMENA: tuple[Phenomenon | SyntacticPhenomenon, ...] = (*Phenomenon, *Syntact
 _SELECTION_WORDS = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS_WORDS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVEL_WORDS = ("is_top", "is_bottom", "is_second", "is_third")
-_MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # not spatial
+_MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # relations that are not spatial
 
 
 def _has_existence(tree: Node) -> bool:

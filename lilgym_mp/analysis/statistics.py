@@ -41,7 +41,7 @@ class StatementStatistics:
 
     appearance: str
     split: str
-    programs: Mapping[str, str]  # by statement, as written
+    programs: Mapping[str, str]  # keyed by statement, as written
 
     @cached_property
     def word_counts(self) -> list[int]:
@@ -89,7 +89,7 @@ class CorpusStatistics:
     corpus: str
     path: str
     counts: tuple[SetCount, ...]
-    statements: tuple[StatementStatistics, ...]  # by appearance and split
+    statements: tuple[StatementStatistics, ...]  # one entry per appearance and split
 
     @property
     def statement_count(self) -> int:

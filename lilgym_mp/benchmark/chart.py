@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-PANEL_WIDTH, PANEL_HEIGHT = 490, 360  # pixels, of a configuration's panel
+PANEL_WIDTH, PANEL_HEIGHT = 490, 360  # pixels of a configuration's panel
 COLUMNS = 2
 LEGEND_HEIGHT = 80
 COLOURS: Mapping[str, str] = {
@@ -55,7 +55,7 @@ def scaling_chart(bench: Bench) -> Figure | None:
         for label, points in lines.items():
             style = {"color": COLOURS[label], "linewidth": 2, "markersize": 4}
             (labels[label],) = axes.plot(*zip(*points, strict=True), "o-", **style)
-    for axes in grid:  # left over in the last row
+    for axes in grid:  # unused panels of the last row
         figure.delaxes(axes)
     figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=4, frameon=False)
     return figure

@@ -18,7 +18,7 @@ class Goal(NamedTuple):
     must: float
     aim: float | None
     appearances: Sequence[str]
-    value: Callable[[Bench, str], float | None]  # measured for a configuration, None if not measured
+    value: Callable[[Bench, str], float | None]  # the measurement for a configuration; None if not measured
 
     @property
     def less_is_better(self) -> bool:

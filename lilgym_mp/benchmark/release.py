@@ -82,7 +82,7 @@ def _request(child: subprocess.Popen[str], request: Mapping[str, Any]) -> dict[s
     assert child.stdin is not None
     assert child.stdout is not None
     line = ""
-    with suppress(BrokenPipeError):  # it has exited, which the empty answer shows
+    with suppress(BrokenPipeError):  # the process has exited: its answer will be empty
         child.stdin.write(json.dumps(request) + "\n")
         child.stdin.flush()
         if not select([child.stdout], [], [], TIMEOUT_SECONDS)[0]:

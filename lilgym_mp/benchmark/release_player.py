@@ -50,7 +50,7 @@ def play(env, episodes):  # type: ignore[no-untyped-def]
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # as the release prints to standard output
+    os.dup2(2, 1)  # because the release prints to standard output
 
     def answer(content):  # type: ignore[no-untyped-def]
         answers.write(json.dumps(content) + "\n")

@@ -23,7 +23,7 @@ SPLIT = "train"
 STOP = 0  # index of the action
 EPISODE_ACTIONS = 11  # edits and a STOP
 ACTIONS = 4_400  # actions of a workload, over all environments
-MIN_EPISODES = 4  # per environment
+MIN_EPISODES = 4  # episodes per environment
 
 
 class Episode(NamedTuple):

@@ -71,7 +71,7 @@ class TrainingJob(NamedTuple):
     directory: Path
     command: Sequence[str]
     fraction_done: Callable[[dict[str, float]], float]  # computed from the last line of its progress file
-    note: Callable[[dict[str, float]], str]  # that line as text
+    note: Callable[[dict[str, float]], str]  # a summary of that line
 
 
 def run(args: argparse.Namespace) -> int:
@@ -101,7 +101,7 @@ def _training_jobs(args: argparse.Namespace, directory: Path) -> list[TrainingJo
     parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
     parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40", "--dropout", "0.1"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
-    imitating += ["--pretraining", "0"]  # does not pay off in so short a run
+    imitating += ["--pretraining", "0"]  # not worthwhile in such a short run
     return [
         TrainingJob(
             PARSE_AND_PLAN,

@@ -19,9 +19,9 @@ from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
 from lilgym_mp.extras import install
 
-RETRIES = 3  # per run, if its node or its Ray worker process dies
+RETRIES = 3  # retries per run, if its node or its Ray worker process dies
 REPORT_SECONDS = 1.0
-NAMED_CORPORA = ("builtin", "lilgym")  # available by name on every node
+NAMED_CORPORA = ("builtin", "lilgym")  # corpora available by name on every node
 
 
 @dataclass(frozen=True)

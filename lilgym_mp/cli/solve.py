@@ -30,7 +30,7 @@ from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tas
 from lilgym_mp.task import Task
 from lilgym_mp.terminal import Progress, shows_colours
 
-MOST_LISTED = 20  # unsolved tasks printed; the results file has all
+MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
 
 
 def add_parser(subparsers: Any) -> None:

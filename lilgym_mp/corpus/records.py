@@ -19,7 +19,7 @@ SCRATCH, FLIPIT = "scratch", "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
 SPLITS = {split: split for split in ("train", "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
-MAX_BYTES = 256 * 1024 * 1024  # per file, compressed or not; the largest released files have about ten million
+MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
 
 
 class Record(NamedTuple):

@@ -11,7 +11,7 @@ from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 
-MAX_PLACEMENT_ATTEMPTS = 20  # per item
+MAX_PLACEMENT_ATTEMPTS = 20  # attempts per item
 # Values to draw uniformly from; repeated ones are more likely
 ATTRIBUTE_VALUE_COUNTS = (1, 2, 3, 3)  # distinct colours, shapes or sizes in a scene
 TOWER_HEIGHTS = (0, 1, 1, 2, 2, 3, 3, 4)

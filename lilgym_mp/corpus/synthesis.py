@@ -93,7 +93,7 @@ class SynthesisSettings(NamedTuple):
 
     appearances: Sequence[str] = tuple(APPEARANCES)
     splits: Sequence[str] = tuple(SPLITS)
-    starts: int = 4  # per statement
+    starts: int = 4  # start scenes per statement
     seed: int = 0
 
 

@@ -103,7 +103,7 @@ class Result:
             {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in episode._asdict().items()
-                if name != "decisions"  # only in recordings
+                if name != "decisions"  # included only in recordings
             }
             for episode in self.episodes
         ]

@@ -87,7 +87,7 @@ class RecordedEpisode:
     program: str
     target: bool
     statement_seen: bool  # whether it occurs verbatim in the training tasks
-    form_seen: bool  # the same, ignoring colours, shapes, sizes and numbers
+    form_seen: bool  # whether its form does: ignoring colours, shapes, sizes and numbers
     phenomena: tuple[str, ...]  # detected by the rules of `analysis.phenomena`
     tags: tuple[str, ...]  # annotations of the task in the corpus
     outcome: str
@@ -97,8 +97,8 @@ class RecordedEpisode:
     start: Scene
     optimal_actions: int | None = None  # length of the expert's solution from the start, including STOP
     actions_left: int | None = None  # length of the expert's solution from the scene of a wrong STOP
-    stop_probabilities: tuple[float, ...] | None = None  # of the agent, before each action
-    decisions: tuple[Decision, ...] | None = None  # of the agent, before each action; None if not recorded
+    stop_probabilities: tuple[float, ...] | None = None  # the agent's estimate before each action
+    decisions: tuple[Decision, ...] | None = None  # the agent's decision before each action; None if not recorded
 
     @property
     def is_success(self) -> bool:

@@ -37,7 +37,7 @@ class Summary:
     seen: SuccessCount  # statements that occur verbatim in the training tasks
     unseen: SuccessCount
     mean_reward: float
-    mean_length: float  # actions
+    mean_length: float  # mean number of actions
     outcomes: dict[str, float]  # fraction of all episodes by final outcome
 
     @property

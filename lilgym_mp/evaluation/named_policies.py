@@ -19,10 +19,10 @@ class NamedPolicy:
 
     name: str
     policy: Callable[[Settings], Policy]
-    supervision: str = NO_SUPERVISION  # what it learnt from
+    supervision: str = NO_SUPERVISION  # training data, for result tables
     configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # configurations that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # what else is needed to reproduce it
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # further details needed to reproduce it
 
 
 def _same(policy: Policy) -> Callable[[Settings], Policy]:

@@ -101,7 +101,7 @@ class Agent:
 
     network: ActorCritic
     vocabulary: Vocabulary
-    length: int  # words of a statement; the rest is truncated
+    length: int  # words; longer statements are truncated
     greedy: bool = True  # the most probable legal action; else sampled as in training
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:

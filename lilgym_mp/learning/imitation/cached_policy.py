@@ -31,7 +31,7 @@ from lilgym_mp.task import Task
 
 BATCH_SIZE = 128  # scenes, or statements, per forward pass
 MAX_CACHED_PAIRS = 50_000  # pairs of a statement and a box
-MAX_BOX_INDICES = 1 << 32  # factor of the statement in cache keys
+MAX_BOX_INDICES = 1 << 32  # multiplier of the statement index in cache keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class _RowCache:
     def __init__(self) -> None:
         self.parts: list[Tensor] = []
         self.count = 0
-        self._buffers: list[Tensor] = []  # per part, reused by `take`
+        self._buffers: list[Tensor] = []  # one buffer per part, reused by `take`
 
     def add(self, parts: Sequence[Tensor]) -> range:
         """Appends rows, (R, ...) of each part; returns their indices."""
@@ -303,7 +303,7 @@ def stop_mask(
 
 class PlayedEpisode(NamedTuple):
     task: Task
-    scenes: tuple[Scene, ...]  # before each action
+    scenes: tuple[Scene, ...]  # the scene before each action
     outcome: Outcome
 
 

@@ -66,7 +66,7 @@ class Progress(NamedTuple):
     """A line of progress.jsonl; losses are means since the last report."""
 
     steps: int  # optimiser steps
-    states: int  # trained on so far
+    states: int  # number of labelled states trained on so far
     cpu_seconds: float  # CPU time of this process and its children over the whole run
     exploring_seconds: float  # part of `cpu_seconds` spent on data collection
     sets: int  # expert queries since the run was started or resumed

@@ -32,7 +32,7 @@ class _EpisodePlan:
     """The remainder of an episode's plan."""
 
     actions: Sequence[Action]
-    scene: Scene  # expected in the next image
+    scene: Scene  # the scene expected in the next image
     plan: Plan | None = None  # None if the image could not be read
 
 

@@ -29,8 +29,8 @@ class Sizes:
     heads: int = HEADS
     hidden: int = 288
     layers: int = 2  # in the encoder and in the decoder
-    longest_statement: int = 64  # words
-    longest_program: int = 96  # tokens
+    longest_statement: int = 64  # maximum number of words
+    longest_program: int = 96  # maximum number of tokens
 
 
 class Slots(NamedTuple):

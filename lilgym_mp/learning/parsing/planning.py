@@ -20,7 +20,7 @@ MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
 
 
 class Plan(NamedTuple):
-    scene: Scene  # the first one
+    scene: Scene  # the scene in which the plan starts
     parse: Parse
     goals: tuple[WeightedGoal, ...]  # programs planned for, the most probable first
     actions: tuple[Action, ...]  # edits, then STOP

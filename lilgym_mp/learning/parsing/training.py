@@ -51,7 +51,7 @@ VERSION = 1
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 REPORT_EVERY = 50  # steps
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
-MAX_STARTS = 2  # planned from per held-out statement and target, for calibration
+MAX_STARTS = 2  # start scenes planned from per held-out statement and target, for calibration
 MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses it
 
 
@@ -71,7 +71,7 @@ class TrainingData(NamedTuple):
     generated: ExamplePool
     held_out: Sequence[Example]
     vocabulary: SymbolTable
-    sha256: str  # over the corpus's statements and programs
+    sha256: str  # checksum of the corpus's statements and programs
 
 
 def train_parser(

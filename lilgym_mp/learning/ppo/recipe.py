@@ -24,8 +24,8 @@ MODELS = {
     "flava": "FLAVA, fine-tuned",
     "imitation": "the network of an imitation run, which was supervised by programs, fine-tuned on rewards",
 }
-IMITATION = "imitation"  # needs a run directory
-TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # need a directory of pretrained weights
+IMITATION = "imitation"  # the model that needs a run directory
+TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # models that need a directory of pretrained weights
 FINE_TUNED = ("vilt", "flava")
 DEFAULT_MODEL = "ours"
 DEFAULT_RECIPE = "ours"

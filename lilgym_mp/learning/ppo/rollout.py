@@ -55,7 +55,7 @@ class EpisodeStatistics:
 
     ends: Counter[str] = field(default_factory=Counter[str])
     reward: float = 0.0
-    steps: int = 0  # actions in them
+    steps: int = 0  # actions in these episodes
     forced: int = 0  # forced STOPs
 
 
@@ -83,7 +83,7 @@ class RolloutCollector:
         self._ids = tasks.tasks.ids
         self._task_of = np.zeros(recipe.envs, np.int64)  # task index of each environment
         self._actions: list[list[int]] = [[] for _ in range(recipe.envs)]  # actions of the current episodes
-        self._returns = np.zeros(recipe.envs)  # undiscounted, of the current episodes
+        self._returns = np.zeros(recipe.envs)  # undiscounted returns of the current episodes so far
         self._observations: dict[str, Any] = {}
         self.statistics = EpisodeStatistics()
 

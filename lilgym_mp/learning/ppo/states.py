@@ -16,7 +16,7 @@ SIDE = IMAGE_SHAPE[0]  # side of a box in pixels
 PITCH = BOX_PITCH * SIDE // BOX_SIDE  # pixels from a box to the next
 assert IMAGE_SHAPE[1] == IMAGE_WIDTH * SIDE // BOX_SIDE
 PATCH = 10  # side of a patch in pixels
-PATCHES = SIDE // PATCH  # along each side of a box
+PATCHES = SIDE // PATCH  # patches along each side of a box
 PATCH_BYTES = PATCH * PATCH * 3
 _BOX_BYTES = SIDE * SIDE * 3
 
