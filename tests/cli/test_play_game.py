@@ -39,7 +39,7 @@ def test_play_game__as_both_agents(run_with_input):
 
 def test_play_game__explains_invalid_input(run_with_input):
     shown = run_with_input("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
-    assert "'nonsense' names no action of proposer_0" in shown
+    assert "'nonsense' is not an action of proposer_0" in shown
     assert "STOP, ADD(LEFT, YELLOW)" in shown
     assert shown.splitlines()[-1] == "quit before the end of the game"
 

@@ -318,7 +318,7 @@ class BaseGameEnv:
         index = self._indices_by_name[role].get(_normalised(name))
         if index is None:
             examples = ", ".join(repr(game.describe(role, action)) for action in (0, count - 1))
-            raise ActionError(f"{name!r} names no action of {agent}; examples of names: {examples}")
+            raise ActionError(f"{name!r} is not an action of {agent}; actions look like {examples}")
         return index
 
 

@@ -318,5 +318,5 @@ def test_read_action__is_the_inverse_of_describe_action(protocol: str):
         for action in range(game.action_space(agent).n):
             assert game.read_action(agent, game.describe_action(agent, action)) == action
     assert game.read_action(PROPOSER, "add( left,blue )") == ADD_BLUE * 3
-    with pytest.raises(ActionError, match="'fly' names no action of proposer_0; examples of names: 'STOP', "):
+    with pytest.raises(ActionError, match="'fly' is not an action of proposer_0; actions look like 'STOP', "):
         game.read_action(PROPOSER, "fly")
