@@ -149,7 +149,7 @@ class BatchedGames:
         games = self._games
         encoded: dict[int, NDArray[Any]] = {}  # by id of the part
         for part in (part for parts in self._parts for part in parts.values()):
-            if isinstance(part, ImagePart) and not copies_images:
+            if not copies_images and isinstance(part, ImagePart):
                 encoded[id(part)] = games.images
             elif id(part) not in encoded:
                 encoded[id(part)] = part.encode_batch(games, indices)

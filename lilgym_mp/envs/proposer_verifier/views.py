@@ -5,7 +5,6 @@ Every part is an array or a NumPy scalar, because PettingZoo's API test refuses 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
@@ -127,18 +126,18 @@ class GameSetup:
         return max(len(task.statement.encode()) for task in self.tasks)
 
 
-class Part(ABC):
-    """One entry of an observation, for one game and for many."""
+class Part:
+    """One entry of an observation, for one game and for many."""  # not an ABC, whose `isinstance` is slow
 
     space: spaces.Space[Any]
 
-    @abstractmethod
     def encode(self, state: GameState) -> Value:
         """The value in `state`: a new array or a scalar."""
+        raise NotImplementedError
 
-    @abstractmethod
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         """(k, ...) a new array: the values in the games `indices` (k,)."""
+        raise NotImplementedError
 
 
 class ImagePart(Part):
@@ -222,11 +221,12 @@ class TokensPart(TaskPart):
 
     def encode(self, state: GameState) -> Value:
         statement = state.mdp.task.statement
-        tokens = self._cache.get(statement)
-        if tokens is None:
+        try:
+            return self._cache[statement].copy()
+        except KeyError:
             setup = self._setup
-            tokens = self._cache[statement] = setup.vocabulary.encode(statement, setup.statement_length)
-        return tokens.copy()
+            self._cache[statement] = setup.vocabulary.encode(statement, setup.statement_length)
+            return self.encode(state)
 
 
 class StatementTextPart(TaskPart):
