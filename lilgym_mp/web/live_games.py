@@ -25,12 +25,12 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
+    GameSettings,
     Intent,
     Partner,
     PartnerError,
     PartnerTurn,
     Role,
-    Settings,
     View,
     read_text,
 )
@@ -38,7 +38,7 @@ from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
-from lilgym_mp.evaluation import Settings as Configuration
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.played_episodes import ItemTypeFilter, matches_item_type
 from lilgym_mp.web.scene_body import SceneBody, scene_body
@@ -216,8 +216,8 @@ def game_setup(
     views: tuple[str, str],
 ) -> GameSetup:
     """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
-    settings = Configuration(configuration, corpus)
-    return Settings(
+    settings = Settings(configuration, corpus)
+    return GameSettings(
         appearance=settings.appearance,
         start=settings.start,
         protocol=protocol,

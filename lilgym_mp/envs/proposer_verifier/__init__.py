@@ -35,7 +35,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
 )
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
-from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
 from lilgym_mp.extras import install
@@ -71,6 +71,7 @@ __all__ = [
     "FrozenPolicy",
     "Game",
     "GameRecord",
+    "GameSettings",
     "Intent",
     "Metrics",
     "OracleVerifier",
@@ -81,7 +82,6 @@ __all__ = [
     "ProposerVerifierParallel",
     "RandomPartner",
     "Role",
-    "Settings",
     "SingleAgentView",
     "TurnError",
     "View",

@@ -28,7 +28,7 @@ from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts
 
 BatchStep = tuple[
@@ -55,7 +55,7 @@ class BatchedGames:
         """
         if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
             raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
-        setup = self._setup = Settings.of(**settings).setup()
+        setup = self._setup = GameSettings.of(**settings).setup()
         self.num_games = num_games
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}

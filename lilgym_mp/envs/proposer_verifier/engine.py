@@ -18,7 +18,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
-from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
@@ -255,7 +255,7 @@ class BaseGameEnv:
         "is_parallelizable": False,  # turns need not alternate; `parallel_env` is the parallel environment
     }
 
-    def __init__(self, settings: Settings, render_mode: str | None = None) -> None:
+    def __init__(self, settings: GameSettings, render_mode: str | None = None) -> None:
         self.engine = engine = GameEngine(settings.setup(), render_mode)
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []

@@ -16,7 +16,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.engine import AgentObservation, BaseGameEnv, Info, role_of
 from lilgym_mp.envs.proposer_verifier.game import GameStep, TurnError
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
-from lilgym_mp.envs.proposer_verifier.settings import Settings
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 PARTS, MASK, IMAGE = "observation", "action_mask", "image"  # keys of nested observations
@@ -219,8 +219,8 @@ def _with_observations(env: Any, observations: str) -> Any:
 
 
 def raw_env(*, render_mode: str | None = None, **settings: Any) -> ProposerVerifierAEC:
-    """The game as a PettingZoo AEC environment; keywords are the fields of Settings."""
-    return ProposerVerifierAEC(Settings.of(**settings), render_mode)
+    """The game as a PettingZoo AEC environment; keywords are the fields of GameSettings."""
+    return ProposerVerifierAEC(GameSettings.of(**settings), render_mode)
 
 
 def env(*, render_mode: str | None = None, observations: str = NESTED, **settings: Any) -> StrictOrderEnforcing:
@@ -231,9 +231,9 @@ def env(*, render_mode: str | None = None, observations: str = NESTED, **setting
 def parallel_env(
     *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
 ) -> ProposerVerifierParallel:
-    """The game as a PettingZoo parallel environment; keywords are the fields of Settings.
+    """The game as a PettingZoo parallel environment; keywords are the fields of GameSettings.
 
     `observations`: "nested", {"observation": parts, "action_mask"}; or a single array for SuperSuit's wrappers, with
     masks in infos: "vector", all parts flattened to float32 (N,), or "image", only the image.
     """
-    return _with_observations(ProposerVerifierParallel(Settings.of(**settings), render_mode), observations)
+    return _with_observations(ProposerVerifierParallel(GameSettings.of(**settings), render_mode), observations)

@@ -23,8 +23,8 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Settings of the game; docs/proposer_verifier.md gives the reason for each default."""
+class GameSettings:
+    """GameSettings of the game; docs/proposer_verifier.md gives the reason for each default."""
 
     appearance: str = "tower"
     start: str = "scratch"
@@ -49,7 +49,7 @@ class Settings:
     image_size: str = "half"
 
     @classmethod
-    def of(cls, **given: Any) -> Settings:
+    def of(cls, **given: Any) -> GameSettings:
         """Raises ValueError naming the choices for an unknown setting."""
         names = {field.name: field for field in fields(cls)}
         for name in given:

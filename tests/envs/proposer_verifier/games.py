@@ -8,7 +8,7 @@ from typing import Any
 from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
-from lilgym_mp.envs.proposer_verifier import Game, Intent, Role, Settings
+from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
 from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.scene import Colour, Scene
@@ -34,7 +34,7 @@ WAIT = TOWER.action_count  # the proposer's, in turn-based games without message
 
 
 def setup(**settings: Any) -> GameSetup:
-    return replace(Settings.of(**settings).setup(), tasks=TASKS)
+    return replace(GameSettings.of(**settings).setup(), tasks=TASKS)
 
 
 def game(**settings: Any) -> Game:

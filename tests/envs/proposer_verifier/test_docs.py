@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, SCRIPTED, TERMS, Settings
+from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, SCRIPTED, TERMS, GameSettings
 
 TEXT = (Path(__file__).parents[3] / "docs" / "proposer_verifier.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", TEXT, re.DOTALL)
@@ -25,6 +25,6 @@ def test_example__runs_with_the_documented_output(block: str, printed: str):
         assert repr(eval(expression, names)) == value
 
 
-@pytest.mark.parametrize("name", [*Settings.__dataclass_fields__, *PROTOCOLS, *PRESETS, *TERMS, *SCRIPTED])
+@pytest.mark.parametrize("name", [*GameSettings.__dataclass_fields__, *PROTOCOLS, *PRESETS, *TERMS, *SCRIPTED])
 def test_document__mentions_every_name(name: str):
     assert name in TEXT
