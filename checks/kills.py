@@ -82,7 +82,7 @@ def kill_one(rng: random.Random, sent: signal.Signals) -> str:
                 os.kill(rng.choice(pids), sent)
             call(env, rng.choice(CALLS))
     except WorkerError as error:
-        message = "died" if "died by signal" in str(error) else "hung" if "not answered" in str(error) else str(error)
+        message = "died" if "died by signal" in str(error) else "hung" if "not responded" in str(error) else str(error)
     env.close()
     if running := survivors(pids):
         raise AssertionError(f"workers {running} still run after {sent.name}")
