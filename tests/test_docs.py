@@ -89,7 +89,7 @@ def test_tests_named_in_the_fidelity_table__exist() -> None:
     assert [name for name in named if f"def {name}(" not in sources] == []
 
 
-MEASURING = re.compile(r"`python (?:-m checks\.|checks/|benchmarks/)")
+MEASURING = re.compile(r"`python (?:-m tests\.stress\.|benchmarks/)")
 DATE = re.compile(r"20\d\d-\d\d-\d\d")
 
 

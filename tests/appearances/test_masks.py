@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from checks.mask_exactness import scenes_of, wrong_actions
 from lilgym_mp.actions import AddItem, RemoveItem
 from lilgym_mp.appearances import Grid, InvalidReason, PlacementRules, Scatter, make_appearance
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.rules import RULE_SETS, Dynamics, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+from tests.stress.mask_exactness import scenes_of, wrong_actions
 
 SCENES = 400
 SCATTER = Scatter()

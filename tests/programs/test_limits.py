@@ -1,4 +1,4 @@
-"""Programs stay within the bounds on time and memory in docs/programs.md: the attacks of checks/program_language.py."""
+"""Programs stay within the bounds on time and memory in docs/programs.md: the attacks of tests/stress."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import random
 
 import pytest
 
-from checks.program_language import ATTACKS, ProgramGenerator, attack, crowded_scene, fuzz, outcome, run_limited
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, code_generation, compile_program, costs
 from lilgym_mp.programs.reference import build_closure, evaluate_with_steps
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+from tests.stress.program_language import ATTACKS, ProgramGenerator, attack, crowded_scene, fuzz, outcome, run_limited
 
 FEW_STEPS = 500_000  # keeps the tests short
 BLUE = Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)

@@ -1,6 +1,6 @@
 """Downloads from misbehaving servers on loopback: each must end in bounded time with one clear error.
 
-Run: python -m checks.hostile_servers
+Run: python -m tests.stress.hostile_servers
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Every step takes a random legal action in each environment, STOP included, and computes images, masks and the truth of
 programs. Resident memory is read after garbage collection. The last line compares the mean of the second half with
 that of the second quarter, because caches fill at the beginning.
-Run: python checks/soak.py [--steps 5000000] [--configuration ScatterFlipIt] [--num-envs 256]
+Run: python -m tests.stress.soak [--steps 5000000] [--configuration ScatterFlipIt] [--num-envs 256]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Loads corrupt corpora: every fault must be reported in one printable line.
 
-Run: python -m checks.corrupt_files --count 500
+Run: python -m tests.stress.corrupt_files --count 500
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Load test with many concurrent users: measures latencies and checks that every acknowledged submission is stored.
 
-    python -m checks.web_load [--annotators 50] [--players 50] [--seconds 300] [--pause 1.0]
+    python -m tests.stress.web_load [--annotators 50] [--players 50] [--seconds 300] [--pause 1.0]
 
 Starts `lilgym-mp serve` with a new database in a separate process. Each user sends a request, waits for the response,
 then pauses for `--pause` seconds on average. Annotators save drafts, run programs and submit; players act, request

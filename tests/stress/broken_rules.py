@@ -2,7 +2,7 @@
 
 Each of BREAKS changes one piece of code and names the tests of which one must fail. They are run until the first
 failure. With LILGYM_DATA and LILGYM_GOLDEN, they include tests of official tasks and recorded behaviour.
-Run from the root of a checkout: python -m checks.broken_rules [--only "reward of a step"]
+Run from the root of a checkout: python -m tests.stress.broken_rules [--only "reward of a step"]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent.parent.parent
 IGNORED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?::[^\s\[]+|\S+\.py)", re.MULTILINE)
 

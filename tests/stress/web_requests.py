@@ -1,6 +1,6 @@
 """Fuzzes every route of the web application: no request may get a 5xx response.
 
-    python -m checks.web_requests [--requests 10000] [--seed 0]
+    python -m tests.stress.web_requests [--requests 10000] [--seed 0]
 
 Requests are generated from the application's OpenAPI schema, with values omitted, repeated, or replaced by values of
 another type and by ones that often break servers; some bodies are nonsense. They are sent to an in-process application

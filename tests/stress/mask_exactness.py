@@ -2,7 +2,7 @@
 
 Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA, of the official one; the others come
 from random valid edits of these and of the empty scene.
-Run: python checks/mask_exactness.py [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
+Run: python -m tests.stress.mask_exactness [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
 """
 
 from __future__ import annotations

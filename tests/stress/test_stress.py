@@ -1,4 +1,4 @@
-"""Shortened runs of checks/; tests/programs/test_limits.py has the one for the program language."""
+"""Shortened runs of tests/stress/; tests/programs/test_limits.py has the one for the program language."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from checks.broken_rules import BREAKS, ROOT, Break, broken, first_failure
-from checks.corrupt_files import CORRUPTIONS, corrupt_corpora
-from checks.kills import matrix
+from tests.stress.broken_rules import BREAKS, ROOT, Break, broken, first_failure
+from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
+from tests.stress.kills import matrix
 
 
 @pytest.mark.long

@@ -1,6 +1,6 @@
 """Kills, stops and interrupts workers at random moments: the caller gets one clear error, and no process survives.
 
-Run: python -m checks.kills --count 40
+Run: python -m tests.stress.kills --count 40
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from checks.quickstart import NO_EXTRA, README, TUTORIALS, quickstarts
 from lilgym_mp.cli import main
+from tests.stress.quickstart import NO_EXTRA, README, TUTORIALS, quickstarts
 
 EXTRAS = tomllib.loads((README.parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 

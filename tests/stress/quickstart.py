@@ -3,7 +3,7 @@
 Each environment has only the extra that the README section names, as in "Needs the extra `sb3`"; tutorials/index.md
 names those of the tutorials. Lines that train for minutes are shortened unless --full is args; with it, lines that
 name the official data need LILGYM_DATA.
-Run from the root of a checkout: python -m checks.quickstart [--full] [--python python3.12] [--torch-index URL]
+Run from the root of a checkout: python -m tests.stress.quickstart [--full] [--python python3.12] [--torch-index URL]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parent.parent.parent
 README, INDEX, TUTORIALS = ROOT / "README.md", ROOT / "docs" / "index.md", ROOT / "docs" / "tutorials"
 NO_EXTRA = ""
 SHORTER: Mapping[str, str] = {  # long-running parts of commands, and their replacements

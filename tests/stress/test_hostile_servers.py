@@ -1,10 +1,10 @@
-"""Downloads from servers of checks/hostile_servers.py end quickly with one clear error."""
+"""Downloads from servers of tests/stress/hostile_servers.py end quickly with one clear error."""
 
 from __future__ import annotations
 
 import pytest
 
-from checks.hostile_servers import MAX_SECONDS, outcome
+from tests.stress.hostile_servers import MAX_SECONDS, outcome
 
 TOO_SLOW = "the server sends too slowly (tried 3 times: http://"
 MESSAGES = {

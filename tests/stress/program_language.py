@@ -2,7 +2,7 @@
 the reference evaluator.
 
 Each attack runs in its own process with limited CPU time and memory. Run:
-python -m checks.program_language --count 2000
+python -m tests.stress.program_language --count 2000
 """
 
 from __future__ import annotations
