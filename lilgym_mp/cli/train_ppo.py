@@ -53,8 +53,7 @@ def add_parser(learners: Any) -> None:
         "--weights",
         type=Path,
         metavar="DIR",
-        help="directory of pretrained weights: config.json, model.safetensors and tokenizer, or, for the model "
-        "`imitation`, a run of that learner",
+        help="directory of pretrained weights: config.json, model.safetensors and tokenizer",
     )
     add_save_every(parser, 100_000)
     parser.add_argument(

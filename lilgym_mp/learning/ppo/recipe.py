@@ -22,9 +22,7 @@ MODELS = {
     "c10-bert": "ten convolutions and a frozen BERT",
     "vilt": "ViLT, fine-tuned",
     "flava": "FLAVA, fine-tuned",
-    "imitation": "the network of an imitation run, which was supervised by programs, fine-tuned on rewards",
 }
-IMITATION = "imitation"  # the model that needs a run directory
 TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # models that need a directory of pretrained weights
 FINE_TUNED = ("vilt", "flava")
 DEFAULT_MODEL = "ours"
@@ -194,16 +192,10 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
 def _ours(configuration: str, model: str) -> dict[str, Any]:
     start = CONFIGURATIONS[configuration][1]
     fine_tuned = model in FINE_TUNED
-    fine_tuning = {  # for a policy that is already good
-        "learning_rate": 1e-4,
-        "entropy": 0.01,
-        "final_entropy": 0.003,
-    }
     return {
         "empty_starts": 0.25 if start == "flipit" else 0.0,
         "learning_rate": 1e-3 if model == "ours" else 3e-5 if fine_tuned else 3e-4,
         "optimiser": "adamw" if fine_tuned else "adam",
-        **(fine_tuning if model == IMITATION else {}),
     }
 
 

@@ -12,7 +12,7 @@ from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.models.weights import WeightsError
-from lilgym_mp.learning.ppo.recipe import IMITATION, TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 
 Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
 
@@ -36,8 +36,6 @@ def make_model(
         )
     if recipe.model in TRANSFORMERS:
         make = _pretrained(recipe, appearance, weights, details)
-    elif recipe.model == IMITATION:
-        make = _from_imitation(appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
@@ -51,14 +49,6 @@ def _box_transformer(appearance: Appearance, statements: Iterable[str], details:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
     return lambda has_actor, has_critic: BoxTransformer(appearance, words, **sizes)
-
-
-def _from_imitation(appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None) -> Make:
-    from lilgym_mp.learning.ppo.models import from_imitation
-
-    if details is not None:
-        return lambda has_actor, has_critic: from_imitation.from_details(appearance, details)
-    return lambda has_actor, has_critic: from_imitation.from_run(appearance, weights)
 
 
 def _pretrained(
