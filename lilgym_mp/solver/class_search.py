@@ -23,7 +23,7 @@ ClassTriple = tuple[int, int, int]  # class by box
 
 
 class ReachableClasses:
-    """The classes that one box can reach, in breadth-first layers; extended on demand."""
+    """The classes that one box can reach, in breadth-first layers; extended on demand and shared by all searches."""
 
     def __init__(self, layers: BoxLayers, classes: BoxClasses, box_cost: int) -> None:
         self._box_layers = layers
@@ -35,16 +35,20 @@ class ReachableClasses:
     def layer(self, edits: int, budget: Budget) -> Mapping[int, Sequence[Box]]:
         """The classes whose nearest boxes are exactly `edits` edits away, each with all these boxes.
 
-        Raises BudgetExhaustedError.
+        Each budget pays for each layer once, whether or not an earlier search has computed it: results must not
+        depend on earlier searches. Raises BudgetExhaustedError.
         """
-        while len(self._layers) <= edits:
-            self._layers.append(self._new_layer(len(self._layers), budget))
+        for number in range(budget.layers_paid.get(self, 0), edits + 1):
+            boxes = tuple(self._box_layers.layer(number))
+            budget.spend_each(len(boxes), self._box_cost)
+            budget.layers_paid[self] = number + 1
+            if number == len(self._layers):
+                self._layers.append(self._new_layer(boxes))
         return self._layers[edits]
 
-    def _new_layer(self, edits: int, budget: Budget) -> dict[int, list[Box]]:
+    def _new_layer(self, boxes: Sequence[Box]) -> dict[int, list[Box]]:
         found: dict[int, list[Box]] = {}
-        for box in self._box_layers.layer(edits):
-            budget.spend(self._box_cost)
+        for box in boxes:
             box_class = self._classes.of(box)
             if box_class not in self._seen:
                 found.setdefault(box_class, []).append(box)

@@ -33,6 +33,7 @@ class Budget:
     def __init__(self, scenes: int) -> None:
         self.left = scenes
         self.spent = 0
+        self.layers_paid: dict[object, int] = {}  # number of layers paid for, by what they are layers of
 
     def spend(self, scenes: int = 1) -> None:
         """Raises BudgetExhaustedError, spending nothing, when fewer than `scenes` are left."""
@@ -40,6 +41,13 @@ class Budget:
             raise BudgetExhaustedError
         self.left -= scenes
         self.spent += scenes
+
+    def spend_each(self, count: int, cost: int) -> None:
+        """Spends `cost` for each of `count`, as far as it lasts. Raises BudgetExhaustedError if not for all."""
+        affordable = min(count, self.left // cost)
+        self.spend(affordable * cost)
+        if affordable < count:
+            raise BudgetExhaustedError
 
 
 class LazyList(Generic[Element]):

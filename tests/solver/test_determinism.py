@@ -1,0 +1,56 @@
+"""Plans and action sets depend on their arguments alone, not on what the process computed before."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.rules import State
+from lilgym_mp.solver import Solver, WeightedGoal
+from tests.solver.tasks import after_random_edits, mdp
+
+BUDGET = 4_000  # so low that many searches exhaust it: that is where what earlier ones left behind could matter
+RIVALS = 6  # goals planned for together
+
+
+def results(appearance: str, order: int) -> dict[str, object]:
+    """Plans and sets of first actions for some tasks, computed in an order drawn with the seed `order`."""
+    dynamics = mdp(appearance)
+    solver = Solver(dynamics)
+    tasks = load_tasks("builtin", appearance, "flipit", "dev")
+    chosen = random.Random(0).sample(range(len(tasks)), 24)
+    found: dict[str, object] = {}
+    for index in random.Random(order).sample(chosen, len(chosen)):
+        one = tasks[index]
+        rivals = [tasks[(index + 3 * step) % len(tasks)] for step in range(RIVALS)]
+        goals = [WeightedGoal(rival.program, rival.target, 1 / (2 + rank)) for rank, rival in enumerate(rivals)]
+        plan = solver.plan_for(goals, one.start, dynamics.horizon - 1, BUDGET)
+        edited = after_random_edits(dynamics, State(one, one.start, 0), 2, index)
+        found[f"plan {index}"] = [list(map(str, plan.actions)), plan.satisfied, plan.mass, plan.scenes]
+        found[f"set {index}"] = Solver(dynamics, BUDGET).optimal_actions(edited).actions
+    return json.loads(json.dumps(found, sort_keys=True))
+
+
+def in_new_process(appearance: str, order: int) -> dict[str, object]:
+    code = "import json; from tests.solver.test_determinism import results;"
+    code += f"print(json.dumps(results({appearance!r}, {order})))"
+    environment = {**os.environ, "PYTHONHASHSEED": str(order)}
+    output = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    return json.loads(output.stdout)
+
+
+def test_scatter__equal_in_any_order_and_process():
+    expected = results("scatter", 1)
+    assert results("scatter", 1) == expected  # with what the first call left in caches
+    assert results("scatter", 2) == expected
+    assert in_new_process("scatter", 3) == expected
+
+
+def test_tower__equal_in_any_order_and_process():
+    expected = results("tower", 1)
+    assert results("tower", 2) == expected
+    assert in_new_process("tower", 3) == expected
