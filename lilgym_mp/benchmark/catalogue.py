@@ -13,10 +13,23 @@ from lilgym_mp.benchmark.players import Play
 from lilgym_mp.benchmark.traces import Workload
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.workers import usable_cores
-from lilgym_mp.wrappers import stop_forcing_v0
+from lilgym_mp.wrappers import (
+    action_mask_v0,
+    grid_planes_v0,
+    stop_forcing_v0,
+    structured_observation_v0,
+    tokenized_statement_v0,
+)
 
 BATCHES = (8, 64, 256)
 WORKER_BATCHES = (64, 256)
+WRAPPERS: dict[str, Callable[[Any], Any]] = {
+    "mask": action_mask_v0,
+    "tokens": tokenized_statement_v0,
+    "structured": structured_observation_v0,
+    "planes": grid_planes_v0,
+    "mask, tokens, structured": lambda env: structured_observation_v0(tokenized_statement_v0(action_mask_v0(env))),
+}
 COPY_GROUP = "copy"  # always measured: the upper bound that others are compared with
 
 
@@ -56,6 +69,7 @@ def _vector(
 
 def _batched() -> list[BenchmarkCase]:
     copied, not_copied = players.batched_env, partial(players.batched_env, copy=False)
+    forced = partial(players.wrapped, wrap=stop_forcing_v0)
     return [
         case
         for count in BATCHES
@@ -64,7 +78,7 @@ def _batched() -> list[BenchmarkCase]:
             _vector("batched", "batched, no copy", count, not_copied),
             _vector("batched", "batched, masks", count, copied, masks=True),
             _vector("batched", "batched, no copy, masks", count, not_copied, masks=True),
-            _vector("batched", "batched, stop forcing", count, players.stop_forced, masks=True),
+            _vector("batched", "batched, stop forcing", count, forced, masks=True),
         )
     ]
 
@@ -94,6 +108,13 @@ def _workers() -> list[BenchmarkCase]:
                 _vector("workers", f"{name}, masks", count, copied, masks=True),
             ]
     return found
+
+
+def _wrappers() -> list[BenchmarkCase]:
+    return [
+        _vector("wrappers", f"wrapped: {name}", 64, partial(players.wrapped, wrap=wrap))
+        for name, wrap in WRAPPERS.items()
+    ]
 
 
 def _sb3() -> list[BenchmarkCase]:
@@ -129,7 +150,7 @@ def _parts() -> list[BenchmarkCase]:
     openers: dict[tuple[str, int], Callable[[Workload], AbstractContextManager[Play]]] = {
         ("program truth", 1): components.truth,
         ("mask", 1): components.mask,
-        ("mask, in a batch", 64): partial(components.batched_masks, num_envs=64),
+        **{("mask, in a batch", n): partial(components.batched_masks, num_envs=n) for n in BATCHES},
         ("reset", 1): components.reset,
         ("reset, in a batch", 64): partial(components.batched_reset, num_envs=64),
         ("image, brought up to date", 1): components.image_update,
@@ -143,6 +164,7 @@ _GROUPS: dict[str, Callable[[], list[BenchmarkCase]]] = {
     "single": _single,
     "batched": _batched,
     "workers": _workers,
+    "wrappers": _wrappers,
     "sb3": _sb3,
     "pettingzoo": _pettingzoo,
     "parts": _parts,

@@ -18,7 +18,6 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.benchmark.traces import Trace, Workload, vector_trace
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.wrappers import stop_forcing_v0
 
 COPIES = 2_048  # images copied per play
 
@@ -119,9 +118,8 @@ def _timed_steps(
     return play
 
 
-def stop_forced(workload: Workload, num_envs: int) -> Any:
-    """The batched environment with stop forcing, whose masks depend on whether STOP succeeds."""
-    return stop_forcing_v0(batched_env(workload, num_envs))
+def wrapped(workload: Workload, num_envs: int, *, wrap: Wrap) -> Any:
+    return wrap(batched_env(workload, num_envs))
 
 
 @contextmanager

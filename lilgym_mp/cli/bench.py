@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
         "--only",
         nargs="+",
         metavar="GROUP",
-        help="any of single, batched, workers, sb3, pettingzoo, parts (default: all)",
+        help="any of single, batched, workers, wrappers, sb3, pettingzoo, parts (default: all)",
     )
     parser.add_argument(
         "--configurations", nargs="+", metavar="NAME", help=f"any of {CONFIGURATIONS_HELP} (default: all)"
