@@ -206,7 +206,7 @@ BREAKS = (
         f"{GAME}/views.py",
         "if role is Role.PROPOSER and game.rewards.draws_intent:",
         "if game.rewards.draws_intent:",
-        ("tests/test_web_game.py", "tests/envs/proposer_verifier"),
+        ("tests/web/test_game.py", "tests/envs/proposer_verifier"),
     ),
     Break(
         "an augmentation permutes the boxes of scenes",

@@ -17,7 +17,7 @@ from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.extras import install
 from lilgym_mp.web import ServeOptions
 from lilgym_mp.web.store import DatabaseError, open_database
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 STARTED = "organiser's link"
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.web.store import DatabaseError, open_database
-from tests.test_web_annotate import API, BLUE, assigned, first_assignment, imported, nlvr_file, submit
-from tests.web_app import Browser, server
+from tests.web.test_annotate import API, BLUE, assigned, first_assignment, imported, nlvr_file, submit
+from tests.web.web_app import Browser, server
 
 
 def _programs() -> Path:

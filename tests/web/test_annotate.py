@@ -21,7 +21,7 @@ from lilgym_mp.web.program_evaluator import ProgramEvaluationError, ProgramEvalu
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.models import Base
 from lilgym_mp.web.tutorial import TASKS
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 API = "/api/annotate"
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"

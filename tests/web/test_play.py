@@ -13,7 +13,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.solver import Solver
 from lilgym_mp.web.scene_images import png
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"
 

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.browser import Watched, axe_script, chromium, watched_page
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 uvicorn = pytest.importorskip("uvicorn", reason="the browser suite needs the extra `web`")
 
@@ -137,7 +137,7 @@ def _barriers(page: Any, script: str, where: str) -> list[str]:
 @pytest.mark.parametrize("width", [360, 1280])
 def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Path, dark: bool, width: int):
     """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
-    from tests.test_web_annotate import BLUE, assigned, imported, nlvr_file
+    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
 
     script = axe_script()
     with served(tmp_path) as (url, app), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
@@ -176,7 +176,7 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
 
 
 def test_annotate__a_draft_survives_an_unreachable_server(browser: Any, tmp_path: Path):
-    from tests.test_web_annotate import BLUE, assigned, imported, nlvr_file
+    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
 
     with served(tmp_path) as (url, app), watched_page(browser) as watched:
         organiser = Browser(app).log_in("Olga", "organiser")
@@ -205,7 +205,7 @@ def test_annotate__a_draft_survives_an_unreachable_server(browser: Any, tmp_path
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory with recordings of two policies on the same tasks."""
-    from tests.test_web_watch import record
+    from tests.web.test_watch import record
 
     place = tmp_path_factory.mktemp("runs")
     record(place / "tower", "random-legal")

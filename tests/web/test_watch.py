@@ -16,7 +16,7 @@ from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episod
 from lilgym_mp.evaluation.named_policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
 from tests.thin_corpus import write_thin_corpus
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 API = "/api/watch/recordings"
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx", reason="the browser suite's tests need httpx")
 

@@ -12,7 +12,7 @@ import pytest
 
 from lilgym_mp.envs.proposer_verifier import Role
 from lilgym_mp.web import live_games
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 GAMES, SEATS = "/api/game/games", "/api/game/seats"
 FORBIDDEN = (

@@ -15,7 +15,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
 from lilgym_mp.solver import Solver
-from tests.web_app import Browser, server
+from tests.web.web_app import Browser, server
 
 API = "/api/explore"
 
