@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,22 +100,3 @@ def last_steps(file: Path) -> int | None:
         with suppress(ValueError, KeyError, TypeError):
             return int(json.loads(line)["steps"])
     return None
-
-
-class TrainingClock:
-    """Seconds of training, excluding evaluations."""
-
-    def __init__(self, earlier_seconds: float) -> None:
-        self._earlier = earlier_seconds
-        self._began = time.monotonic()
-
-    @property
-    def seconds(self) -> float:
-        return self._earlier + time.monotonic() - self._began
-
-    @contextmanager
-    def paused(self) -> Generator[None, None, None]:
-        """Excludes the time spent in the block."""
-        began = time.monotonic()
-        yield
-        self._began += time.monotonic() - began

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 import torch
 
@@ -26,14 +26,18 @@ def select_device(name: str) -> torch.device:
 
 
 @contextmanager
-def single_thread() -> Iterator[None]:
-    """Limits torch to one thread; networks as small as the parser's run slower on several."""
+def torch_threads(count: int) -> Iterator[None]:
+    """Within the block torch uses `count` threads."""
     before = torch.get_num_threads()
-    if before == 1:
-        yield
-        return
-    torch.set_num_threads(1)
+    if before != count:
+        torch.set_num_threads(count)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        if before != count:
+            torch.set_num_threads(before)
+
+
+def single_thread() -> AbstractContextManager[None]:
+    """Limits torch to one thread; networks as small as the parser's run slower on several."""
+    return torch_threads(1)

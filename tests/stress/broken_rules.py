@@ -231,17 +231,17 @@ BREAKS = (
     ),
     Break(
         "cap of the probability ratio in PPO's loss",
-        f"{LEARNING}/ppo/objective.py",
+        f"{LEARNING}/ppo/update.py",
         "torch.where(capped, float(np.log(ratio_cap)), torch.inf)",
         "torch.where(capped, torch.inf, torch.inf)",
-        ("tests/learning/ppo/test_objective.py",),
+        ("tests/learning/ppo/test_update.py",),
     ),
     Break(
         "advantages end with their episode",
-        f"{LEARNING}/ppo/objective.py",
+        f"{LEARNING}/ppo/update.py",
         "continues = ~ended[step]",
         "continues = np.ones_like(ended[step])",
-        ("tests/learning/ppo/test_objective.py",),
+        ("tests/learning/ppo/test_update.py",),
     ),
     Break(
         "STOP is forced where it succeeds",

@@ -86,7 +86,7 @@ class PPORecipe:
     )
     clip: float = setting(0.2, "clip range of the probability ratio")
     ratio_cap: float = setting(10.0, "M: cap on the probability ratio of a forced STOP", 1)
-    cap_every_ratio: bool = setting(False, "cap the ratios of unforced actions, too")
+    cap_every_ratio: bool = setting(False, "cap the ratios of unforced actions, too, as the paper does")
     value: float = setting(0.5, "coefficient of the value loss, half the squared error")
     clip_value: bool = setting(False, "clip the change of the value like the ratio")
     gradient_norm: float = setting(0.5, "gradient clipping norm")
@@ -164,7 +164,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "forced_baseline": True,  # [B]
         "clip": 0.2,  # [B]
         "ratio_cap": 10.0,  # [P] uses a cap M; its value is ours
-        "cap_every_ratio": False,  # [P] in PPO+SF
+        "cap_every_ratio": True,  # [P] min(r, M) replaces r everywhere
         "value": 0.5,  # [B]
         "clip_value": True,  # [B]
         "gradient_norm": 0.5,  # [B]
@@ -185,7 +185,6 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
         "entropy": 0.0,  # [B] its README says .1, but there the bonus has no gradient
         "final_entropy": 0.0,  # [B]
         "ratio_cap": 5.184705528587072e21,  # [B] exp(50)
-        "cap_every_ratio": True,  # [B] in plain PPO too
     }
 
 

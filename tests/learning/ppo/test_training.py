@@ -210,7 +210,7 @@ def test_evaluator__image_accuracy_counts_only_scenes_of_the_corpus(own: str):
 def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
     tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch
 ):
-    import lilgym_mp.learning.ppo.training as training
+    from lilgym_mp.learning.ppo import validation
 
     shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])
     kept: list[dict[str, Tensor]] = []
@@ -224,7 +224,7 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
         share = next(shares)
         return [type("Episode", (), {"is_success": index < 10 * share})() for index in range(10)]
 
-    monkeypatch.setattr(training, "evaluate", played)
+    monkeypatch.setattr(validation, "evaluate", played)
     recipe = replace(SMALL, held_out=0.3, validate_every=32, patience=2)
     agent = trained(tmp_path, 320, recipe, Settings("TowerFlipIt", corpus=own))
     details = agent.description.details
@@ -444,7 +444,7 @@ def test_resume__rejects_a_damaged_checkpoint(begun: Path, spoil: Any):
         ("network", {}),
         ("network", {"value.bias": torch.tensor([float("nan")])}),
         ("optimiser", {}),
-        ("standing", {"steps": 3, "luck": 1}),
+        ("counters", {"steps": 3, "luck": 1}),
         ("episodes", {"tasks": [0]}),
         ("random", "{}"),
     ],

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.learning.ppo.objective import (
-    ActionEvaluation,
-    RolloutBatch,
+from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.update import (
+    Transitions,
     generalised_advantages,
     losses,
     policy_loss,
     scale_advantages,
     value_loss,
 )
-from lilgym_mp.learning.ppo.recipe import PPORecipe
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEP_COST = -0.1
@@ -63,6 +63,16 @@ def test_weighed__normalised_is_centred_and_scaled_keeps_signs():
     assert scale_advantages(some, "scaled").std() == pytest.approx(1, rel=1e-5)
 
 
+class FixedPolicy(NamedTuple):
+    """A policy with given log-probabilities and entropies."""
+
+    log_probabilities: torch.Tensor
+    entropies: torch.Tensor
+
+    def evaluate_actions(self, actions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.log_probabilities, self.entropies
+
+
 def loss_of(ratio: float, advantage: float, *, capped: bool, cap: float = 3.0) -> tuple[float, float]:
     """The loss and its derivative by the log-probability."""
     log_ratio = torch.tensor([math.log(ratio)], dtype=torch.float64, requires_grad=True)
@@ -100,8 +110,8 @@ def test_losses__cap_only_forced_stops_unless_the_recipe_caps_all(every: bool, w
     recipe = PPORecipe(ratio_cap=3.0, cap_every_ratio=every)
     now = torch.full((2,), math.log(100), requires_grad=True)
     zeros = torch.zeros(2)
-    experience = RolloutBatch(zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
-    losses(recipe, ActionEvaluation(now, zeros, zeros), experience, 0.0).total.backward()
+    old = Transitions(zeros, zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
+    losses(recipe, FixedPolicy(now, zeros), zeros, old, 0.0).total.backward()
     assert now.grad is not None
     assert now.grad.tolist() == pytest.approx(wanted)
 
@@ -109,8 +119,8 @@ def test_losses__cap_only_forced_stops_unless_the_recipe_caps_all(every: bool, w
 def test_losses__entropy_is_weighted_by_its_coefficient():
     zeros = torch.zeros(2)
     entropies = torch.tensor([1.0, 3.0], requires_grad=True)
-    experience = RolloutBatch(zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
-    found = losses(PPORecipe(), ActionEvaluation(zeros, entropies, zeros), experience, 0.25)
+    old = Transitions(zeros, zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
+    found = losses(PPORecipe(), FixedPolicy(zeros, entropies), zeros, old, 0.25)
     found.total.backward()
     assert found.total.item() == pytest.approx(-0.5)
     assert entropies.grad is not None
