@@ -16,8 +16,8 @@ from importlib import import_module
 from typing import NoReturn
 
 from lilgym_mp import __version__
-from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.extras import install
+from lilgym_mp.options import CommandError
 from lilgym_mp.terminal import printable
 from lilgym_mp_command import INTERRUPTED
 

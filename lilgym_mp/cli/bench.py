@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, add_corpus
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json, write_text
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, CommandError, add_corpus
 from lilgym_mp.terminal import Progress
 
 OUTPUT = RUNS / "bench"

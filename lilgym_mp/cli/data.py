@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import CORPUS_HELP, add_corpus, add_seed, check_at_least, task_sets_with_id
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
+from lilgym_mp.options import CORPUS_HELP, CommandError, add_corpus, add_seed, check_at_least, task_sets_with_id
 from lilgym_mp.terminal import DownloadBar, table
 
 if TYPE_CHECKING:

@@ -14,8 +14,6 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import RUNS, add_seed, check_at_least
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
@@ -23,6 +21,7 @@ from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.options import RUNS, CommandError, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"

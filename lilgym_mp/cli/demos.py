@@ -10,8 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp import __version__
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import (
+from lilgym_mp.cli.solve import add_solving, solve_split
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import fresh_file, write_atomically
+from lilgym_mp.extras import install
+from lilgym_mp.options import (
+    CommandError,
     add_configuration,
     add_seed,
     add_settings,
@@ -19,11 +24,6 @@ from lilgym_mp.cli.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.cli.solve import add_solving, solve_split
-from lilgym_mp.corpus import load_tasks
-from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.extras import install
 from lilgym_mp.solver.action_sets import explore, pack_action_sets, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
 

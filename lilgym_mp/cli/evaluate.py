@@ -9,17 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import (
-    CONFIGURATIONS_HELP,
-    add_device,
-    add_recording,
-    add_seed,
-    add_settings,
-    add_split,
-    check_at_least,
-    given_environment,
-)
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
@@ -30,6 +19,18 @@ from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.learning.learners import find_learner
+from lilgym_mp.options import (
+    CONFIGURATIONS_HELP,
+    CommandError,
+    add_device,
+    add_recording,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_environment,
+)
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.model_file import ModelDescription
 
 AS_TRAINED, OFF = "as-trained", "off"
-DEFAULT_ACTION_MODES = {"ppo": [GREEDY, SAMPLED]}  # by learner; GREEDY for all others
 
 
 def add_parser(subparsers: Any) -> None:
@@ -176,7 +176,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     torch.set_num_threads(args.threads)
     agent = open_agent(path, args.device)
     description = agent.description
-    action_modes = args.actions or DEFAULT_ACTION_MODES.get(description.kind, [GREEDY])
+    action_modes = args.actions or find_learner(description.kind).action_modes
     if args.sampled:
         action_modes = [SAMPLED]
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import check_at_least
+from lilgym_mp.options import CommandError, check_at_least
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,25 +8,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import flag_name
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.named_policies import BUILT_IN_POLICIES
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, PPORecipe, make_recipe
+from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
+from lilgym_mp.options import CommandError, flag_name
 
-PARSE_AND_PLAN, IMITATION, PPO = "parse-and-plan", "imitation", "ppo"
-RECIPES: Mapping[str, Any] = {PARSE_AND_PLAN: ParserRecipe, IMITATION: ImitationRecipe, PPO: PPORecipe}
-# By learner: numeric options of its training that are not in the recipe, with their defaults.
-BUDGETS: Mapping[str, Mapping[str, Any]] = {
-    PARSE_AND_PLAN: {},
-    IMITATION: {"minutes": 10.0},
-    PPO: {"steps": 1_000_000, "evaluate_every": None},
-}
-STRING_OPTIONS: Mapping[str, Sequence[str]] = {PPO: ("recipe", "weights")}  # by learner, options with text values
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
@@ -144,33 +132,33 @@ def _learner_runs(
     evaluation: Sequence[str],
 ) -> Iterator[PlannedRun]:
     """The runs of one table [[learners]], for each of its configurations and seeds; `prefix`: of its keys in errors."""
-    learner = table.get("learner")
-    if not isinstance(learner, str) or learner not in RECIPES:
-        raise checker.error(f"{prefix}learner", f"unknown learner {learner!r}; choose from {', '.join(RECIPES)}")
-    recipe_keys = [field.name for field in fields(RECIPES[learner]) if field.name != "seed"]
-    allowed = (*LEARNER_KEYS, *BUDGETS[learner], *STRING_OPTIONS.get(learner, ()), *recipe_keys)
-    checker.check_keys(prefix, table, allowed)
-    name = table.get("name", learner)
+    kind = table.get("learner")
+    if not isinstance(kind, str) or kind not in PACKAGES:
+        raise checker.error(f"{prefix}learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
+    learner = find_learner(kind)
+    recipe_keys = [field.name for field in fields(learner.recipe) if field.name != "seed"]
+    checker.check_keys(prefix, table, (*LEARNER_KEYS, *learner.numbers, *learner.texts, *recipe_keys))
+    name = table.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
         raise checker.error(f"{prefix}name", f"must consist of letters, digits and -, _, +, not {name!r}")
     all_configurations = common["configurations"]
     configurations = checker.checked_list(
         f"{prefix}configurations", table.get("configurations", all_configurations), all_configurations, str
     )
-    if learner == PARSE_AND_PLAN and "configurations" in table:
+    if learner.plays_everything and "configurations" in table:
         raise checker.error(f"{prefix}configurations", "one agent plays all configurations; leave the key out")
     seeds = _seeds(checker, f"{prefix}seeds", table.get("seeds", common["seeds"]))
     modes = checker.checked_list(f"{prefix}actions", table.get("actions", [GREEDY]), [GREEDY, SAMPLED], str)
     options = {key: value for key, value in table.items() if key not in LEARNER_KEYS}
     training = ["--corpus", _training_corpus(checker, f"{prefix}corpus", table, configurations, environment[1])]
-    if learner != PARSE_AND_PLAN:
+    if not learner.plays_everything:
         training += environment[2:]
-    for configuration in (None,) if learner == PARSE_AND_PLAN else configurations:
+    for configuration in (None,) if learner.plays_everything else configurations:
         budget, recipe = _checked_options(checker, prefix, learner, configuration, options)
         played = _played_configurations(configuration, recipe, all_configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played, *evaluation)
         for seed in seeds:
-            train = ["train", learner, *([configuration] if configuration else []), "--seed", str(seed), *training]
+            train = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed), *training]
             yield PlannedRun(
                 "-".join([name, *([configuration] if configuration else []), str(seed)]),
                 (*train, *_flags(options)),
@@ -200,43 +188,32 @@ def _played_configurations(configuration: str | None, recipe: Any, choices: Sequ
     if configuration is None:
         return choices
     appearance, start = CONFIGURATIONS[configuration]
-    starts = (SCRATCH, FLIPIT) if start == FLIPIT and recipe.empty_starts else (start,)
+    starts = (SCRATCH, FLIPIT) if start == FLIPIT and getattr(recipe, "empty_starts", 0) else (start,)
     played = [name for name in choices if CONFIGURATIONS[name] in [(appearance, start) for start in starts]]
     return played or [configuration]
 
 
 def _checked_options(
-    checker: _Checker, prefix: str, learner: str, configuration: str | None, options: Mapping[str, Any]
+    checker: _Checker, prefix: str, learner: Learner, configuration: str | None, options: Mapping[str, Any]
 ) -> tuple[tuple[str, float], Any]:
     """The learner's budget, and the recipe that its options make."""
-    budgets = {key: options.get(key, default) for key, default in BUDGETS[learner].items()}
-    for key, value in budgets.items():
-        number = int if key == "evaluate_every" else int | float
-        if key in options and (isinstance(value, bool) or not isinstance(value, number) or value <= 0):
+    for key in learner.numbers.keys() & options.keys():
+        value, number = options[key], int if key == "evaluate_every" else int | float
+        if isinstance(value, bool) or not isinstance(value, number) or value <= 0:
             raise checker.error(f"{prefix}{key}", f"must be a number above 0, not {value!r}")
-    strings = STRING_OPTIONS.get(learner, ())
-    settings = {key: value for key, value in options.items() if key not in budgets and key not in strings}
-    defaults = {field.name: field.default for field in fields(RECIPES[learner])}
-    for key in strings:
-        if not isinstance(options.get(key, ""), str):
-            raise checker.error(f"{prefix}{key}", f"must be of type str, not {options[key]!r}")
-    for key, value in settings.items():
-        expected = type(defaults[key])
+    defaults = {field.name: field.default for field in fields(learner.recipe)}
+    for key, value in options.items():
+        if key in learner.numbers:
+            continue
+        expected = str if key in learner.texts else type(defaults[key])
         if type(value) is not expected and not (expected is float and type(value) is int):
             raise checker.error(f"{prefix}{key}", f"must be of type {expected.__name__}, not {value!r}")
+    settings = {key: value for key, value in options.items() if key not in learner.numbers}
     try:
-        if learner == IMITATION and configuration:
-            recipe = default_recipe(CONFIGURATIONS[configuration][0], **settings)
-        elif learner == PPO and configuration:
-            recipe = make_recipe(options.get("recipe", DEFAULT_RECIPE), configuration, **settings)
-        else:
-            recipe = RECIPES[learner](**settings)
+        recipe = learner.make_recipe(configuration or "", settings)
     except ValueError as error:
         raise checker.error(prefix.rstrip("."), str(error)) from None
-    if learner == IMITATION:
-        return ("cpu_seconds", 60 * budgets["minutes"]), recipe
-    budget = ("steps", budgets["steps"]) if learner == PPO else ("step", options.get("steps", defaults["steps"]))
-    return budget, recipe
+    return learner.budget({**learner.numbers, **options}), recipe
 
 
 def _flags(options: Mapping[str, Any]) -> Iterator[str]:

@@ -14,10 +14,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
 from lilgym_mp.extras import install
+from lilgym_mp.options import CommandError
 
 RETRIES = 3  # retries per run, if its node or its Ray worker process dies
 REPORT_SECONDS = 1.0

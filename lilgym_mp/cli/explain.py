@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.actions import describe
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_device, add_settings, given_environment
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, FilmFrame, film_frames
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.options import CommandError, add_device, add_settings, given_environment
 from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task

@@ -7,8 +7,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import (
+from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.options import (
+    CommandError,
     add_configuration,
     add_recording,
     add_seed,
@@ -17,9 +20,6 @@ from lilgym_mp.cli.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:

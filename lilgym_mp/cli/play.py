@@ -10,9 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.options import add_configuration, add_settings, add_split, given_settings
 from lilgym_mp.evaluation.files import writable_file
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.options import add_configuration, add_settings, add_split, given_settings
 from lilgym_mp.terminal import shows_colours
 
 if TYPE_CHECKING:

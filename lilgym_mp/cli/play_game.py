@@ -10,10 +10,9 @@ import numpy as np
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_configuration, add_settings, given_settings
 from lilgym_mp.cli.play import add_task_choice, input_lines
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.options import CommandError, add_configuration, add_settings, given_settings
 from lilgym_mp.render import text
 from lilgym_mp.terminal import shows_colours
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_corpus, task_with_id
+from lilgym_mp.options import CommandError, add_corpus, task_with_id
 from lilgym_mp.programs import ProgramError, compile_program, explain_program
 
 

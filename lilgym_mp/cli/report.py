@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import add_split
 from lilgym_mp.evaluation.episodes import SUFFIX, read_header
+from lilgym_mp.options import CommandError, add_split
 
 AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
 

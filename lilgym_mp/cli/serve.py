@@ -13,9 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import RUNS, add_corpus
 from lilgym_mp.extras import install
+from lilgym_mp.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
     from fastapi import FastAPI

@@ -12,8 +12,6 @@ from typing import Any
 from lilgym_mp.actions import Action, describe
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import CONFIGURATIONS_HELP, add_settings, check_at_least, given_environment
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.caption import LastAction, caption
@@ -21,6 +19,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.options import CONFIGURATIONS_HELP, CommandError, add_settings, check_at_least, given_environment
 from lilgym_mp.render import text
 from lilgym_mp.render.frames import frame
 from lilgym_mp.render.ruler import ruled

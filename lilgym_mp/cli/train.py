@@ -1,10 +1,10 @@
-"""`lilgym-mp train LEARNER`: one module per learner, each with `add_parser(learners)`."""
+"""`lilgym-mp train LEARNER`: the commands of all learners."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from lilgym_mp.cli import train_imitation, train_parse_and_plan, train_ppo
+from lilgym_mp.learning.learners import PACKAGES, find_learner
 
 
 def add_parser(subparsers: Any) -> None:
@@ -13,6 +13,9 @@ def add_parser(subparsers: Any) -> None:
         help="train an agent, or resume its training",
         description="Trains an agent. Ctrl-C saves a checkpoint and exits; --resume continues from it.",
     )
-    learners = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
-    for module in (train_parse_and_plan, train_imitation, train_ppo):
-        module.add_parser(learners)
+    commands = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
+    for name in PACKAGES:
+        learner = find_learner(name)
+        command = commands.add_parser(name, help=learner.summary, description=learner.description)
+        learner.add_options(command)
+        command.set_defaults(run=learner.train)

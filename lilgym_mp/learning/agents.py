@@ -5,7 +5,7 @@ A learner saves its agent as one model file (`model_file`), AGENT_FILE in its ru
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -14,11 +14,11 @@ from typing import Protocol
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agent_files import AGENT_FILE, shipped_agents
+from lilgym_mp.learning.learners import PACKAGES, find_learner
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
 
 __all__ = [
     "AGENT_FILE",
-    "LOADERS",
     "Agent",
     "AgentError",
     "agent_file",
@@ -27,13 +27,6 @@ __all__ = [
     "open_agent",
     "shipped_agents",
 ]
-
-# Model kind -> "module:function", a function of the path and the device name that returns the Agent.
-LOADERS: Mapping[str, str] = {
-    "parse-and-plan": "lilgym_mp.learning.parsing.agent:load_agent",
-    "imitation": "lilgym_mp.learning.imitation.agent:load_agent",
-    "ppo": "lilgym_mp.learning.ppo.agent:load_agent",
-}
 
 
 class Agent(Protocol):
@@ -69,9 +62,9 @@ def open_agent(path: Path, device: str = "auto") -> Agent:
     """The agent of a run directory or model file. Raises ValueError naming the file and what is wrong."""
     path = agent_file(path)
     kind = read_description(path).kind
-    if kind not in LOADERS:
-        raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LOADERS))}")
-    module, name = LOADERS[kind].split(":")
+    if kind not in PACKAGES:
+        raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(PACKAGES))}")
+    module, name = find_learner(kind).load_agent.split(":")
     load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
     return load(path, device)
 

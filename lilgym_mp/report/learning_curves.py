@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.report.aggregation import MeanStd, mean_std
 from lilgym_mp.report.charts import Line, line_chart
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
 
 ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
-# Metric of a learner's progress file, and its axis label.
-PROGRESS_METRICS: Mapping[str, tuple[str, str]] = {
-    "ppo": ("accuracy", "success rate of training episodes"),
-    "imitation": ("truth_accuracy", "accuracy of predicted truth values"),
-    "parse-and-plan": ("loss", "loss of the parser"),
-}
 REWARD_KEY = "nlvr_reward"  # recipe key: whether only STOP in a scene of the corpus was rewarded
 NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
@@ -102,14 +97,14 @@ def progress_curves(data: ReportData) -> Item:
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
     drawn = [
-        (f"{learner} {configuration}".strip(), "steps", PROGRESS_METRICS[learner][1], found_lines)
+        (f"{learner} {configuration}".strip(), "steps", find_learner(learner).progress[1], found_lines)
         for (learner, configuration), found_lines in panels.items()
     ]
     return Chart(ITEM, TITLE, line_chart(drawn), "Training progress, on training tasks.")
 
 
 def _line(curve: TrainingCurve) -> Line | None:
-    key = PROGRESS_METRICS.get(curve.learner, ("accuracy", ""))[0]
+    key = find_learner(curve.learner).progress[0]
     records = [record for record in curve.progress if record.get(key) is not None]
     points = [(record["step" if "step" in record else "steps"], record[key]) for record in records]
     return Line(curve.run.name, [x for x, _ in points], [y for _, y in points]) if points else None

@@ -17,10 +17,10 @@ import pytest
 from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.cli.experiment import Display, format_duration, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
+from lilgym_mp.options import CommandError
 from tests.own_corpus import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"

@@ -1,15 +1,18 @@
-"""`lilgym-mp train imitation`: a network that imitates the expert's optimal actions, from images and text."""
+"""Imitation of the expert as a learner, and its command."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import (
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
+from lilgym_mp.learning.learners import Learner
+from lilgym_mp.options import (
     INTERRUPTED,
     RUNS,
+    CommandError,
     add_configuration,
     add_device,
     add_recipe,
@@ -20,26 +23,18 @@ from lilgym_mp.cli.options import (
     given_options,
     given_settings,
 )
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.imitation.training import Progress as TrainingProgress
 
-LEARNER = "imitation"
+NAME = "imitation"
 DEFAULT_MINUTES = 10.0
 
 
-def add_parser(learners: Any) -> None:
-    parser = learners.add_parser(
-        LEARNER,
-        help="a network that imitates the expert's optimal actions, from images and text",
-        description="Trains a network to imitate the sets of optimal actions that the expert finds. The trained agent "
-        "acts on images and statements alone, without planning.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser)
-    add_run_directory(parser, f"{LEARNER}-CONFIGURATION")
+    add_run_directory(parser, f"{NAME}-CONFIGURATION")
     parser.add_argument(
         "--minutes",
         type=float,
@@ -51,10 +46,9 @@ def add_parser(learners: Any) -> None:
     add_device(parser)
     add_settings(parser)
     add_recipe(parser, ImitationRecipe)
-    parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def train(args: argparse.Namespace) -> int:
     import torch
 
     from lilgym_mp.learning.agents import AGENT_FILE
@@ -69,9 +63,9 @@ def run(args: argparse.Namespace) -> int:
     settings = Settings(**given_settings(args))
     names = [name for name in ImitationRecipe.__dataclass_fields__ if hasattr(args, name)]
     recipe = default_recipe(settings.appearance, **given_options(args, names))
-    directory = args.out or RUNS / f"{LEARNER}-{args.configuration}"
+    directory = args.out or RUNS / f"{NAME}-{args.configuration}"
     try:
-        with ImitationDisplay(args.minutes, resumed=args.resume) as display:
+        with _Display(args.minutes, resumed=args.resume) as display:
             train_imitation(
                 settings,
                 recipe,
@@ -84,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt:
         print(
-            f"interrupted; resume with: lilgym-mp train {LEARNER} {args.configuration} --resume"
+            f"interrupted; resume with: lilgym-mp train {NAME} {args.configuration} --resume"
             f" --corpus {settings.corpus} --minutes {args.minutes:g} --seed {args.seed} --out {directory}"
         )
         return INTERRUPTED
@@ -94,13 +88,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-class ImitationDisplay:
+class _Display:
     """Shows the progress of an imitation run in CPU seconds. A context manager."""
 
     def __init__(self, minutes: float, *, resumed: bool) -> None:
         self._progress = Progress(round(60 * minutes), "CPU seconds", done=None if resumed else 0)
 
-    def __enter__(self) -> ImitationDisplay:
+    def __enter__(self) -> _Display:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -114,3 +108,18 @@ class ImitationDisplay:
                 f"{progress.states:,} states, loss {progress.actions:.2f}, truth {100 * progress.truth_accuracy:.1f} %"
             )
         self._progress.reach(int(progress.cpu_seconds), note)
+
+
+LEARNER = Learner(
+    summary="a network that imitates the expert's optimal actions, from images and text",
+    description="Trains a network to imitate the sets of optimal actions that the expert finds. The trained agent acts "
+    "on images and statements alone, without planning.",
+    add_options=add_options,
+    train=train,
+    load_agent="lilgym_mp.learning.imitation.agent:load_agent",
+    recipe=ImitationRecipe,
+    make_recipe=lambda configuration, options: default_recipe(CONFIGURATIONS[configuration][0], **options),
+    budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
+    progress=("truth_accuracy", "accuracy of predicted truth values"),
+    numbers={"minutes": DEFAULT_MINUTES},
+)

@@ -1,11 +1,13 @@
-"""`lilgym-mp train parse-and-plan`: an agent that parses statements into programs and plans with them."""
+"""The parse-and-plan agent as a learner, and its command."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lilgym_mp.cli.options import (
+from lilgym_mp.learning.learners import Learner
+from lilgym_mp.learning.parsing.recipe import RECIPE_DESCRIPTIONS, ParserRecipe
+from lilgym_mp.options import (
     INTERRUPTED,
     RUNS,
     add_corpus,
@@ -16,31 +18,23 @@ from lilgym_mp.cli.options import (
     check_at_least,
     given_options,
 )
-from lilgym_mp.learning.parsing.recipe import RECIPE_DESCRIPTIONS, ParserRecipe
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.training import Progress as TrainingProgress
 
-LEARNER = "parse-and-plan"
+NAME = "parse-and-plan"
 
 
-def add_parser(learners: Any) -> None:
-    parser = learners.add_parser(
-        LEARNER,
-        help="an agent that parses statements into programs and plans with them",
-        description="Trains one agent for all configurations of a corpus: it learns to parse statements into programs, "
-        "reads scenes from pixels, and plans for the most likely programs. Takes some minutes on one CPU core.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_corpus(parser)
-    add_run_directory(parser, LEARNER)
+    add_run_directory(parser, NAME)
     add_save_every(parser, 500)
     add_device(parser)
     add_recipe(parser, ParserRecipe)
-    parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def train(args: argparse.Namespace) -> int:
     import torch
 
     from lilgym_mp.learning.parsing.training import train_parser
@@ -48,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "threads", "save_every")
     torch.set_num_threads(args.threads)
     recipe = ParserRecipe(**given_options(args, list(RECIPE_DESCRIPTIONS)))
-    directory = args.out or RUNS / LEARNER
-    with ParserDisplay(recipe.steps, resumed=args.resume) as display:
+    directory = args.out or RUNS / NAME
+    with _Display(recipe.steps, resumed=args.resume) as display:
         done = train_parser(
             args.corpus,
             recipe,
@@ -60,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=display,
         )
     if not done.agent_file.exists():
-        print(f"interrupted; resume with: lilgym-mp train {LEARNER} --resume --corpus {args.corpus} --out {directory}")
+        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --corpus {args.corpus} --out {directory}")
         return INTERRUPTED
     print(
         f"saved {done.agent_file} ({done.agent_file.stat().st_size / 1e6:.1f} MB)\n"
@@ -70,13 +64,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-class ParserDisplay:
+class _Display:
     """Shows the progress of a parser's training. A context manager."""
 
     def __init__(self, steps: int, *, resumed: bool) -> None:
         self._progress = Progress(steps, "steps", done=None if resumed else 0)
 
-    def __enter__(self) -> ParserDisplay:
+    def __enter__(self) -> _Display:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -85,3 +79,18 @@ class ParserDisplay:
     def __call__(self, progress: TrainingProgress) -> None:
         note = f"loss {progress.loss:.3f}, {progress.cpu_seconds / 60:.1f} CPU minutes"
         self._progress.reach(progress.step, note)
+
+
+LEARNER = Learner(
+    summary="an agent that parses statements into programs and plans with them",
+    description="Trains one agent for all configurations of a corpus: it learns to parse statements into programs, "
+    "reads scenes from pixels, and plans for the most likely programs. Takes some minutes on one CPU core.",
+    add_options=add_options,
+    train=train,
+    load_agent="lilgym_mp.learning.parsing.agent:load_agent",
+    recipe=ParserRecipe,
+    make_recipe=lambda configuration, options: ParserRecipe(**options),
+    budget=lambda options: ("step", options.get("steps", ParserRecipe().steps)),
+    progress=("loss", "loss of the parser"),
+    plays_everything=True,
+)

@@ -1,4 +1,4 @@
-"""`lilgym-mp train ppo`: proximal policy optimisation, from rewards alone."""
+"""Proximal policy optimisation as a learner, and its command."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.errors import CommandError
-from lilgym_mp.cli.options import (
+from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.learning.learners import Learner
+from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.options import (
     INTERRUPTED,
     RUNS,
+    CommandError,
     add_configuration,
     add_device,
     add_recipe,
@@ -21,8 +25,6 @@ from lilgym_mp.cli.options import (
     given_options,
     given_settings,
 )
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
@@ -32,13 +34,7 @@ if TYPE_CHECKING:
 DEFAULT_STEPS = 1_000_000
 
 
-def add_parser(learners: Any) -> None:
-    parser = learners.add_parser(
-        "ppo",
-        help="proximal policy optimisation, from rewards alone",
-        description="Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint "
-        "and exits.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?")
     add_run_directory(parser, "CONFIGURATION")
     parser.add_argument(
@@ -65,10 +61,9 @@ def add_parser(learners: Any) -> None:
     add_device(parser)
     add_settings(parser)
     add_recipe(parser, PPORecipe, choices=CHOICES, defaults_of=DEFAULT_RECIPE)
-    parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.ppo.training import train_ppo
 
@@ -161,3 +156,25 @@ class _Display:
             accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
             note = f"{update.steps_per_second:,.0f} steps/s, training accuracy {accuracy}"
             self._progress.reach(update.steps, note)
+
+
+def _recipe(configuration: str, options: dict[str, Any]) -> PPORecipe:
+    name = options.pop("recipe", DEFAULT_RECIPE)
+    return make_recipe(name, configuration, **{key: value for key, value in options.items() if key != "weights"})
+
+
+LEARNER = Learner(
+    summary="proximal policy optimisation, from rewards alone",
+    description="Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint and "
+    "exits.",
+    add_options=add_options,
+    train=train,
+    load_agent="lilgym_mp.learning.ppo.agent:load_agent",
+    recipe=PPORecipe,
+    make_recipe=_recipe,
+    budget=lambda options: ("steps", options["steps"]),
+    progress=("accuracy", "success rate of training episodes"),
+    numbers={"steps": DEFAULT_STEPS, "evaluate_every": None},
+    texts=("recipe", "weights"),
+    action_modes=(GREEDY, SAMPLED),  # the most probable first action may be STOP
+)

@@ -1,4 +1,4 @@
-"""Command-line options that several commands share.
+"""Command-line options that several commands share, and the error of all commands.
 
 An option that was not given has the value None; only then do the defaults of `Settings` or of a recipe apply.
 """
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
-from lilgym_mp.cli.errors import CommandError
 from lilgym_mp.corpus import TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
@@ -24,6 +23,10 @@ RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
 CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
+
+
+class CommandError(Exception):
+    """An error that the user can correct; only its message is printed, without a traceback."""
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,46 @@
+"""The learners: what training, evaluation, experiments and reports need to know of each. Imports no torch.
+
+Adding a learner takes a package with a module `learner`, which imports no torch either and defines LEARNER, and a line
+in PACKAGES.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+from lilgym_mp.choices import choose
+from lilgym_mp.evaluation.episodes import GREEDY
+
+PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model files
+    "parse-and-plan": "lilgym_mp.learning.parsing",
+    "imitation": "lilgym_mp.learning.imitation",
+    "ppo": "lilgym_mp.learning.ppo",
+}
+
+
+@dataclass(frozen=True)
+class Learner:
+    """One way to train agents."""
+
+    summary: str  # for lists of commands
+    description: str  # for the help of its command
+    add_options: Callable[[argparse.ArgumentParser], None]  # of `lilgym-mp train NAME`
+    train: Callable[[argparse.Namespace], int]  # trains as these options say; returns the exit code
+    load_agent: str  # "module:function", a function of the model file and the device that returns the Agent
+    recipe: type[Any]  # dataclass of hyperparameters, with fields made by `recipes.setting`
+    make_recipe: Callable[[str, dict[str, Any]], Any]  # from a configuration and options; raises ValueError
+    budget: Callable[[Mapping[str, Any]], tuple[str, float]]  # from options: key of progress.jsonl, last value
+    progress: tuple[str, str]  # for training curves: key of progress.jsonl, axis label
+    numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])  # options besides the recipe, with defaults
+    texts: Sequence[str] = ()  # further options, with text values
+    plays_everything: bool = False  # one agent plays all configurations, so the command takes none
+    action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
+
+
+def find_learner(name: str) -> Learner:
+    """Raises ValueError naming the choices."""
+    return import_module(f"{choose('learner', name, PACKAGES)}.learner").LEARNER
