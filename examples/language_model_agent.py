@@ -16,7 +16,7 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import Reply
 
-NOT_UNDERSTOOD = "That does not clearly name an action. Write the name of one legal action on the last line."
+NOT_UNDERSTOOD = "That does not clearly name an action. Write the name of one legal action on a line of its own."
 
 Messages = list[dict[str, str]]  # oldest first, each {"role", "content"}
 
@@ -36,7 +36,7 @@ class StubModel:
         prompts = [message["content"] for message in messages if "Legal actions" in message["content"]]
         listed = [line.split() for line in prompts[-1].splitlines() if line.startswith("  ")]
         indices = [words[0] for words in listed if words[0].isdigit()]
-        return f"I have no idea what a picture is, so I take action {self._generator.choice(indices)}."
+        return f"I have no idea what a picture is.\nAction: {self._generator.choice(indices)}"
 
 
 class Conversation:

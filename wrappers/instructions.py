@@ -9,7 +9,10 @@ from lilgym_mp.appearances import Appearance, Scatter
 from lilgym_mp.rules import Dynamics, Outcome
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
 
-ANSWER = "Answer with one action: its name on the last line, such as {example}."
+ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
+ANSWER_RULES = (
+    "Actions within sentences do not count. If several lines are actions, write your choice as Action: {example}."
+)
 TOWER_EXAMPLE, SCATTER_EXAMPLE = "ADD(LEFT, BLUE)", "ADD(3, 4, CIRCLE, BLUE, SMALL)"
 
 
@@ -24,6 +27,7 @@ def instructions(dynamics: Dynamics) -> str:
             *cell_lines(dynamics.appearance),
             *_action_lines(dynamics),
             answer_line(dynamics.appearance),
+            ANSWER_RULES.format(example=_example(dynamics.appearance)),
         ]
     )
 
@@ -75,7 +79,11 @@ def box_columns(appearance: Scatter) -> list[tuple[int, int]]:
 
 def answer_line(appearance: Appearance) -> str:
     """The answer format."""
-    return ANSWER.format(example=SCATTER_EXAMPLE if isinstance(appearance, Scatter) else TOWER_EXAMPLE)
+    return ANSWER.format(example=_example(appearance))
+
+
+def _example(appearance: Appearance) -> str:
+    return SCATTER_EXAMPLE if isinstance(appearance, Scatter) else TOWER_EXAMPLE
 
 
 def _action_lines(dynamics: Dynamics) -> Iterator[str]:

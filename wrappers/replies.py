@@ -1,7 +1,7 @@
-"""Parses the replies of language models: one action, or none if the reply is ambiguous.
+"""Parses the replies of language models: one action, or none if the reply is unclear.
 
-An action is named as by `describe`, "ADD(LEFT, BLUE)", or in words, "add left blue", "remove 3 4", "stop". Action
-numbers count only where they are unambiguous: alone, alone on the last line, or after "action" or "answer".
+The answer stands on a line of its own, as `describe` names it, "ADD(LEFT, BLUE)", in words, "add left blue" or
+"add_left_blue", or by its number.
 """
 
 from __future__ import annotations
@@ -20,51 +20,33 @@ class Reply(NamedTuple):
     """A parsed reply."""
 
     action: int  # action index
-    understood: bool  # False: no action or an ambiguous one, so `action` is the default
+    understood: bool  # False: no action or several, so `action` is the default
 
 
-class _Mention(NamedTuple):
-    """A span of the reply that mentions an action."""
+MAX_REPLY = 500_000  # characters; a longer reply is not understood
+MAX_ANSWER = 20_000  # the same after the thought
+MAX_LINE = 200  # a longer line names no action
 
-    start: int
-    end: int
-    action: int | None  # action index; None: unknown or incomplete
-    is_stop: bool
-
-
-_THOUGHT_END = re.compile(r"</(?:think|thinking|reasoning)>", re.IGNORECASE)
-_CALL = re.compile(r"\b(?P<verb>ADD|REMOVE)\s*\((?P<inside>[^()]*)\)|\bSTOP\b(?:\s*\(\s*\))?", re.IGNORECASE)
-_PHRASE = re.compile(
-    r"\b(?P<verb>add|remove)\b(?P<inside>(?:(?!\b(?:because|since|so|which|in order)\b)[^.;:!?\n])*)", re.IGNORECASE
-)
-_NUMBERED = re.compile(
-    r"\b(?:action|answer)(?:\s+(?:number|no\.?|is))?\s*[:=#]?\s*(?P<number>\d+)\b(?!\s*[.,]\d)", re.IGNORECASE
-)
-_LEADING_NUMBER = re.compile(r"(?:^|\b(?:action|answer|number)\b)\W*(?P<number>\d+)\s*[:.)=-]*\s*\(?$", re.IGNORECASE)
-# Allowed around an action on its own line: markup, bullets, "Answer:", "My next action is".
-_DECORATION = " \t*_`'\"#>$\\{}[]"
-_LABEL = re.compile(
-    r"^(?:(?:so|therefore|thus|ok(?:ay)?)[\s,:]+)?(?:(?:my|the|final|next|best|chosen|single)\s+)*"
-    r"(?:answer|action|move|choice|decision)(?:\s+is)?\s*[:=]?\s*",
+_THOUGHT_TAG = re.compile(r"<(?P<end>/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
+_DECORATION = " \t\n\r*_`'\"#>$\\{}[]"  # allowed around an action on its line
+_ENCLOSED = re.compile(
+    r"\\boxed\s*\{(?:\\text\s*\{)?(?P<boxed>[^{}\n]*)\}|<(?P<tag>answer|action)>(?P<tagged>[^<>]*)</(?P=tag)>",
     re.IGNORECASE,
 )
-
-_CLAUSE_END = re.compile(r"[,;:!?\n—–]|\.(?!\d)|\b(?:but|so|therefore|hence|thus|because|since)\b", re.IGNORECASE)
-_SENTENCE_END = re.compile(r"[;!?\n]|\.(?!\d)")
-_NEGATION = re.compile(
-    r"\b(?:not|never|cannot|avoid|instead\s+of|rather\s+than|without|neither|nor|no\s+need)\b|n['’]t\b", re.IGNORECASE
+_LABELLED = re.compile(
+    r"^[ \t*_`'\"#>{-]*(?:(?:my|the|final|next|best|chosen)[ \t]+){0,3}(?:answer|action)"
+    r"[*_`'\"]*[ \t]*[:=](?P<answer>[^\n]*)",
+    re.IGNORECASE | re.MULTILINE,
 )
-_CONDITION = re.compile(r"\b(?:if|unless|whether|when|until|once|after|before|had)\b", re.IGNORECASE)
-_REJECTION = re.compile(
-    r"^\W*(?:is|was|would\s+be|seems|looks)\s+(?:not\b|too\s+early|premature|wrong|illegal|invalid|impossible|an?\s+mistake)"
-    r"|^\W*(?:isn|wasn|wouldn|won|doesn|can)['’]t\b|^\W*(?:cannot|would\s+not|does\s+not)\b",
+_LEAD_IN = re.compile(
+    r"^(?:(?:so|therefore|thus|ok(?:ay)?)[\s,:]+)?(?:i (?:choose|take|pick)|"
+    r"(?:(?:my|the|final|next|best|chosen|single)\s+){0,3}(?:answer|action|move|choice|decision)(?:\s+is)?)?\s*[:=]?\s*",
     re.IGNORECASE,
 )
-_LATER = re.compile(
-    r"\b(?:then|next|after\s+that|afterwards?|later|finally|followed\s+by|subsequently)\b|->|→", re.IGNORECASE
-)
-_ALSO = re.compile(r"\b(?:and|plus|or)\b|\+", re.IGNORECASE)
-_FRESH_START = re.compile(r"\b(?:no|better|actually|instead|wait|rather|final)\b", re.IGNORECASE)
+_NUMBER = re.compile(r"(?:(?:action|number|no\.?)\s+)*(?P<number>\d+)", re.IGNORECASE)
+_NUMBERED = re.compile(r"(?P<number>\d+)\s*[:.)=-]*\s+")
+_CALL = re.compile(r"(?P<verb>ADD|REMOVE)\s*\((?P<inside>[^()]*)\)|STOP(?:\s*\(\s*\))?", re.IGNORECASE)
+_PHRASE = re.compile(r"(?P<verb>add|remove)\b(?P<inside>[\w\s,-]*)", re.IGNORECASE)
 
 _BOXES = {name: index for index, name in enumerate(BOX_NAMES)}
 _FILLERS = frozenset(
@@ -76,73 +58,69 @@ _TOWER_FILLERS = frozenset(("MEDIUM", "SQUARE"))  # properties of every block
 def parse_reply(reply: str, appearance: Appearance, default: int, shown: Collection[int] | None = None) -> Reply:
     """The action that `reply` chooses; `default`, not understood, if there is none or several.
 
-    If the last line is exactly one action, that is it. Otherwise the last action named, ignoring negated, questioned
-    and hypothetical ones; otherwise a number after "action" or "answer". `shown`: the action numbers that the agent
-    was shown; None: all.
+    Text up to the end of a thought ("</think>") is ignored; a reply whose thought does not end is not understood. If
+    answers are marked ("Action: ...", "Answer: ...", "<answer>...</answer>", "\\boxed{...}"), only they count,
+    otherwise every line that consists of one action; all of them must name the same. A number counts only if marked or
+    on the last line. `shown`: the action numbers that the agent was shown; None: all.
     """
-    text = _THOUGHT_END.split(reply)[-1]
-    index = _chosen(text, appearance, range(appearance.action_count) if shown is None else shown)
-    return Reply(default, understood=False) if index is None else Reply(index, understood=True)
+    text = without_thought(reply)
+    if text is None:
+        return Reply(default, understood=False)
+    named = _named(text, appearance, range(appearance.action_count) if shown is None else shown)
+    (action,) = named if len(named) == 1 else (None,)
+    return Reply(default, understood=False) if action is None else Reply(action, understood=True)
 
 
-def _chosen(text: str, appearance: Appearance, shown: Collection[int]) -> int | None:
-    lines = [line for line in text.splitlines() if line.strip(_DECORATION + ".")]
-    if not lines:
+def without_thought(reply: str) -> str | None:
+    """The reply after its last thought; None if a thought does not end or the reply is too long."""
+    if len(reply) > MAX_REPLY:
         return None
-    last = _whole_line(lines[-1], appearance, shown)
-    if last is not None:
-        earlier = _whole_line(lines[-2], appearance, shown) if len(lines) > 1 else None
-        is_plan = earlier not in (None, last) and not _LABEL.match(lines[-1].strip(_DECORATION))
-        return None if is_plan else last
-    mentions = list(_calls(text, appearance))
-    if all(mention.is_stop for mention in mentions):
-        mentions = sorted([*mentions, *_phrases(text, appearance)])
-    return _last_asserted(text, mentions or list(_numbered(text, appearance.action_count, shown)))
+    end: int | None = 0
+    for tag in _THOUGHT_TAG.finditer(reply):
+        end = tag.end() if tag["end"] else None
+    return None if end is None or len(reply) - end > MAX_ANSWER else reply[end:]
 
 
-def _whole_line(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
+def marked_answers(text: str) -> list[str]:
+    """The parts marked as the answer, without markup: enclosed ones if there are any, otherwise labelled ones."""
+    found = [match["boxed"] or match["tagged"] or "" for match in _ENCLOSED.finditer(text)]
+    found = found or [match["answer"] for match in _LABELLED.finditer(text)]
+    return [answer for answer in (each.strip(_DECORATION) for each in found) if answer]
+
+
+def _named(text: str, appearance: Appearance, shown: Collection[int]) -> set[int | None]:
+    """The actions that the reply names; None stands for a marked answer that is no action."""
+    if marked := marked_answers(text):
+        return {_action_on(answer, appearance, shown) for answer in marked}
+    lines = [line for line in text.splitlines() if line.strip(_DECORATION + ".")]
+    actions = {_action_on(line, appearance, ()) for line in lines[:-1]}
+    return {*actions, *(_action_on(line, appearance, shown) for line in lines[-1:])} - {None}
+
+
+def _action_on(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
     """The action if the line consists of exactly one."""
-    bare = _LABEL.sub("", line.strip(_DECORATION).removeprefix("- ")).strip(_DECORATION)
+    if len(line) > MAX_LINE:
+        return None
+    bare = _LEAD_IN.sub("", line.strip(_DECORATION).removeprefix("- ")).strip(_DECORATION)
     bare = bare.removesuffix(".").strip(_DECORATION)
-    if bare.isdecimal():
-        return _shown_index(int(bare), appearance.action_count, shown)
-    number = re.match(r"(\d+)\s*[:.)=-]*\s+", bare)
-    name = bare[number.end() :] if number else bare
+    if alone := _NUMBER.fullmatch(bare):
+        number = int(alone["number"])
+        return number if number < appearance.action_count and number in shown else None
+    numbered = _NUMBERED.match(bare)
+    name = bare[numbered.end() :] if numbered else bare
     if name.startswith("(") and name.endswith(")"):
         name = name[1:-1]
+    name = name.replace("_", " ")
     match = _CALL.fullmatch(name) or _PHRASE.fullmatch(name)
     action = _encoded(match, appearance) if match else None
-    return None if number and int(number[1]) != action else action
-
-
-def _shown_index(number: int, count: int, shown: Collection[int]) -> int | None:
-    return number if number < count and number in shown else None
-
-
-def _calls(text: str, appearance: Appearance) -> Iterator[_Mention]:
-    """Actions in the form of `describe`; STOP only in capitals, because prose uses the verb."""
-    for match in _CALL.finditer(text):
-        if match["verb"] is None and not match[0].startswith("STOP"):
-            continue
-        action = _encoded(match, appearance)
-        before = _LEADING_NUMBER.search(text[: match.start()].rsplit("\n", 1)[-1])
-        if before is not None and int(before["number"]) != action:
-            action = None  # such as "action 4: ADD(LEFT, BLUE)" if action 4 is a different one
-        yield _Mention(match.start(), match.end(), action, is_stop=match["verb"] is None)
-
-
-def _phrases(text: str, appearance: Appearance) -> Iterator[_Mention]:
-    """Actions in words, if they have at least one argument."""
-    for match in _PHRASE.finditer(text):
-        if _has_argument(match["inside"]):
-            yield _Mention(match.start(), match.end(), _encoded(match, appearance), is_stop=False)
+    return None if numbered and int(numbered["number"]) != action else action
 
 
 def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
     """The index of the action in a match of _CALL or _PHRASE."""
-    if match["verb"] is None:
+    if match.re is _CALL and match["verb"] is None:
         return appearance.encode(STOP)
-    words = _words(match["inside"])
+    words = list(_words(match["inside"]))
     action = (_scatter_action if isinstance(appearance, Scatter) else _tower_action)(match["verb"].upper(), words)
     try:
         return None if action is None else appearance.encode(action)
@@ -150,7 +128,7 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
         return None
 
 
-def _words(inside: str) -> list[str]:
+def _words(inside: str) -> Iterator[str]:
     """The words of an action's arguments, without fillers; "row 4, column 3" is put in column-row order."""
     words = re.findall(r"\w+", inside.upper())
     for first, second in (("ROW", "COLUMN"), ("ROW", "COL")):
@@ -158,15 +136,7 @@ def _words(inside: str) -> list[str]:
             row, column = (words.index(name) + 1 for name in (first, second))
             if row < len(words) and column < len(words):
                 words[row], words[column] = words[column], words[row]
-    return [word for word in words if word not in _FILLERS]
-
-
-def _has_argument(inside: str) -> bool:
-    """Whether any word could be an argument."""
-    return any(
-        word.isdecimal() or word in _BOXES or any(word in members.__members__ for members in (Colour, Shape, Size))
-        for word in _words(inside)
-    )
+    return (word for word in words if word not in _FILLERS)
 
 
 def _tower_action(verb: str, words: list[str]) -> Action | None:
@@ -194,45 +164,3 @@ def _scatter_action(verb: str, words: list[str]) -> Action | None:
         return None
     (shape,), (colour,), (size,) = found
     return AddItem(column, row, Shape[shape], Colour[colour], Size[size])
-
-
-def _numbered(text: str, count: int, shown: Collection[int]) -> Iterator[_Mention]:
-    """Numbers after "action" or "answer"."""
-    for match in _NUMBERED.finditer(text):
-        yield _Mention(match.start(), match.end(), _shown_index(int(match["number"]), count, shown), is_stop=False)
-
-
-def _last_asserted(text: str, mentions: list[_Mention]) -> int | None:
-    """The last mentioned action that the reply asserts; None if it is one step of a plan."""
-    asserted = [mention for mention in mentions if not _is_hypothetical(text, mention.start, mention.end)]
-    if not asserted:
-        return None
-    last = asserted[-1]
-    is_plan = any(
-        earlier.action != last.action and _continues_plan(text[earlier.end : last.start]) for earlier in asserted[:-1]
-    )
-    return None if is_plan else last.action
-
-
-def _continues_plan(between: str) -> bool:
-    """Whether the text between two actions makes the second a further step of a plan, not a change of mind."""
-    tail = _last_part(_SENTENCE_END, between)
-    if _FRESH_START.search(tail):
-        return False
-    if not re.search(r"[^\W\d]", between):
-        return True
-    return bool(_LATER.search(tail) or (tail == between and _ALSO.search(tail)))
-
-
-def _is_hypothetical(text: str, start: int, end: int) -> bool:
-    """Whether text[start:end] is negated, questioned or hypothetical rather than asserted."""
-    clause = _last_part(_CLAUSE_END, text[:start])
-    sentence_end = _SENTENCE_END.search(text, end)
-    is_question = sentence_end is not None and sentence_end[0] == "?"
-    return bool(is_question or _NEGATION.search(clause) or _CONDITION.search(clause) or _REJECTION.search(text[end:]))
-
-
-def _last_part(boundary: re.Pattern[str], text: str) -> str:
-    """The text after the last match of `boundary`."""
-    ends = [match.end() for match in boundary.finditer(text)]
-    return text[ends[-1] :] if ends else text

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +82,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.llm import Player, make_agent, summarise
 
+    if os.getcwd() not in sys.path:  # for --agent module:Class
+        sys.path.append(os.getcwd())
     check_at_least(args, 1, "episodes")
     _check_output(args)
     player = Player(
@@ -103,19 +107,30 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
     """Plays the episodes; prints each as it ends, and writes it if --out is given."""
+    from lilgym_mp.llm import AgentError
+
     episodes: list[Episode] = []
     lines: list[str] = []
     task_ids = player.task_ids()[: args.episodes]
     with Progress(len(task_ids), "episodes", lines=0) as progress:
         for index, task_id in enumerate(task_ids):
-            episode = player.play(task_id, args.seed + index)
+            try:
+                episode = player.play(task_id, args.seed + index)
+            except AgentError as error:
+                failed = {"task": task_id, "error": str(error), "messages": player.conversation}
+                _write_transcripts(args, [*lines, json.dumps(failed, ensure_ascii=False) + "\n"])
+                raise CommandError(f"{task_id}: {error} ({len(episodes)} episodes were played before)") from None
             print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
             episodes.append(episode)
             lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")
-            if args.out is not None:
-                write_text(args.out / TRANSCRIPTS, "".join(lines))
+            _write_transcripts(args, lines)
             progress.advance(note=f"{sum(episode.is_success for episode in episodes):,} solved")
     return episodes
+
+
+def _write_transcripts(args: argparse.Namespace, lines: list[str]) -> None:
+    if args.out is not None:
+        write_text(args.out / TRANSCRIPTS, "".join(lines))
 
 
 def _record(player: Player, args: argparse.Namespace, episodes: list[Episode]) -> None:

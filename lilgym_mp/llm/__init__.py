@@ -3,13 +3,15 @@
 docs/language_models.md explains how to plug in a model.
 """
 
-from lilgym_mp.llm.agents import AGENTS, Answer, ExpertAgent, HTTPAgent, LanguageAgent, RandomAgent, make_agent
+from lilgym_mp.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
 from lilgym_mp.llm.balrog import BalrogEnv
+from lilgym_mp.llm.http_agent import HTTPAgent
 from lilgym_mp.llm.player import Episode, Player
 from lilgym_mp.llm.summary import Summary, progression, summarise, wilson_interval
 
 __all__ = [
     "AGENTS",
+    "AgentError",
     "Answer",
     "BalrogEnv",
     "Episode",

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,16 +11,17 @@ import numpy as np
 from lilgym_mp.actions import describe
 from lilgym_mp.choices import choose
 from lilgym_mp.solver import Expert
+from lilgym_mp.terminal import printable
 from lilgym_mp.wrappers import TextObservation
 
 Message = dict[str, str]  # {"role": "system" | "user" | "assistant", "content"}
 
-RETRIED_STATUSES = (408, 425, 429, 500, 502, 503, 504)  # HTTP status codes
-FIRST_DELAY_SECONDS = 1.0  # before the first retry, doubled each time
-
 
 class AgentError(ValueError):
-    """The agent is unavailable or does not answer."""
+    """The agent is unavailable or does not answer. Control characters in the message are escaped."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message).replace("\n", "\\n"))
 
 
 class Answer(NamedTuple):
@@ -72,62 +68,10 @@ class ExpertAgent:
         return describe(self._appearance.decode(self._expert.act()))
 
 
-class HTTPAgent:
-    """A model behind an OpenAI-compatible chat API: POST `url`/chat/completions."""
+def _http_agent(**options: Any) -> LanguageAgent:
+    from lilgym_mp.llm.http_agent import HTTPAgent
 
-    def __init__(
-        self,
-        url: str,
-        model: str,
-        *,
-        key_variable: str = "OPENAI_API_KEY",
-        temperature: float = 0.0,
-        max_tokens: int = 512,
-        timeout_seconds: float = 60.0,
-        retries: int = 3,
-    ) -> None:
-        """`url`: such as "http://localhost:8000/v1". `key_variable`: environment variable with the API key, optional.
-        `retries`: of a request to a busy or unreachable server."""
-        if not url.startswith(("http://", "https://")):
-            raise AgentError(f"url must begin with http:// or https://, not {url!r}")
-        self._url = url.rstrip("/") + "/chat/completions"
-        self._settings = {"model": model, "temperature": float(temperature), "max_tokens": int(max_tokens)}
-        self._key_variable = key_variable
-        self._timeout = float(timeout_seconds)
-        self._retries = int(retries)
-
-    def answer(self, messages: Sequence[Message]) -> Answer:
-        """Raises AgentError when the server refuses, is unreachable, or replies in another format."""
-        body = json.dumps({**self._settings, "messages": list(messages)}).encode()
-        content = self._post(body)
-        try:
-            text = content["choices"][0]["message"]["content"]
-            usage = content.get("usage") or {}
-        except (KeyError, IndexError, TypeError, AttributeError):
-            raise AgentError(
-                f"{self._url}: the reply has no choices[0].message.content: {str(content)[:200]}"
-            ) from None
-        return Answer("" if text is None else str(text), usage.get("prompt_tokens"), usage.get("completion_tokens"))
-
-    def _post(self, body: bytes) -> Any:
-        headers = {"Content-Type": "application/json"}
-        if key := os.environ.get(self._key_variable):
-            headers["Authorization"] = f"Bearer {key}"
-        request = urllib.request.Request(self._url, body, headers)
-        for attempt in range(self._retries + 1):
-            try:
-                with urllib.request.urlopen(request, timeout=self._timeout) as response:
-                    return json.load(response)
-            except urllib.error.HTTPError as refusal:
-                with refusal:
-                    error = f"HTTP {refusal.code} {refusal.reason}: {refusal.read(200).decode(errors='replace')}"
-                if refusal.code not in RETRIED_STATUSES:
-                    raise AgentError(f"{self._url}: {error}") from None
-            except (OSError, ValueError) as failure:
-                error = str(failure)
-            if attempt < self._retries:
-                time.sleep(FIRST_DELAY_SECONDS * 2**attempt)
-        raise AgentError(f"{self._url}: {error} ({self._retries + 1} attempts)")
+    return HTTPAgent(**options)
 
 
 def _transformers_agent(**options: Any) -> LanguageAgent:
@@ -139,7 +83,7 @@ def _transformers_agent(**options: Any) -> LanguageAgent:
 AGENTS: Mapping[str, Callable[..., LanguageAgent]] = {
     "random": RandomAgent,
     "expert": ExpertAgent,
-    "http": HTTPAgent,
+    "http": _http_agent,
     "transformers": _transformers_agent,
 }
 
@@ -152,18 +96,24 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
     maker = _imported(name) if ":" in name else choose("agent", name, AGENTS)
     try:
         agent = maker(**(options or {}))
-    except TypeError as error:
+    except AgentError:
+        raise
+    except Exception as error:
         raise AgentError(
-            f"agent {name!r} cannot be constructed with the options {dict(options or {})}: {error}"
-        ) from None
+            f"agent {name!r} cannot be constructed with the options {dict(options or {})}: {described(error)}"
+        ) from error
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")
     return agent
 
 
+def described(error: BaseException) -> str:
+    """The type and message of an error."""
+    return f"{type(error).__name__}: {error}"
+
+
 def _imported(name: str) -> Callable[..., Any]:
-    module, _, attribute = name.partition(":")
     try:
-        return getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise AgentError(f"agent {name!r}: {error}; name it module:Class, importable from here") from None
+        return resolve_name(name)
+    except Exception as error:
+        raise AgentError(f"agent {name!r}: {described(error)}; name it module:Class, importable from here") from error

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from lilgym_mp.actions import describe
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm.agents import Answer, LanguageAgent, Message
+from lilgym_mp.llm.agents import AgentError, Answer, LanguageAgent, Message, described
 from lilgym_mp.llm.summary import progression
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 
-NOT_UNDERSTOOD = "That does not name exactly one action. Write the name of one legal action on the last line."
+NOT_UNDERSTOOD = "That does not name exactly one action. Write the name of one legal action on a line of its own."
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class Player:
     legal_actions: bool = True
     retries: int = 1
     history: int = 12
+    conversation: list[Message] = field(init=False, default_factory=list[Message])  # of the last episode
     env: TextObservation = field(init=False)
     tasks: TaskSet = field(init=False)
     dynamics: Dynamics = field(init=False)
@@ -86,12 +87,12 @@ class Player:
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
-        """One episode. Raises ValueError for an unknown task; errors of the agent propagate."""
+        """One episode. Raises ValueError for an unknown task, AgentError where the agent raises an exception."""
         text, _ = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
+        messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
         if (begin := getattr(self.agent, "begin", None)) is not None:
-            begin(self.env, seed)
-        messages: list[Message] = [{"role": "system", "content": self.env.instructions()}]
+            _call(begin, self.env, seed)
         turns: list[Turn] = []
         actions: list[str] = []
         total, ended, info = 0.0, False, dict[str, Any]()
@@ -122,9 +123,8 @@ class Player:
         """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`."""
         for attempt in range(self.retries + 1):
             start = time.perf_counter()
-            reply = self.agent.answer(self._recent(messages))
+            answer = _answer(_call(self.agent.answer, self._recent(messages)))
             seconds = time.perf_counter() - start
-            answer = Answer(reply) if isinstance(reply, str) else reply
             parsed = self.env.parse_action(answer.text)
             acts = parsed.understood or attempt == self.retries
             name = describe(self.dynamics.appearance.decode(parsed.action)) if acts else None
@@ -141,3 +141,21 @@ class Player:
         user = [index for index, message in enumerate(messages) if message["role"] == "user"]
         first = user[max(0, len(user) - 1 - self.history)]
         return [messages[0], *messages[first:]]
+
+
+def _call(method: Callable[..., Any], *arguments: Any) -> Any:
+    """The result of an agent's method; its exceptions become AgentErrors."""
+    try:
+        return method(*arguments)
+    except AgentError:
+        raise
+    except Exception as error:
+        raise AgentError(f"the agent raised {described(error)}") from error
+
+
+def _answer(reply: object) -> Answer:
+    """An agent's reply, with text that can be written to files. Raises AgentError for another type."""
+    answer = Answer(reply) if isinstance(reply, str) else reply
+    if not isinstance(answer, Answer) or not isinstance(answer.text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise AgentError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
+    return answer._replace(text=answer.text.encode(errors="replace").decode())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +17,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm import BalrogEnv, HTTPAgent, Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.llm import BalrogEnv, HTTPAgent, Player, http_agent, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.llm import agents as agents_module
 from lilgym_mp.llm.agents import AgentError, Answer, Message
 from lilgym_mp.solver import Solver
@@ -156,7 +158,7 @@ def test_http__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.M
 
 
 def test_http__retries_a_busy_server(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(agents_module, "FIRST_DELAY_SECONDS", 0.001)
+    monkeypatch.setattr(http_agent, "FIRST_DELAY_SECONDS", 0.001)
     with served(lambda body, number: (200, chat("ok")) if number > 2 else (503, {})) as (url, requests):
         assert HTTPAgent(url, "tiny").answer([]) == Answer("ok", 7, 3)
     assert len(requests) == 3
@@ -166,18 +168,57 @@ def test_http__retries_a_busy_server(monkeypatch: pytest.MonkeyPatch):
     ("status", "content", "message"),
     [
         (401, {"error": "no key"}, "HTTP 401"),
-        (200, {"error": "odd"}, "no choices"),
-        (200, b"<html>", "2 attempts"),
+        (200, {"error": "odd"}, "no text choices"),
+        (200, b"<html>", "the reply is not JSON: <html>"),
+        (500, b"broken", r"HTTP 500: broken \(2 attempts\)"),
     ],
 )
 def test_http__error_names_the_reason(status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(agents_module, "FIRST_DELAY_SECONDS", 0.001)
+    monkeypatch.setattr(http_agent, "FIRST_DELAY_SECONDS", 0.001)
     with served(lambda body, number: (status, content)) as (url, _), pytest.raises(AgentError, match=message):
         HTTPAgent(url, "tiny", retries=1).answer([])
 
 
+class Failing:
+    """Plays one action, then raises; its module can be named on the command line."""
+
+    def answer(self, messages: Sequence[Message]) -> str:
+        if len(messages) > 2:
+            raise RuntimeError("out of\x1b[31m memory")
+        return "ADD(LEFT, BLUE)\ud800"
+
+
+def test_command__an_agents_exception_is_one_line_and_keeps_the_transcript(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(agents_module, "AGENTS", {"failing": Failing})
+    assert main(["llm", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the agent raised RuntimeError: out of\\x1b[31m memory (0 episodes were played before)" in line
+    (failed,) = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
+    assert [message["role"] for message in failed["messages"]] == ["system", "user", "assistant", "user"]
+    assert "out of" in failed["error"]
+
+
+@pytest.mark.parametrize("reply", [None, 3, b"STOP", Answer(None)])  # pyright: ignore[reportArgumentType]
+def test_answer_of_another_type__is_an_agent_error(reply: Any):
+    agent = Scripted()
+    agent.answer = lambda messages: reply
+    player = Player(TOWER, agent)
+    with pytest.raises(AgentError, match="the agent's answer must be a text or an Answer, not "):
+        player.play(player.task_ids()[0])
+
+
+def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
+    (tmp_path / "my_agents.py").write_text("class Mine:\n    def answer(self, messages):\n        return 'STOP'\n")
+    command = [Path(sys.executable).with_name("lilgym-mp"), "llm", "TowerFlipIt", "--agent", "my_agents:Mine"]
+    done = subprocess.run([*command, "--episodes", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert ", STOP\n" in done.stdout
+
+
 def test_command__plays_over_http_and_writes_transcripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    with served(lambda body, number: (200, chat("I take ADD(LEFT, BLUE)"))) as (url, _):
+    with served(lambda body, number: (200, chat("I take\nADD(LEFT, BLUE)"))) as (url, _):
         command = ["llm", "TowerFlipIt", "--agent", "http", "--option", f"url={url}", "model=tiny", "--episodes", "2"]
         assert main([*command, "--out", str(tmp_path / "out")]) == 0
     transcripts = [json.loads(line) for line in (tmp_path / "out" / "transcripts.jsonl").read_text().splitlines()]
@@ -206,6 +247,9 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         (["--agent", "http"], "cannot be constructed with the options"),
         (["--agent", "http", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
         (["--agent", "json:loads"], "cannot be constructed with the options"),
+        (["--agent", "os:abort.x"], "name it module:Class, importable from here"),
+        (["--agent", "http", "--option", "url=ftp://x", "model=m"], "url must begin with http:// or https://"),
+        (["--agent", "http", "--option", "url=http://x", "model=m", "timeout_seconds=0"], "must be positive, not 0"),
         (["--agent", "collections:OrderedDict"], "has no method answer"),
         (["--agent", "expert", "--episodes", "0"], "--episodes must be at least 1, not 0"),
     ],

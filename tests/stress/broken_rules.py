@@ -279,10 +279,10 @@ BREAKS = (
         ("tests/test_sb3.py",),
     ),
     Break(
-        "a reply with a negation",
+        "a reply whose thought does not end",
         "wrappers/replies.py",
-        "bool(is_question or _NEGATION.search(clause) or",
-        "bool(is_question or",
+        'end = tag.end() if tag["end"] else None',
+        "end = tag.end()",
         ("tests/wrappers/test_text.py",),
     ),
     Break(

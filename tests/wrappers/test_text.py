@@ -44,7 +44,7 @@ Legal actions, each with its number:
   8 ADD(RIGHT, BLACK)
   9 ADD(RIGHT, BLUE)
   10 REMOVE(LEFT)
-Answer with one action: its name on the last line, such as ADD(LEFT, BLUE)."""
+Answer with one action: its name on a line of its own, such as ADD(LEFT, BLUE)."""
 
 
 def test_tower_text__is_complete(make: Make):
@@ -105,21 +105,31 @@ TOWER_REPLIES = {
     "I choose action 12.": 12,
     "ADD(LEFT, BLUE)": 3,
     "**ADD(LEFT, BLUE)**": 3,
+    "- ADD(LEFT, BLUE)": 3,
     "Action: `add(left, blue)`.": 3,
-    "There are 2 blocks, so: remove ( left )": 10,
-    "First ADD(LEFT, BLUE), no, better STOP": 0,
+    "**Action:** ADD(LEFT, BLUE)": 3,
+    '{"action": "ADD(LEFT, BLUE)"}': 3,
+    "```\nADD(LEFT, BLUE)\n```": 3,
     "Thinking of (40, 80)...\n\nAnswer: 5\n": 5,
-    "ADD(LEFT, BLUE) because exactly 2 blocks are needed.": 3,
+    "Action: 5\nThat makes three blocks, as wanted.": 5,
+    "ADD(LEFT, BLUE)\nbecause exactly 2 blocks are needed.": 3,
     "REMOVE(LEFT)\n\n11 actions remain after this.": 10,
-    "If I STOP now I lose, so ADD(MIDDLE, BLACK)": 5,
-    "Instead of STOP, ADD(LEFT, BLUE)": 3,
-    "STOP would be premature. ADD(LEFT, BLUE)": 3,
-    "Should I STOP? No. ADD(LEFT, BLUE) it is": 3,
-    "ADD(RIGHT, BLUE) makes two. I choose REMOVE(LEFT) because of that.": 10,
+    "If I STOP now I lose, so ADD(MIDDLE, BLACK) is needed.\nADD(MIDDLE, BLACK)": 5,
+    "Should I STOP? No.\nADD(LEFT, BLUE)": 3,
+    "Action: ADD(LEFT, BLUE)\nReason: we STOP later": 3,
+    "Action: ADD(LEFT, BLUE)\nSTOP": 3,
+    "STOP\nFinal answer: ADD(LEFT, BLUE)": 3,
+    "Action:\nADD(LEFT, BLUE)": 3,
+    r"So the answer is \boxed{ADD(LEFT, BLUE)}": 3,
+    r"Answer: $\boxed{\text{ADD(LEFT, BLUE)}}$": 3,
+    "<answer>\nADD(LEFT, BLUE)\n</answer>": 3,
     "<think>STOP or ADD(LEFT, BLUE), and 2 of them?</think>ADD(LEFT, BLACK)": 2,
+    "STOP\n</think>\n<think>Action: STOP</think>ADD(LEFT, BLACK)": 2,
     "3 ADD(LEFT, BLUE)": 3,
     "add left blue": 3,
-    "I add a blue block to the left box, which makes two": 3,
+    "add_left_blue": 3,
+    "Answer: remove_left": 10,
+    "add a blue block to the left box": 3,
     "stop": 0,
     "I think that will do.\nStop.": 0,
     "My answer is STOP": 0,
@@ -134,13 +144,16 @@ UNCLEAR_TOWER_REPLIES = (
     "ADD(3, 4, CIRCLE, BLUE, SMALL)",
     "11 actions remain after this",
     "exactly 2 blocks are needed.",
+    "1\n2 blocks would do, but there are three",
     "do not STOP yet",
-    "I don't want to STOP",
-    "We must not choose action 4",
     "Should I STOP?",
+    "The left box needs a block, so ADD(LEFT, BLUE)",
     "ADD(LEFT, BLUE), then STOP",
     "ADD(LEFT, BLUE). Then I will STOP.",
     "ADD(LEFT, BLUE)\nSTOP",
+    "Action: ADD(LEFT, BLUE)\nAction: STOP",
+    "Action: ADD(LEFT, NORTH)\nADD(LEFT, BLUE)",
+    r"\boxed{ADD(LEFT, BLUE)} or \boxed{STOP}",
     "1. ADD(LEFT, BLUE)\n2. REMOVE(LEFT)",
     "ADD(LEFT, BLUE) or ADD(RIGHT, BLUE)",
     "action 4: ADD(LEFT, BLUE)",
@@ -148,6 +161,11 @@ UNCLEAR_TOWER_REPLIES = (
     "add a block",
     "add left blue then right black",
     "we could stop here or go on",
+    "<think> ... I could try\nADD(LEFT, BLUE)\nand",
+    "<think>STOP",
+    "ADD(LEFT, BLUE)\n<think>\nor rather",
+    "ADD(LEFT, BLUE)" + " " * 20_000,
+    "9" * 5_000,
 )
 
 
@@ -166,10 +184,11 @@ def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
     "reply",
     [
         "Add a small blue circle at column 3 row 4",
+        "add_3_4_small_blue_circle",
         "Add a small blue circle at row 4, column 3.",
         "add 3 4 small blue circle",
         "ADD(3, 4, SMALL, BLUE, CIRCLE)",
-        "The 2 boxes at the right are done; ADD(3, 4, CIRCLE, BLUE, SMALL) makes 3 circles.",
+        "The 2 boxes at the right are done.\nADD(3, 4, CIRCLE, BLUE, SMALL)\nThat makes 3 circles.",
     ],
 )
 def test_reply__in_scatter_may_use_words(make: Make, reply: str):
