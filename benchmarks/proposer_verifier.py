@@ -34,12 +34,12 @@ def record(settings: dict[str, Any], games: int, seed: int) -> list[Recorded]:
     engine, rng = game_env.engine, np.random.default_rng(seed)
     recorded: list[Recorded] = []
     for number in range(games):
-        _, infos = game_env.reset(seed=seed + number)
+        game_env.reset(seed=seed + number)
         actions: list[dict[str, int]] = []
         while game_env.agents:
             actions.append({agent: choice(engine, Role(role), rng) for role, agent in enumerate(AGENTS)})
             game_env.step(actions[-1])
-        recorded.append((infos[PROPOSER]["task"], actions))
+        recorded.append((game_env.unwrapped.task.id, actions))
     return recorded
 
 

@@ -14,6 +14,8 @@ from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.metrics import (
     GameRecord,
     Metrics,
+    TargetMetrics,
+    cross_play,
     exploitability,
     measure,
     play_games,
@@ -25,6 +27,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     HELPFUL_PROPOSER,
     SCRIPTED,
     SNEAKY_PROPOSER,
+    BatchTurn,
     ClaimingProposer,
     FrozenPolicy,
     OracleVerifier,
@@ -32,6 +35,7 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     PartnerError,
     PartnerTurn,
     RandomPartner,
+    TargetOnlyVerifier,
 )
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
@@ -65,6 +69,7 @@ __all__ = [
     "SNEAKY_PROPOSER",
     "TERMS",
     "VIEWS",
+    "BatchTurn",
     "BatchedGames",
     "ClaimingProposer",
     "FinalObservations",
@@ -83,8 +88,11 @@ __all__ = [
     "RandomPartner",
     "Role",
     "SingleAgentView",
+    "TargetMetrics",
+    "TargetOnlyVerifier",
     "TurnError",
     "View",
+    "cross_play",
     "env",
     "exploitability",
     "measure",

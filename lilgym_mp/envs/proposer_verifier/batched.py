@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn, overload
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int64Array
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import checked_flag, checked_seed
 from lilgym_mp.envs.draws import next_draws
@@ -29,7 +30,7 @@ from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts
+from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts, with_tasks
 
 BatchStep = tuple[
     dict[str, AgentObservation],
@@ -40,22 +41,51 @@ BatchStep = tuple[
 ]
 
 
+# A function of the indices (k,) of the games that start, which returns the indices (k,) of their tasks.
+TaskSampler = Callable[[Int64Array], NDArray[np.integer[Any]]]
+
+
 class BatchedGames:
     """N games stepped together; a game that ends is reset in the same step.
 
-    Observations as from `parallel_env` with a leading axis (N,). Rewards by agent; both agents end together.
-    Infos: "turns", bool (N, 2), which agents are to move; if any game ended, "final_observation" (FinalObservations)
-    and "final_info", sequences of N with None for games that go on, otherwise the last observations or infos by agent.
+    Observations as from `parallel_env` with a leading axis (N,). Rewards by agent; both agents end together. Infos,
+    of the games now in play:
+    - "turns", bool (N, 2): which agents are to move;
+    - "task_index", int (N,): index in `tasks`;
+    - "proposal", int (N,): the pending proposal, an action index of the MDP, -1 if there is none;
+    - "goal_reached", bool (N,), only with `reveal_truth`: whether the statement has the target value.
+    Of the turn just played:
+    - "own_turn_rewards", float (N, 2): each agent's rewards since its last own turn, complete where it is to move again
+      or the game ended;
+    - "probability", float (N,): the verifier's judgement of a claim, NaN where it judged none;
+    - "holds", bool (N,), only with `reveal_truth`: whether the judged claim holds;
+    - "is_success", bool (N,): whether the game ended in success;
+    - if any game ended, "final_observation" (FinalObservations) and "final_info", sequences of N with None for games
+      that go on, otherwise the last observations or infos by agent.
     """
 
-    def __init__(self, num_games: int, *, copy: bool = True, **settings: Any) -> None:
-        """`copy=False`: the image array is reused, so valid only until the next step.
+    def __init__(
+        self,
+        num_games: int,
+        *,
+        tasks: TaskSet | None = None,
+        sampler: TaskSampler | None = None,
+        copy: bool = True,
+        **settings: Any,
+    ) -> None:
+        """`tasks`: played instead of the split's, such as augmented or held-out ones.
+        `sampler`: chooses the tasks of games that start; None: uniformly, each game with its own generator.
+        `copy=False`: the image array is reused, so valid only until the next step.
 
-        Raises ValueError unless `num_games` is positive, and for bad settings.
+        Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
         if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
             raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
-        setup = self._setup = GameSettings.of(**settings).setup()
+        setup = GameSettings.of(**settings).setup()
+        if tasks is not None:
+            setup = with_tasks(setup, tasks)
+        self._setup = setup
+        self._sampler = sampler
         self.num_games = num_games
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}
@@ -84,7 +114,12 @@ class BatchedGames:
             self._draws = [[] for _ in seeds]
         self._start(self._all, options or {})
         self._is_started = True
-        return self._observations(), {"turns": self._games.movers.T.copy()}
+        return self._observations(), self._infos()
+
+    @property
+    def tasks(self) -> TaskSet:
+        """The tasks played; "task_index" in infos is an index of it."""
+        return self._setup.tasks
 
     def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
         """Starts games (k,); each draws its task, then its intent, from its own generator."""
@@ -93,13 +128,23 @@ class BatchedGames:
         intent = intent_option(options)
         if intent is None:
             intent = setup.fixed_intent
+        sampled = self._sampled(indices) if task is None and self._sampler is not None else None
         tasks = np.empty(len(indices), np.int64)
         intents = np.full(len(indices), 0 if intent is None else int(intent))
         for position, index in enumerate(indices.tolist()):
-            tasks[position] = self._sample_task_index(index) if task is None else task
+            if sampled is None:
+                tasks[position] = self._sample_task_index(index) if task is None else task
             if intent is None:
                 intents[position] = int(setup.sample_intent(self._generators[index]))
-        self._games.start(indices, tasks, intents)
+        self._games.start(indices, tasks if sampled is None else sampled, intents)
+
+    def _sampled(self, indices: Int64Array) -> Int64Array:
+        """(k,) the sampler's tasks for games (k,). Raises ValueError for anything but k task indices."""
+        assert self._sampler is not None
+        tasks, count = np.asarray(self._sampler(indices)), len(self.tasks)
+        if tasks.shape != indices.shape or tasks.dtype.kind not in "iu" or ((tasks < 0) | (tasks >= count)).any():
+            raise ValueError(f"the sampler must return {len(indices)} task indices 0 .. {count - 1}, not {tasks!r}")
+        return tasks.astype(np.int64, copy=False)
 
     def _sample_task_index(self, index: int) -> int:
         generator, setup = self._generators[index], self._setup
@@ -117,12 +162,26 @@ class BatchedGames:
         games.step(*self._checked_actions(actions))
         rewards, terminated, truncated = games.rewards, games.terminated, games.truncated
         ended = np.flatnonzero(terminated | truncated)
-        infos: dict[str, Any] = {}
+        infos: dict[str, Any] = {
+            "own_turn_rewards": games.own_turn_rewards.T.copy(),
+            "probability": games.probabilities,
+            "is_success": games.successes,
+        }
+        if self._setup.reveals_truth:
+            infos["holds"] = games.holds
         if len(ended):
-            infos = self._final_infos(ended)
+            infos |= self._final_infos(ended)
             self._start(ended, {})
-        infos["turns"] = games.movers.T.copy()
+        infos |= self._infos()
         return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
+
+    def _infos(self) -> dict[str, Any]:
+        """The info entries of the games now in play."""
+        games = self._games
+        infos = {"turns": games.movers.T.copy(), "task_index": games.tasks.copy(), "proposal": games.proposals.copy()}
+        if self._setup.reveals_truth:
+            infos["goal_reached"] = games.goals_reached().copy()
+        return infos
 
     def _checked_actions(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
         """Both agents' actions, by Role."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -19,7 +18,7 @@ from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts, with_tasks
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.envs.window import RENDER_FPS, Window
 from lilgym_mp.observation import image_space
@@ -106,7 +105,7 @@ class GameEngine:
         return self._state
 
     def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
-        """Starts a game; returns both agents' infos.
+        """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
         Options: "task", an id; "intent", "helpful" or "sneaky". Others are ignored, as PettingZoo's API test demands.
         """
@@ -114,16 +113,16 @@ class GameEngine:
             self.rng, _ = seeding.np_random(seed)
         setup, options = self.setup, options or {}
         tasks = setup.tasks
-        task = tasks.by_id(options["task"]) if "task" in options else tasks[setup.sample_task_index(self.rng)]
+        index = tasks.index_of(options["task"]) if "task" in options else setup.sample_task_index(self.rng)
         intent = intent_option(options)
-        state = self._state = self.game.start(task, setup.sample_intent(self.rng) if intent is None else intent)
+        state = self._state = self.game.start(tasks[index], setup.sample_intent(self.rng) if intent is None else intent)
         self.last_step = None
         self._last_actions = ""
         if self.render_mode is not None:
             self._show()
-        info = {"task": task.id}
-        if setup.reveals_truth:
-            info |= truth_info(setup, state.mdp, state.intent)
+        if not setup.reveals_truth:
+            return {}, {}
+        info = {"task": tasks[index].id, **truth_info(setup, state.mdp, state.intent)}
         return info, info.copy()
 
     def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
@@ -290,7 +289,7 @@ class BaseGameEnv:
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on; it must keep their statements."""
-        self.engine.setup = replace(self.engine.setup, tasks=change(self.tasks))
+        self.engine.setup = with_tasks(self.engine.setup, change(self.tasks))
 
     @property
     def dynamics(self) -> Dynamics:

@@ -29,13 +29,14 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 )
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, RewardScheme, judgement_in
 from lilgym_mp.rules import State, Transition
+from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 from lilgym_mp.tuples import new_tuple
 
 SILENCE = 0  # the empty message
 INT8 = np.dtype(np.int8)
 WAIT_NAME = "wait"
-NOTHING, WAIT, _, STOP = MDPMove  # module constants: faster to read than enum members
+NOTHING, WAIT, PROPOSAL, STOP = MDPMove  # module constants: faster to read than enum members
 EDIT = int(ProposalType.EDIT)
 
 Pair = tuple[float, float]  # by Role
@@ -60,6 +61,7 @@ class GameState(NamedTuple):
     movers: tuple[Role, ...]  # the agents to act; empty after the end
     intent: Intent
     proposal: int | None = None  # index of the proposed action that awaits the verifier's answer
+    refused: int | None = None  # index of the action refused last; None once an action has been played
     rejections: int = 0  # in this round
     messages: tuple[int, int] = (SILENCE, SILENCE)  # the last of each agent, by Role
     history: tuple[PastTurn, ...] = ()  # the last turns, oldest first
@@ -176,6 +178,13 @@ class Game:
         ]
         self.answer_mask = _frozen_mask(verifier, range(stops[VERIFIER]))  # the verifier's in its turn
         self._has_messages = any(self.message_sizes)
+        # Whether a proposal can be refused and the episode go on.
+        self.has_refusals = self.turn_based and any(
+            self.decision_table.decisions[index].mdp_move < PROPOSAL
+            for answers in self.decision_table.indices[True]
+            for indices in answers
+            for index in indices
+        )
         self._proposer_mask_is_mdp = proposer == dynamics.appearance.action_count and ending.proposer_may_stop
 
     def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
@@ -189,7 +198,7 @@ class Game:
         An illegal choice counts as no choice (`protocols`). Raises TurnError if an agent acts out of turn or fails to
         act, ActionError for an action outside the action space.
         """
-        mdp, movers, intent, proposal, rejections, messages, _ = state
+        mdp, movers, intent, proposal, refused, rejections, messages, _ = state
         if not movers:
             raise TurnError("the game is over; start a new one")
         choice, proposer_message, proposer_illegal = self._decode_action(movers, PROPOSER, proposer)
@@ -208,6 +217,10 @@ class Game:
             transition = self._step_mdp(mdp, mdp_move, proposal)
             after, (result, _, _, terminated, truncated, _), _ = transition
             rejections = 0
+        if mdp_move >= PROPOSAL:
+            refused = None
+        elif movers == VERIFIER_MOVES:
+            refused = proposal
         holds = table.needs_truth[index] and mdp.task.solved_by(mdp.scene)
         rewards = table.rewards[index][result][holds][intent]
         if self._has_messages:
@@ -225,9 +238,17 @@ class Game:
         if self.history_length:
             history = (*state.history, PastTurn(choice, answer, messages))[-self.history_length :]
         pending = proposal if needs_answer else None
-        next_state = new_tuple(GameState, (after, next_movers, intent, pending, rejections, messages, history))
+        next_state = new_tuple(GameState, (after, next_movers, intent, pending, refused, rejections, messages, history))
         illegal = (proposer_illegal, verifier_illegal)
         return new_tuple(GameStep, (next_state, rewards, terminated, truncated, transition, illegal, decision, mdp))
+
+    def proposed_scene(self, state: GameState) -> Scene:
+        """The scene after the pending proposal; the current one if there is none, or it is STOP or invalid."""
+        mdp, proposal = state.mdp, state.proposal
+        if proposal is None or proposal == STOP_ACTION:
+            return mdp.scene
+        dynamics = self.config.dynamics
+        return dynamics.step(mdp._replace(steps=0), dynamics.appearance.decode(proposal)).state.scene
 
     def _decode_action(
         self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None

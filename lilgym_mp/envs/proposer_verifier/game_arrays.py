@@ -13,12 +13,12 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.proposer_verifier.game import EDIT, SILENCE, PastTurn
+from lilgym_mp.envs.proposer_verifier.game import EDIT, SILENCE, GameState, PastTurn
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, MDPMove, Role
-from lilgym_mp.envs.proposer_verifier.rewards import Judgement, judgement_in
+from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.rules import State, Transition
+from lilgym_mp.rules import Outcome, State, Transition
 
 Info = dict[str, Any]
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
@@ -28,7 +28,7 @@ class GameArrays:
     """The states of N games and the results of the last turn."""
 
     def __init__(self, setup: GameSetup, num_games: int) -> None:
-        self._game = game = setup.game
+        self.game = game = setup.game
         self._dynamics = dynamics = game.config.dynamics
         actions, capacity = dynamics.appearance.action_count, setup.item_capacity
         specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
@@ -43,14 +43,18 @@ class GameArrays:
         self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
+        self.refused = np.full(num_games, NO_CHOICE)  # as `GameState.refused`
         self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) by Role, the agent's last message
         # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
         self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
+        # (2, N) by Role, the rewards since the agent's last own turn, or since the start of the game
+        self.own_turn_rewards = np.zeros((len(Role), num_games))
         # Of the last turn:
         self.rewards = np.zeros((len(Role), num_games))  # (2, N) by Role
         self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
         self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
+        self._results = np.zeros(num_games, np.int64)  # indices of the step results
         self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
 
     def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
@@ -58,15 +62,17 @@ class GameArrays:
         self._core.start(indices, tasks)
         self._has_masks = self._has_items = False
         self._rejections[indices] = 0
+        self.own_turn_rewards[:, indices] = 0
         self.movers[:, indices] = self._first_movers
         self.intents[indices] = intents
         self.proposals[indices] = NO_CHOICE
+        self.refused[indices] = NO_CHOICE
         self.messages[:, indices] = SILENCE
         self.history[indices] = NO_CHOICE
 
     def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
-        game, tables = self._game, self._tables
+        game, tables, moved = self.game, self._tables, self.movers
         choice, proposer_message = self._decode_actions(PROPOSER, proposers)
         answer, verifier_message = self._decode_actions(VERIFIER, verifiers)
         proposal, is_answer = choice, self._no_answers
@@ -82,6 +88,9 @@ class GameArrays:
         self.rewards = tables.rewards[:, decision, result, self._holds, self.intents]
         self.terminated, self.truncated = tables.terminated[result], tables.truncated[result]
         self._rejections = np.where(mdp_move == NOTHING, self._rejections + ~needs_answer, 0)
+        if game.has_refusals:
+            refused = np.where(is_answer, proposal, self.refused)
+            self.refused = np.where(mdp_move >= PROPOSAL, NO_CHOICE, refused)
         is_active = ~(self.terminated | self.truncated)
         if game.turn_based:
             self.proposals = np.where(needs_answer, proposal, NO_CHOICE)
@@ -91,16 +100,18 @@ class GameArrays:
         for role, message in ((PROPOSER, proposer_message), (VERIFIER, verifier_message)):
             if message is not None:
                 self.rewards[role] -= game.message_cost * (message > SILENCE)
+        self.own_turn_rewards = np.where(moved, 0.0, self.own_turn_rewards) + self.rewards
+        self._results = result
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
             self.history[:, -1] = np.stack([choice, answer, *self.messages], axis=1)
 
     def _decode_actions(self, role: Role, actions: Int64Array) -> tuple[Int64Array, Int64Array | None]:
         """(N,) choices, NO_CHOICE if out of turn or illegal; (N,) messages, None if `role` has none."""
-        movers, size, own = self.movers[role], self._game.message_sizes[role], self._game.choices[role]
+        movers, size, own = self.movers[role], self.game.message_sizes[role], self.game.choices[role]
         choice, message = np.divmod(actions, size + 1) if size else (actions, None)
         legal = movers & (choice >= own.start) & (choice < own.stop)
-        wait_action = self._game.wait_actions[role]
+        wait_action = self.game.wait_actions[role]
         self._illegal[role] = ~legal & (movers if wait_action is None else movers | (actions != wait_action))
         if message is not None:
             message = np.where(legal, message, SILENCE)
@@ -118,7 +129,7 @@ class GameArrays:
         """Steps the MDPs as decided. (N,) indices of step results, or `no_mdp_step`."""
         buffers = self._buffers
         buffers.action[:] = np.where(mdp_move == STOP, STOP_ACTION, proposal)
-        buffers.result[:] = self._game.decision_table.no_mdp_step
+        buffers.result[:] = self.game.decision_table.no_mdp_step
         acting, waiting = (mdp_move >= PROPOSAL).nonzero()[0], (mdp_move == WAIT).nonzero()[0]
         if len(acting):
             self._core.step(None if len(acting) == len(mdp_move) else acting)
@@ -146,7 +157,7 @@ class GameArrays:
 
     def masks(self, role: Role, indices: Int64Array) -> Int8Array:
         """(k, actions) a new array: `Game.legal_mask` of games (k,)."""
-        game = self._game
+        game = self.game
         if not game.turn_based:
             if role is VERIFIER:
                 return np.repeat(game.answer_mask[None], len(indices), axis=0)
@@ -170,6 +181,20 @@ class GameArrays:
         """The MDP's state in a game."""
         return self._core.state(index)
 
+    def state(self, index: int) -> GameState:
+        """The state of a game that goes on, without its history."""
+        proposal, refused = int(self.proposals[index]), int(self.refused[index])
+        proposer_message, verifier_message = self.messages[:, index].tolist()
+        return GameState(
+            self.mdp(index),
+            tuple(role for role in Role if self.movers[role, index]),
+            Intent(int(self.intents[index])),
+            None if proposal == NO_CHOICE else proposal,
+            None if refused == NO_CHOICE else refused,
+            int(self._rejections[index]),
+            (proposer_message, verifier_message),
+        )
+
     def end_info(self, index: int) -> Info:
         """A new dict: `end_info` of a game that ended in the last turn."""
         buffers = self._buffers
@@ -182,8 +207,28 @@ class GameArrays:
 
     def last_judgement(self, index: int) -> Judgement | None:
         """The judgement in the last turn of a game; `holds` is valid only if the settings reveal the truth."""
-        decision = self._game.decision_table.decisions[self._decisions[index]]
+        decision = self.game.decision_table.decisions[self._decisions[index]]
         return judgement_in(decision, holds=bool(self._holds[index]))
+
+    @property
+    def probabilities(self) -> Float64Array:
+        """(N,) `Judgement.probability` in the last turn, NaN without a judgement."""
+        return self._tables.probabilities[self._decisions]
+
+    @property
+    def holds(self) -> BoolArray:
+        """(N,) `Judgement.holds` in the last turn; valid only where judged, and if the settings reveal the truth."""
+        return self._holds.astype(np.bool_)
+
+    @property
+    def successes(self) -> BoolArray:
+        """(N,) whether the game ended in success in the last turn."""
+        return self._tables.successes[self._results]
+
+    def goals_reached(self) -> BoolArray:
+        """(N,) whether the statement has the target value; read-only."""
+        self._core.write_goals()
+        return self._buffers.goal
 
     def last_illegal(self, index: int) -> tuple[bool, bool]:
         """By Role: whether the agent's choice in the last turn of a game was illegal."""
@@ -199,7 +244,9 @@ class _Tables(NamedTuple):
     needs_answer: BoolArray  # (decisions,)
     needs_truth: BoolArray  # (decisions,) whether rewards or infos depend on whether the claim holds
     rewards: Float64Array  # (2, decisions, results + 1, 2, 2) by Role, then as in the table
-    terminated: BoolArray  # (results + 1,) the last is `no_mdp_step`
+    probabilities: Float64Array  # (decisions,) `Judgement.probability`, NaN without a judgement
+    successes: BoolArray  # (results + 1,) the last is `no_mdp_step`, as below
+    terminated: BoolArray  # (results + 1,)
     truncated: BoolArray  # (results + 1,)
 
     @classmethod
@@ -213,6 +260,8 @@ class _Tables(NamedTuple):
             needs_answer=np.array(needs_answer),
             needs_truth=(is_judged & setup.reveals_truth) | np.array(table.needs_truth),
             rewards=np.moveaxis(np.array(table.rewards), -1, 0),
+            probabilities=np.array(probabilities, np.float64),
+            successes=np.array([*(result.outcome is Outcome.SUCCESS for result in results), False]),
             terminated=np.array([*(result.terminated for result in results), False]),
             truncated=np.array([*(result.truncated for result in results), False]),
         )

@@ -1,30 +1,46 @@
-"""Measures of verifiers, and the exploitability of their errors."""
+"""Measures of proposers and verifiers, over games played in batches."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, GameEngine
-from lilgym_mp.envs.proposer_verifier.partners import OracleVerifier, Partner, PartnerTurn, partner_action
+from lilgym_mp.arrays import Float64Array, Int64Array
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, OracleVerifier, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
-from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD, Judgement
+from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, make_parts
 from lilgym_mp.rules import Outcome
 
 CALIBRATION_BINS = 10
+LARGEST_BATCH = 256
+RESAMPLES = 1_000
+INTERVAL = (2.5, 97.5)  # percentiles
+
+Interval = tuple[float, float]
 
 
 class GameRecord(NamedTuple):
     """The record of one game."""
 
     task: str
+    statement: str
+    target: bool
     outcome: Outcome
     rounds: int
     returns: tuple[float, float]  # by Role
     judgements: tuple[Judgement, ...]
+
+    @property
+    def accepted_false_claim(self) -> bool:
+        """Whether the game ended in a false claim that the verifier accepted."""
+        return any(judged.final and judged.accepted and not judged.holds for judged in self.judgements[-1:])
 
 
 class CalibrationBin(NamedTuple):
@@ -35,16 +51,28 @@ class CalibrationBin(NamedTuple):
     share_holding: float
 
 
+class TargetMetrics(NamedTuple):
+    """Measures over the games with one target value; None if there are no claims to compute them from."""
+
+    games: int
+    success_rate: float
+    completeness: float | None
+    soundness: float | None
+    j: float | None  # Youden's J, completeness + soundness - 1: 0 for a verifier whose answers tell nothing
+
+
 @dataclass(frozen=True)
 class Metrics:
     """Measures over games. Rates are None if there are no claims to compute them from.
 
     Completeness is the share of true claims that were accepted, soundness the share of false ones that were not;
-    docs/proposer_verifier.md defines the claims of each protocol.
+    docs/proposer_verifier.md defines the claims of each protocol. In FlipIt the target alone predicts whether a claim
+    holds, so the pooled rates mislead: compare `j`.
     """
 
     games: int
     success_rate: float  # the MDP's
+    success_interval: Interval  # 95 %, resampling statements, like `j_interval`
     mean_rounds: float
     mean_return_proposer: float
     mean_return_verifier: float
@@ -53,12 +81,19 @@ class Metrics:
     soundness: float | None
     false_accept_rate: float | None
     false_reject_rate: float | None
+    j: float | None  # mean over target values, None unless each has true and false claims
+    j_interval: Interval | None
+    accepted_false_claims: float  # share of games that end in an accepted false claim
+    by_target: Mapping[str, TargetMetrics]  # by "true" and "false", those that occur
     brier_score: float | None  # mean squared difference between stated probability and truth
     calibration_error: float | None  # mean |mean_probability - share_holding| of the bins, weighted by count
     calibration: tuple[CalibrationBin, ...]
 
     def to_json(self) -> dict[str, Any]:
-        return asdict(self) | {"calibration": [entry._asdict() for entry in self.calibration]}
+        return asdict(self) | {
+            "by_target": {name: measured._asdict() for name, measured in self.by_target.items()},
+            "calibration": [entry._asdict() for entry in self.calibration],
+        }
 
 
 def play_games(
@@ -66,39 +101,90 @@ def play_games(
 ) -> list[GameRecord]:
     """Plays each task once (None: all of the split, in file order), reproducibly for a given seed.
 
-    `env`: the game; do not step it elsewhere meanwhile. Raises PartnerError for illegal actions.
+    `env`: a PettingZoo environment of the game, for its settings and tasks; its current game and its wrappers do not
+    matter. Games are played in batches, but each has its own random generator, so records do not depend on other games.
+    Raises PartnerError for illegal actions.
     """
     game_env = getattr(env, "unwrapped", env)
     if not isinstance(game_env, BaseGameEnv):
         raise TypeError(f"play_games needs a proposer-verifier environment, not {env!r}")
-    engine = game_env.engine
-    engine.reset(seed, None)
-    rng = np.random.default_rng(seed)
-    return [_play_game(engine, proposer, verifier, task, rng) for task in (tasks or game_env.tasks.ids)]
+    setup = replace(game_env.engine.setup, reveals_truth=True)
+    ids = setup.tasks.ids if tasks is None else tuple(tasks)
+    return _Match(setup, (proposer, verifier), [setup.tasks.index_of(task) for task in ids], seed).play() if ids else []
 
 
-def _play_game(
-    engine: GameEngine, proposer: Partner, verifier: Partner, task: str, rng: np.random.Generator
-) -> GameRecord:
-    engine.reset(None, {"task": task})
-    returns = np.zeros(len(Role))
-    judgements: list[Judgement] = []
-    while engine.state.movers:
-        actions = {
-            role: partner_action(partner, PartnerTurn(engine, role, rng)) if role in engine.state.movers else None
-            for role, partner in zip(Role, (proposer, verifier), strict=True)
-        }
-        step = engine.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
-        returns += step.rewards
-        if (judgement := step.judgement) is not None:
-            judgements.append(judgement)
-    last = engine.last_step
-    assert last is not None
-    assert last.transition is not None
-    proposer_return, verifier_return = returns.tolist()
-    return GameRecord(
-        task, last.transition.outcome, engine.state.mdp.steps, (proposer_return, verifier_return), tuple(judgements)
-    )
+class _Match:
+    """Plays games of two partners; a slot of the batch whose game has ended plays the next one."""
+
+    def __init__(self, setup: GameSetup, partners: tuple[Partner, Partner], tasks: Sequence[int], seed: int) -> None:
+        self._setup, self._partners, self._tasks = setup, partners, np.array(tasks, np.int64)
+        self._slots = min(len(tasks), LARGEST_BATCH)
+        self._games = GameArrays(setup, self._slots)
+        self._parts = make_parts(setup)
+        self._rngs = [np.random.default_rng([seed, number]) for number in range(len(tasks))]
+        self._playing = np.arange(self._slots)  # (slots,) number of the game played, -1 if none is left
+        self._next = self._slots
+        self._returns = np.zeros((len(Role), len(tasks)))
+        self._judgements: list[list[Judgement]] = [[] for _ in tasks]
+        self._records: list[GameRecord | None] = [None] * len(tasks)
+
+    def play(self) -> list[GameRecord]:
+        self._start(np.arange(self._slots))
+        while (self._playing >= 0).any():
+            actions = np.zeros((len(Role), self._slots), np.int64)
+            for role, partner in zip(Role, self._partners, strict=True):
+                moving = np.flatnonzero(self._games.movers[role] & (self._playing >= 0))
+                if len(moving):
+                    actions[role, moving] = batch_actions(partner, self._turn(role, moving))
+            self._games.step(*actions)
+            self._record()
+        return [record for record in self._records if record is not None]
+
+    def _start(self, slots: Int64Array) -> None:
+        """Starts the games that these slots play; slots without one repeat the first task, unrecorded."""
+        numbers = self._playing[slots]
+        intents = [
+            Intent.HELPFUL if number < 0 else self._setup.sample_intent(self._rngs[number])
+            for number in numbers.tolist()
+        ]
+        self._games.start(slots, self._tasks[np.maximum(numbers, 0)], np.array(intents, np.int64))
+
+    def _turn(self, role: Role, slots: Int64Array) -> BatchTurn:
+        numbers = self._playing[slots]
+        rngs = [self._rngs[number] for number in numbers.tolist()]
+        return BatchTurn(self._games, self._parts, self._setup.tasks, role, slots, numbers, rngs)
+
+    def _record(self) -> None:
+        """Notes the turn just played, and starts the next games in slots whose game has ended."""
+        games, numbers = self._games, self._playing
+        active = np.flatnonzero(numbers >= 0)
+        self._returns[:, numbers[active]] += games.rewards[:, active]
+        for slot in active[~np.isnan(games.probabilities[active])].tolist():
+            judgement = games.last_judgement(slot)
+            assert judgement is not None
+            self._judgements[numbers[slot]].append(judgement)
+        ended = np.flatnonzero(games.terminated | games.truncated)
+        for slot in ended.tolist():
+            number = int(numbers[slot])
+            if number >= 0:
+                self._records[number] = self._finished(slot, number)
+                self._playing[slot] = self._next if self._next < len(self._tasks) else -1
+                self._next += 1
+        if len(ended):
+            self._start(ended)
+
+    def _finished(self, slot: int, number: int) -> GameRecord:
+        task = self._setup.tasks[int(self._tasks[number])]
+        proposer_return, verifier_return = self._returns[:, number].tolist()
+        return GameRecord(
+            task.id,
+            task.statement,
+            task.target,
+            Outcome(self._games.end_info(slot)["outcome"]),
+            self._games.mdp(slot).steps,
+            (proposer_return, verifier_return),
+            tuple(self._judgements[number]),
+        )
 
 
 def summarise(records: Sequence[GameRecord]) -> Metrics:
@@ -108,14 +194,19 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     judgements = [judgement for record in records for judgement in record.judgements]
     probability = np.array([judgement.probability for judgement in judgements])
     holds = np.array([judgement.holds for judgement in judgements], np.bool_)
-    accepted = probability > ACCEPTANCE_THRESHOLD
-    completeness, soundness = _share(accepted[holds]), _share(~accepted[~holds])
+    counts = _counts_by_statement(records)  # (statements, targets, counts)
+    total = counts.sum(0)
+    completeness, soundness, _ = _rates(total.sum(0))
     calibration = _calibration(probability, holds)
     gaps = [entry.count * abs(entry.mean_probability - entry.share_holding) for entry in calibration]
     returns = np.mean([record.returns for record in records], axis=0)
+    resampled = _resampled(counts)  # (RESAMPLES, targets, counts)
+    pooled = resampled.sum(1)
+    js = _mean_j(resampled)
     return Metrics(
         games=len(records),
-        success_rate=float(np.mean([record.outcome is Outcome.SUCCESS for record in records])),
+        success_rate=_success_rate(total.sum(0)),
+        success_interval=_interval(pooled[:, _SUCCESSES] / pooled[:, _GAMES]),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=float(returns[Role.PROPOSER]),
         mean_return_verifier=float(returns[Role.VERIFIER]),
@@ -124,15 +215,91 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
         soundness=soundness,
         false_accept_rate=None if soundness is None else 1 - soundness,
         false_reject_rate=None if completeness is None else 1 - completeness,
+        j=_or_none(_mean_j(total[None])[0]),
+        j_interval=None if np.isnan(_mean_j(total[None])[0]) else _interval(js[~np.isnan(js)]),
+        accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
+        by_target={
+            str(target).lower(): TargetMetrics(int(row[_GAMES]), _success_rate(row), *_rates(row))
+            for target, row in ((True, total[1]), (False, total[0]))
+            if row[_GAMES]
+        },
         brier_score=float(np.mean((probability - holds) ** 2)) if judgements else None,
         calibration_error=sum(gaps) / len(judgements) if judgements else None,
         calibration=calibration,
     )
 
 
+# Columns of counts.
+_GAMES, _SUCCESSES, _TRUE_CLAIMS, _TRUE_ACCEPTED, _FALSE_CLAIMS, _FALSE_REFUSED = range(6)
+
+
+def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
+    """(statements, 2, 6) counts by statement and target value."""
+    statements = {statement: index for index, statement in enumerate(dict.fromkeys(r.statement for r in records))}
+    counts = np.zeros((len(statements), 2, 6))
+    for record in records:
+        row = counts[statements[record.statement], int(record.target)]
+        row[_GAMES] += 1
+        row[_SUCCESSES] += record.outcome is Outcome.SUCCESS
+        for judgement in record.judgements:
+            row[_TRUE_CLAIMS if judgement.holds else _FALSE_CLAIMS] += 1
+            if judgement.accepted == judgement.holds:
+                row[_TRUE_ACCEPTED if judgement.holds else _FALSE_REFUSED] += 1
+    return counts
+
+
+def _rates(row: Float64Array) -> tuple[float | None, float | None, float | None]:
+    """Completeness, soundness and J of a row of counts."""
+    completeness = row[_TRUE_ACCEPTED] / row[_TRUE_CLAIMS] if row[_TRUE_CLAIMS] else None
+    soundness = row[_FALSE_REFUSED] / row[_FALSE_CLAIMS] if row[_FALSE_CLAIMS] else None
+    j = None if completeness is None or soundness is None else float(completeness + soundness - 1)
+    return _or_none(completeness), _or_none(soundness), j
+
+
+def _success_rate(row: Float64Array) -> float:
+    return float(row[_SUCCESSES] / row[_GAMES])
+
+
+def _mean_j(counts: Float64Array) -> Float64Array:
+    """(B,) the mean J of the target values that occur, from counts (B, 2, 6). NaN where one lacks true or
+    false claims."""
+    with np.errstate(invalid="ignore"):
+        completeness = counts[..., _TRUE_ACCEPTED] / counts[..., _TRUE_CLAIMS]
+        soundness = counts[..., _FALSE_REFUSED] / counts[..., _FALSE_CLAIMS]
+        played = counts[..., _GAMES] > 0
+        return np.where(played, completeness + soundness - 1, 0).sum(-1) / played.sum(-1)
+
+
+def _resampled(counts: Float64Array) -> Float64Array:
+    """(RESAMPLES, 2, 6) counts of statements drawn with replacement, always the same draws."""
+    statements = len(counts)
+    weights = np.random.default_rng(0).multinomial(statements, np.full(statements, 1 / statements), size=RESAMPLES)
+    return np.einsum("bs,stc->btc", weights.astype(np.float64), counts)
+
+
+def _interval(values: NDArray[Any]) -> Interval:
+    low, high = np.percentile(values, INTERVAL)
+    return float(low), float(high)
+
+
+def _or_none(value: float | None) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)
+
+
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:
     """The measures of the games of `play_games`, with the same arguments."""
     return summarise(play_games(env, proposer, verifier, **kwargs))
+
+
+def cross_play(
+    env: Any, proposers: Mapping[str, Partner], verifiers: Mapping[str, Partner], **kwargs: Any
+) -> dict[tuple[str, str], Metrics]:
+    """The measures of every proposer with every verifier, by their names; keywords as for `play_games`."""
+    return {
+        (proposer, verifier): measure(env, proposers[proposer], verifiers[verifier], **kwargs)
+        for proposer in proposers
+        for verifier in verifiers
+    }
 
 
 def exploitability(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> float:
@@ -144,10 +311,6 @@ def exploitability(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any
         measure(env, proposer, opponent, **kwargs).mean_return_proposer for opponent in (verifier, OracleVerifier())
     )
     return against_verifier - against_oracle
-
-
-def _share(flags: np.ndarray) -> float | None:
-    return float(flags.mean()) if len(flags) else None
 
 
 def _calibration(probability: np.ndarray, holds: np.ndarray) -> tuple[CalibrationBin, ...]:

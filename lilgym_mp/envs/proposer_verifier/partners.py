@@ -1,6 +1,7 @@
 """Partner policies: scripted ones, frozen models, and any callable.
 
-A partner is a function of a `PartnerTurn`, which can be indexed like its observation: turn["action_mask"].
+A partner is a function of a `PartnerTurn`, which can be indexed like its observation: turn["action_mask"]. It may also
+have a method `batch(turn: BatchTurn)` that returns actions (k,), to act in many games at once.
 """
 
 from __future__ import annotations
@@ -12,13 +13,17 @@ from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
-from lilgym_mp.arrays import Int8Array
-from lilgym_mp.envs.proposer_verifier.engine import AgentObservation, GameEngine
+from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.proposer_verifier.engine import AgentObservation
 from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.envs.proposer_verifier.views import Part
 
 
 class AgentAdapter(Protocol):
@@ -55,11 +60,25 @@ class PartnerError(ValueError):
     """A partner returned an illegal action."""
 
 
+class GameInPlay(Protocol):
+    """What a partner's turn reads of a game."""
+
+    @property
+    def game(self) -> Game: ...
+
+    @property
+    def state(self) -> GameState: ...
+
+    def observe(self, role: Role) -> AgentObservation: ...
+
+    def observe_parts(self, role: Role) -> dict[str, Any]: ...
+
+
 @dataclass
 class PartnerTurn:
     """A partner's input: an agent's side of the game. Observation and mask are computed lazily."""
 
-    engine: GameEngine
+    engine: GameInPlay
     role: Role
     rng: np.random.Generator
     adapters: tuple[AgentAdapter, ...] = ()  # of the game's wrappers, innermost first
@@ -107,6 +126,87 @@ class PartnerTurn:
         return action
 
 
+@dataclass(frozen=True)
+class BatchGame:
+    """One game of a batch, as partners read it."""
+
+    games: GameArrays
+    parts: tuple[Mapping[str, Part], Mapping[str, Part]]  # by Role
+    index: int
+
+    @property
+    def game(self) -> Game:
+        return self.games.game
+
+    @property
+    def state(self) -> GameState:
+        return self.games.state(self.index)
+
+    def observe(self, role: Role) -> AgentObservation:
+        mask = self.games.masks(role, np.array([self.index]))[0]
+        return {"observation": self.observe_parts(role), "action_mask": mask}
+
+    def observe_parts(self, role: Role) -> dict[str, Any]:
+        indices = np.array([self.index])
+        return {key: part.encode_batch(self.games, indices)[0] for key, part in self.parts[role].items()}
+
+
+@dataclass
+class BatchTurn:
+    """The turns of one agent in k games. Observations and masks are computed lazily."""
+
+    games: GameArrays
+    parts: tuple[Mapping[str, Part], Mapping[str, Part]]  # by Role
+    tasks: TaskSet
+    role: Role
+    indices: Int64Array  # (k,) of the games in the batch
+    episodes: Int64Array  # (k,) a number for each game, never used again: for partners that keep a plan
+    rngs: Sequence[np.random.Generator]  # (k,) each game's own
+
+    @property
+    def game(self) -> Game:
+        return self.games.game
+
+    @cached_property
+    def observation(self) -> dict[str, NDArray[Any]]:
+        """The parts of the agent's observations, arrays (k, ...)."""
+        return {key: part.encode_batch(self.games, self.indices) for key, part in self.parts[self.role].items()}
+
+    @cached_property
+    def action_mask(self) -> Int8Array:
+        """(k, actions)"""
+        return self.games.masks(self.role, self.indices)
+
+    @property
+    def task_indices(self) -> Int64Array:
+        """(k,) indices in `tasks`."""
+        return self.games.tasks[self.indices]
+
+    def goals_reached(self) -> BoolArray:
+        """(k,) whether the statement has the target value: for scripted partners, not for learned policies."""
+        return self.games.goals_reached()[self.indices]
+
+    def states(self) -> list[GameState]:
+        """The full states: for scripted partners, not for learned policies."""
+        return [self.games.state(index) for index in self.indices.tolist()]
+
+    def uniform(self) -> Float64Array:
+        """(k,) numbers from 0 to 1, each from its game's generator."""
+        return np.array([rng.random() for rng in self.rngs])
+
+    def random_actions(self, mask: Int8Array | None = None) -> Int64Array:
+        """(k,) uniformly random legal actions, or actions in `mask` (k, actions)."""
+        legal = self.action_mask if mask is None else mask
+        ranks = (self.uniform() * legal.sum(1)).astype(np.int64)  # rank of the action among the legal ones of its row
+        return (legal.cumsum(1, dtype=np.int64) > ranks[:, None]).argmax(1)
+
+    def single_turns(self) -> list[PartnerTurn]:
+        return [
+            PartnerTurn(BatchGame(self.games, self.parts, index), self.role, rng)
+            for index, rng in zip(self.indices.tolist(), self.rngs, strict=True)
+        ]
+
+
 Partner = Callable[[PartnerTurn], SupportsIndex]
 
 
@@ -125,12 +225,29 @@ def partner_action(partner: Partner, turn: PartnerTurn) -> int:
     return turn.game_action(index)
 
 
+def batch_actions(partner: Partner, turn: BatchTurn) -> Int64Array:
+    """(k,) the partner's actions. Raises PartnerError naming the partner and its first illegal action."""
+    batch: Callable[[BatchTurn], Any] | None = getattr(partner, "batch", None)
+    if batch is None:
+        return np.array([partner_action(partner, single) for single in turn.single_turns()], np.int64)
+    actions = np.asarray(batch(turn))
+    if actions.shape != turn.indices.shape or actions.dtype.kind not in "iu":
+        raise PartnerError(f"partner {partner!r} must return {len(turn.indices)} whole numbers, not {actions!r}")
+    for action, mask in zip(actions.tolist(), turn.action_mask, strict=True):
+        if not (0 <= action < len(mask) and mask[action]):
+            raise PartnerError(f"partner {partner!r} chose {action}, which is not legal for {AGENTS[turn.role]} now")
+    return actions.astype(np.int64, copy=False)
+
+
 @dataclass(frozen=True)
 class RandomPartner:
     """A uniformly random legal action, for either agent."""
 
     def __call__(self, turn: PartnerTurn) -> int:
         return turn.random_action()
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        return turn.random_actions()
 
 
 @dataclass(frozen=True)
@@ -154,6 +271,11 @@ class OracleVerifier:
         errs = self.error_rate > 0 and turn.rng.random() < self.error_rate
         return encode_answer(game, accepts=holds != errs)
 
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), np.bool_)
+        is_edit = turn.games.proposals[turn.indices] > STOP_ACTION
+        return encode_answers(turn.game, is_edit | (turn.goals_reached() != errs))
+
 
 @dataclass(frozen=True)
 class ConstantVerifier:
@@ -164,6 +286,22 @@ class ConstantVerifier:
     def __call__(self, turn: PartnerTurn) -> int:
         return encode_answer(turn.game, accepts=self.accepts)
 
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        return encode_answers(turn.game, np.full(len(turn.indices), self.accepts))
+
+
+@dataclass(frozen=True)
+class TargetOnlyVerifier:
+    """Accepts a claim if the target value is `accepted`, and every edit: the baseline of verifiers that have learned
+    only how often claims hold for each target value."""
+
+    accepted: bool = False
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        state = turn.state
+        is_edit = state.proposal not in (None, STOP_ACTION)
+        return encode_answer(turn.game, accepts=is_edit or state.mdp.task.target == self.accepted)
+
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
 ALWAYS_REJECT = ConstantVerifier(accepts=False)
@@ -173,6 +311,11 @@ def encode_answer(game: Game, *, accepts: bool) -> int:
     """The verifier's action that accepts or rejects, with no message and the most extreme probability."""
     highest = (game.config.verdict_bins or 2) - 1  # ACCEPT, if there are no bins
     return game.encode_action(Role.VERIFIER, highest if accepts else REJECT)
+
+
+def encode_answers(game: Game, accepts: BoolArray) -> Int64Array:
+    """(k,) `encode_answer` for arrays."""
+    return np.where(accepts, encode_answer(game, accepts=True), encode_answer(game, accepts=False))
 
 
 @dataclass(frozen=True)
@@ -229,6 +372,7 @@ SCRIPTED: dict[str, Partner] = {
     "oracle": OracleVerifier(),
     "always_accept": ALWAYS_ACCEPT,
     "always_reject": ALWAYS_REJECT,
+    "target_only": TargetOnlyVerifier(),
     "helpful": HELPFUL_PROPOSER,
     "sneaky": SNEAKY_PROPOSER,
     "by_intent": ClaimingProposer(),

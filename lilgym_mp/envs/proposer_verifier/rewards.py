@@ -72,7 +72,9 @@ def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     return float(judgement.accepted and judgement.holds == (intent is Intent.HELPFUL))
 
 
-MDP = "mdp"  # the MDP's reward; the other terms are 0 unless a claim is judged
+MDP = "mdp"  # the MDP's reward
+MDP_IF_HELPFUL = "mdp_if_helpful"  # the MDP's reward in helpful episodes, otherwise 0
+# The other terms are 0 unless a claim is judged.
 JUDGEMENT_TERMS: Mapping[str, Term] = {
     "correctness": _correctness,
     "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
@@ -81,17 +83,20 @@ JUDGEMENT_TERMS: Mapping[str, Term] = {
     "sneaky": lambda judgement, intent, costs: _hidden(judgement, Intent.SNEAKY, costs),
     "hidden": _hidden,
 }
-TERMS = (MDP, *JUDGEMENT_TERMS)
+TERMS = (MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS)
 SCORING_RULES = ("brier", "log")  # proper scoring rules for a stated probability
 
-PRESETS: Mapping[str, tuple[str, str]] = {  # terms by Role
+# Without the MDP's reward, a proposer with hidden intent earns nothing until a verifier that has learned nothing
+# accepts its claims, and both give up.
+HIDDEN_REWARDS: AgentRewards = {"hidden": 1.0, MDP_IF_HELPFUL: 0.2}
+PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # by Role
     "common": ("mdp", "mdp"),
     "correctness": ("mdp", "correctness"),
     "helpful": ("helpful", "correctness"),
     "sneaky": ("sneaky", "correctness"),
-    "hidden": ("hidden", "correctness"),
-    "brier": ("hidden", "brier"),
-    "log": ("hidden", "log"),
+    "hidden": (HIDDEN_REWARDS, "correctness"),
+    "brier": (HIDDEN_REWARDS, "brier"),
+    "log": (HIDDEN_REWARDS, "log"),
 }
 
 
@@ -108,6 +113,8 @@ class RewardScheme:
         def value(term: str) -> float:
             if term == MDP:
                 return mdp_reward
+            if term == MDP_IF_HELPFUL:
+                return mdp_reward if intent is Intent.HELPFUL else 0.0
             return 0.0 if judgement is None else JUDGEMENT_TERMS[term](judgement, intent, self.costs)
 
         proposer, verifier = (

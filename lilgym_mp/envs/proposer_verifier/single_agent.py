@@ -96,7 +96,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             if self.engine.state.movers:
                 for adapter in self._reward_adapters:
                     adapter.reset()
-                return self._observation(), self._info(infos[self._role]) | {"skipped_games": skipped}
+                info = {"task": self.engine.state.mdp.task.id, **infos[self._role]}
+                return self._observation(), self._info(info) | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:

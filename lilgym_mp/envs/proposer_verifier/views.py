@@ -6,7 +6,7 @@ Every part is an array or a NumPy scalar, because PettingZoo's API test refuses 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -20,7 +20,7 @@ from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game, GameState
-from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.observation import image_space, item_array, item_capacity
 from lilgym_mp.render import Canvas
@@ -45,14 +45,18 @@ class View:
     statement: str = "tokens"  # "tokens", "text" or "none"
     target: bool = True
     proposal: bool = True  # the pending proposal
+    proposed_scene: bool = False  # the scene after the pending proposal, in the same form as the scene
+    refused: bool = True  # the proposal refused last, until an action is played
     history: int = 0  # number of past turns
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the choices."""
         choose("scene view", self.scene, SCENE_PARTS)
         choose("statement view", self.statement, STATEMENT_PARTS)
-        checked_flag("target of a view", self.target)
-        checked_flag("proposal of a view", self.proposal)
+        for name in ("target", "proposal", "proposed_scene", "refused"):
+            checked_flag(f"{name} of a view", getattr(self, name))
+        if self.proposed_scene and self.scene == "none":
+            raise ValueError("proposed_scene of a view needs a scene view other than 'none'")
         if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 0:
             raise ValueError(f"history of a view must be a number of turns, 0 or more, not {self.history!r}")
 
@@ -126,6 +130,14 @@ class GameSetup:
         return max(len(task.statement.encode()) for task in self.tasks)
 
 
+def with_tasks(setup: GameSetup, tasks: TaskSet) -> GameSetup:
+    """The game with other tasks. Raises ValueError for tasks of another appearance."""
+    own, given = setup.tasks.provenance.appearance, tasks.provenance.appearance
+    if own != given:
+        raise ValueError(f"the game is played on {own}; tasks of {given} do not fit it")
+    return replace(setup, tasks=tasks)
+
+
 class Part:
     """One entry of an observation, for one game and for many."""  # not an ABC, whose `isinstance` is slow
 
@@ -148,7 +160,10 @@ class ImagePart(Part):
         self._canvas = Canvas(setup.image_size)
 
     def encode(self, state: GameState) -> Value:
-        return self._canvas.show(state.mdp.scene).copy()
+        return self.encode_scene(state.mdp.scene)
+
+    def encode_scene(self, scene: Scene) -> Value:
+        return self._canvas.show(scene).copy()
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return games.images.take(indices, axis=0)
@@ -162,7 +177,10 @@ class ItemArrayPart(Part):
         self.space = spaces.Box(-BOX_SIDE, BOX_SIDE, (BOX_COUNT, self._capacity, len(Item._fields)), np.int16)
 
     def encode(self, state: GameState) -> Value:
-        return item_array(state.mdp.scene, self._capacity)
+        return self.encode_scene(state.mdp.scene)
+
+    def encode_scene(self, scene: Scene) -> Value:
+        return item_array(scene, self._capacity)
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return games.items().take(indices, axis=0)
@@ -179,10 +197,34 @@ class SceneTextPart(Part):
         self.space = byte_space(self._length)
 
     def encode(self, state: GameState) -> Value:
-        return as_bytes(scene_text(state.mdp.scene), self._length)
+        return self.encode_scene(state.mdp.scene)
+
+    def encode_scene(self, scene: Scene) -> Value:
+        return as_bytes(scene_text(scene), self._length)
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return np.stack([as_bytes(scene_text(games.mdp(index).scene), self._length) for index in indices.tolist()])
+        return np.stack([self.encode_scene(games.mdp(index).scene) for index in indices.tolist()])
+
+
+ScenePart = ImagePart | ItemArrayPart | SceneTextPart
+
+
+class ProposedScenePart(Part):
+    """The scene after the pending proposal, encoded as the current one is."""
+
+    def __init__(self, setup: GameSetup, current: ScenePart) -> None:
+        self.space = current.space
+        self._current = current
+        self._game = setup.game
+
+    def encode(self, state: GameState) -> Value:
+        return self._current.encode_scene(self._game.proposed_scene(state))
+
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        rows = self._current.encode_batch(games, indices)
+        for row in np.flatnonzero(games.proposals[indices] > STOP_ACTION).tolist():
+            rows[row] = self.encode(games.state(int(indices[row])))
+        return rows
 
 
 def scene_text(scene: Scene) -> str:
@@ -274,10 +316,23 @@ class ProposalPart(Part):
         self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
 
     def encode(self, state: GameState) -> Value:
-        return self._arrays[NO_CHOICE if state.proposal is None else state.proposal].copy()
+        return self._array_of(state.proposal)
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return self._arrays.batch(games.proposals[indices])
+
+    def _array_of(self, action: int | None) -> Value:
+        return self._arrays[NO_CHOICE if action is None else action].copy()
+
+
+class RefusedPart(ProposalPart):
+    """int64 (slots,): the proposal refused last, likewise; all -1 once an action has been played."""
+
+    def encode(self, state: GameState) -> Value:
+        return self._array_of(state.refused)
+
+    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
+        return self._arrays.batch(games.refused[indices])
 
 
 class HistoryPart(Part):
@@ -372,7 +427,7 @@ class ConstantPart(Part):
 
 # By view: observation key and part. SB3 uses the keys in a torch ModuleDict, so a key must not be the name of one of
 # its methods, such as "items".
-SCENE_PARTS: Mapping[str, tuple[str, Callable[[GameSetup], Part]] | None] = {
+SCENE_PARTS: Mapping[str, tuple[str, Callable[[GameSetup], ScenePart]] | None] = {
     "image": ("image", ImagePart),
     "structured": ("item_array", ItemArrayPart),
     "text": ("text", SceneTextPart),
@@ -409,13 +464,17 @@ def _parts_of(setup: GameSetup, role: Role, make: Callable[..., Part]) -> dict[s
     parts: dict[str, Part] = {}
     scene, statement = SCENE_PARTS[view.scene], STATEMENT_PARTS[view.statement]
     if scene is not None:
-        parts[scene[0]] = make(scene[1])
+        current = parts[scene[0]] = make(scene[1])
+        if view.proposed_scene and game.turn_based:
+            parts[f"proposed_{scene[0]}"] = make(ProposedScenePart, current)
     if statement is not None:
         parts["statement"] = make(statement)
     if view.target:
         parts["target"] = make(TargetPart)
     if view.proposal and game.turn_based:
         parts["proposal"] = make(ProposalPart)
+    if view.refused and game.has_refusals:
+        parts["refused"] = make(RefusedPart)
     if view.history:
         parts["history"] = make(HistoryPart, view.history)
     if game.message_sizes[role.other]:

@@ -14,13 +14,16 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.actions import ActionError
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs import cores
-from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env
-from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW
+from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env, read_text
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
 GAMES, STEPS, SEED = 3, 40, 11
+VERIFIER_WAITS = 2
 VIEWS = {PROPOSER: {"history": 2}, VERIFIER: {"scene": "structured", "history": 1}}
+MIXED = {"hidden": 1.0, "mdp_if_helpful": 0.5}
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "views": VIEWS, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
     *(
@@ -32,6 +35,19 @@ SETTINGS: list[dict[str, Any]] = [
     {"protocol": "joint", "reveal_truth": True, "horizon": 3, "image_size": "native"},
     {"protocol": "joint", "appearance": "scatter", "start": "flipit", "homogeneous": True},
     {"protocol": "veto", "appearance": "scatter", "start": "flipit", "views": VIEWS},
+    {
+        "protocol": "veto",
+        "views": {"proposed_scene": True},
+        "start": "flipit",
+        "rewards": {PROPOSER: MIXED, VERIFIER: "mdp"},
+    },
+    {
+        "protocol": "critique",
+        "views": {"scene": "structured", "proposed_scene": True},
+        "appearance": "scatter",
+        "horizon": 3,
+    },
+    {"protocol": "audit", "views": {"scene": "text", "proposed_scene": True}, "horizon": 4},
     {"protocol": "critique", "exchanges": 0, "homogeneous": True, "views": {"statement": "none", "target": False}},
     {"protocol": "audit", "views": "text", "verdict_bins": 4, "rewards": "log"},
     {"protocol": "audit", "verdict_bins": 3, "rewards": {PROPOSER: {"sneaky": 2.0, "mdp": -0.5}, VERIFIER: "brier"}},
@@ -64,7 +80,12 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
     for _ in range(STEPS):
         for index, single in enumerate(singles):
             assert data_equivalence(row(observations, index), expected[index])
-            assert infos["turns"][index].tolist() == [role in single.engine.state.movers for role in (0, 1)]
+            state = single.engine.state
+            assert infos["turns"][index].tolist() == [role in state.movers for role in (0, 1)]
+            assert batch.tasks[infos["task_index"][index]] == state.mdp.task
+            assert infos["proposal"][index] == (-1 if state.proposal is None else state.proposal)
+            if settings.get("reveal_truth"):
+                assert infos["goal_reached"][index] == state.mdp.task.solved_by(state.mdp.scene)
         masks = {agent: observation["action_mask"] for agent, observation in observations.items()}
         actions = {agent: np.array([an_action(mask, rng) for mask in masks[agent]]) for agent in AGENTS}
         observations, rewards, terminated, truncated, infos = batch.step(actions)
@@ -72,6 +93,13 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
             last, reward, ends, cuts, info = single.step({agent: actions[agent][index] for agent in AGENTS})
             assert {agent: rewards[agent][index] for agent in AGENTS} == reward
             assert (terminated[index], truncated[index]) == (ends[PROPOSER], cuts[PROPOSER])
+            assert infos["is_success"][index] == info[PROPOSER].get("is_success", False)
+            judgement = single.engine.last_step.judgement
+            if judgement is None:
+                assert np.isnan(infos["probability"][index])
+            else:
+                assert infos["probability"][index] == judgement.probability
+                assert "holds" not in infos or infos["holds"][index] == judgement.holds
             expected[index] = last
             if not single.agents:
                 endings += 1
@@ -110,6 +138,60 @@ def test_reset__without_a_seed_continues_the_generators_as_single_games_do(rewar
     observations, _ = batch.reset()
     for index, single in enumerate(singles):
         assert data_equivalence(row(observations, index), single.reset()[0])
+
+
+def test_own_turn_rewards__of_a_hand_worked_veto_game():
+    """A rejected and an accepted edit, then a rejected and an accepted STOP, of the task "Some block is blue."."""
+    games = BatchedGames(1, tasks=TASKS, protocol="veto")
+    games.reset(seed=0)
+    found: list[list[float]] = []
+    for proposal, answer in ((ADD_BLUE, REJECT), (ADD_BLUE, ACCEPT), (STOPS, REJECT), (STOPS, ACCEPT)):
+        for proposer, verifier in ((proposal, VERIFIER_WAITS), (WAIT, answer)):
+            *_, infos = games.step({PROPOSER: np.array([proposer]), VERIFIER: np.array([verifier])})
+            found.append(infos["own_turn_rewards"][0].round(6).tolist())
+    proposed = [[0.0, 0.0], [0.0, -0.1], [0.0, -0.1], [0.0, -0.1]]  # the verifier's last answer earned -0.1
+    answered = [[-0.1, -0.1], [-0.1, -0.1], [-0.1, -0.1], [1.0, 1.0]]
+    assert found == [row for pair in zip(proposed, answered, strict=True) for row in pair]
+
+
+def test_refused__shows_the_proposal_until_an_action_is_played():
+    game = parallel_env(protocol="veto")
+    seen, _ = game.reset(seed=0)
+    refused: list[list[int]] = []
+    for proposer, verifier in ((ADD_BLUE, 2), (WAIT, REJECT), (ADD_BLUE, 2), (WAIT, ACCEPT)):
+        seen, *_ = game.step({PROPOSER: proposer, VERIFIER: verifier})
+        refused.append(seen[PROPOSER]["observation"]["refused"].tolist())
+    assert refused == [[-1, -1, -1], [1, 0, 2], [1, 0, 2], [-1, -1, -1]]
+
+
+def test_proposed_scene__is_the_scene_after_the_proposal():
+    game = parallel_env(protocol="veto", views={"scene": "text", "proposed_scene": True})
+    game.reset(seed=0)
+    seen, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    view = seen[VERIFIER]["observation"]
+    assert read_text(view["text"]).splitlines()[0] == "left: empty"
+    assert read_text(view["proposed_text"]).splitlines()[0] == "left: medium blue square at (40, 80)"
+
+
+def test_tasks_and_sampler__choose_what_is_played():
+    whole = BatchedGames(1).tasks
+    some = TaskSet(list(whole)[5:9], whole.provenance)
+    asked: list[list[int]] = []
+
+    def sampler(indices: np.ndarray) -> np.ndarray:
+        asked.append(indices.tolist())
+        return np.full(len(indices), len(asked))
+
+    games = BatchedGames(3, protocol="joint", tasks=some, sampler=sampler)
+    _, infos = games.reset(seed=0)
+    assert infos["task_index"].tolist() == [1, 1, 1]
+    *_, infos = games.step({PROPOSER: np.full(3, ADD_BLUE), VERIFIER: np.array([CONTINUE, STOP_NOW, CONTINUE])})
+    assert infos["task_index"].tolist() == [1, 2, 1]
+    assert asked == [[0, 1, 2], [1]]
+    with pytest.raises(ValueError, match=r"the game is played on tower; tasks of scatter do not fit it"):
+        BatchedGames(1, tasks=BatchedGames(1, appearance="scatter").tasks)
+    with pytest.raises(ValueError, match=r"the sampler must return 3 task indices 0 \.\. 3, not array\(\[9, 9, 9\]\)"):
+        BatchedGames(3, tasks=some, sampler=lambda indices: np.full(3, 9)).reset(seed=0)
 
 
 def test_reset__options_set_task_and_intent_of_all_games():

@@ -227,10 +227,10 @@ REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, 
     ("sneaky", {}, (ADD_BLUE, STOPS, 1), Intent.SNEAKY, (0.0, 1.0)),
     ("sneaky", {}, (STOPS, 0), Intent.SNEAKY, (0.0, 1.0)),
     ("hidden", {}, (STOPS, 1), Intent.SNEAKY, (1.0, -1.0)),
-    ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (0.0, -1.0)),
-    ("brier", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (0.0, -0.5625)),
-    ("brier", {"verdict_bins": 2}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, -0.0625)),
-    ("log", {"verdict_bins": 2}, (STOPS, 0), Intent.HELPFUL, (0.0, float(np.log(0.75)))),
+    ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
+    ("brier", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (-0.2, -0.5625)),
+    ("brier", {"verdict_bins": 2}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, -0.0625)),
+    ("log", {"verdict_bins": 2}, (STOPS, 0), Intent.HELPFUL, (-0.2, float(np.log(0.75)))),
 ]
 
 

@@ -27,15 +27,17 @@ from lilgym_mp.envs.proposer_verifier import (
     PartnerTurn,
     RandomPartner,
     SingleAgentView,
+    cross_play,
     env,
     exploitability,
     measure,
+    metrics,
     parallel_env,
     play_games,
     raw_env,
     summarise,
 )
-from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord
+from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord, TargetMetrics
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
@@ -242,7 +244,7 @@ def test_play_games__plays_each_task_once_and_reproducibly():
 
 def record(*answers: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
     judgements = tuple(Judgement(probability, True, holds) for probability, holds in answers)
-    return GameRecord("task", outcome, rounds, (1.0, -1.0), judgements)
+    return GameRecord("task", "A statement.", True, outcome, rounds, (1.0, -1.0), judgements)
 
 
 def test_measures__of_literal_games():
@@ -265,6 +267,98 @@ def test_measures__of_literal_games():
         CalibrationBin(2, pytest.approx(0.95), 0.5),
     )
     assert measured.calibration_error == pytest.approx((2 * 0.35 + 0.15 + 2 * 0.45) / 5)
+
+
+def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
+    """Its pooled completeness and soundness are 3/4: claims hold mostly where the target is false."""
+    claims = [(True, holds) for holds in (True, False, False, False)] + [
+        (False, holds) for holds in (True,) * 3 + (False,)
+    ]
+    measured = summarise([record((float(not target), holds))._replace(target=target) for target, holds in claims])
+    assert (measured.completeness, measured.soundness) == (0.75, 0.75)
+    assert measured.by_target["true"] == TargetMetrics(4, 1.0, 0.0, 1.0, 0.0)
+    assert measured.by_target["false"] == TargetMetrics(4, 1.0, 1.0, 0.0, 0.0)
+    assert measured.j == 0.0
+
+
+def test_j__is_the_mean_over_targets_with_an_interval_over_statements():
+    right, wrong = (record((1.0, True), (0.0, False)), record((0.0, True), (1.0, False)))
+    games = [game._replace(statement=str(index)) for index, game in enumerate([right, right, right, wrong])]
+    measured = summarise(games)
+    assert measured.j == pytest.approx(0.5)
+    assert measured.j_interval == (pytest.approx(-0.5), 1.0)
+    assert summarise([right] * 4).j_interval == (1.0, 1.0)
+    assert summarise([record((1.0, True))]).j is None
+
+
+def test_accepted_false_claims__are_those_that_end_the_game():
+    lie, continued = Judgement(1.0, True, False), Judgement(1.0, False, False)
+    games = [
+        record()._replace(judgements=judged)
+        for judged in [(lie,), (continued,), (lie, Judgement(0.0, False, False)), ()]
+    ]
+    assert summarise(games).accepted_false_claims == 0.25
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_records__do_not_depend_on_the_other_games_of_the_batch(protocol: str, monkeypatch: pytest.MonkeyPatch):
+    game = env(protocol=protocol, start="flipit", rewards="hidden")
+    tasks = some_tasks(game)[:12]
+    together = play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5)
+    monkeypatch.setattr(metrics, "LARGEST_BATCH", 1)
+    assert play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5) == together
+
+
+@pytest.mark.parametrize("partner", ["oracle", "always_accept", "always_reject", "target_only"])
+def test_scripted__play_alike_singly_and_in_batches(partner: str):
+    game = env(protocol="veto", start="flipit")
+    single, tasks = SCRIPTED[partner], some_tasks(game)[:20]
+    batched = play_games(game, CLAIMING, single, tasks=tasks)
+    assert play_games(game, CLAIMING, lambda turn: single(turn), tasks=tasks) == batched
+
+
+def test_target_only_verifier__has_a_j_of_zero():
+    game = env(protocol="audit", start="flipit", rewards="hidden")
+    measured = measured_on_some(game, CLAIMING, SCRIPTED["target_only"])
+    assert (measured.j, measured.by_target["false"].completeness) == (0.0, 1.0)
+
+
+def test_cross_play__equals_the_games_of_each_pair():
+    game = env(protocol="audit", rewards="hidden")
+    proposers, verifiers = (
+        {"by intent": CLAIMING, "lies": SNEAKY_PROPOSER},
+        {"oracle": OracleVerifier(), "yes": ALWAYS_ACCEPT},
+    )
+    table = cross_play(game, proposers, verifiers, tasks=some_tasks(game)[:10])
+    assert table.keys() == {(proposer, verifier) for proposer in proposers for verifier in verifiers}
+    assert table["lies", "yes"] == measure(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
+    assert table["lies", "yes"].accepted_false_claims > table["lies", "oracle"].accepted_false_claims == 0.0
+
+
+class BadBatchPartner:
+    def __init__(self, actions: Any) -> None:
+        self._actions = actions
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        raise AssertionError("called singly")
+
+    def batch(self, turn: Any) -> Any:
+        return self._actions(len(turn.indices))
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        (lambda count: np.full(count, 10_000), "chose 10000, which is not legal for verifier_0 now"),
+        (lambda count: np.full(count, -1), "chose -1, which is not legal"),
+        (lambda count: np.zeros(count + 1, int), "must return 3 whole numbers"),
+        (lambda count: np.zeros(count), "must return 3 whole numbers"),
+    ],
+)
+def test_batch_partner__that_breaks_the_rules_is_named(actions: Any, message: str):
+    game = env(protocol="joint")
+    with pytest.raises(PartnerError, match=rf"partner .*BadBatchPartner.* {message}"):
+        play_games(game, RandomPartner(), BadBatchPartner(actions), tasks=some_tasks(game)[:3])
 
 
 def test_measures__without_claims_are_none():

@@ -202,11 +202,10 @@ def test_joint_aec__hides_the_proposers_action_from_the_verifier():
     assert not data_equivalence(game.observe(VERIFIER), before)
 
 
-def test_infos__have_task_and_outcome_but_not_the_truth_by_default():
+def test_infos__have_the_outcome_but_not_the_truth_by_default():
     game = parallel_env(protocol="joint")
     _, infos = game.reset(seed=0)
-    task = game.unwrapped.task
-    assert infos == {PROPOSER: {"task": task.id}, VERIFIER: {"task": task.id}}
+    assert infos == {PROPOSER: {}, VERIFIER: {}}
     *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
     assert infos == {PROPOSER: {}, VERIFIER: {}}
     *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: STOP_NOW})
@@ -226,7 +225,7 @@ def test_infos__have_the_truth_with_reveal_truth():
 def test_truth__is_in_no_observation():
     game = parallel_env(reveal_truth=True, views={"history": 2}, rewards="hidden", message_size=2)
     parts = game.observation_space(VERIFIER)["observation"]
-    assert set(parts) == {"image", "statement", "target", "proposal", "history", "message"}
+    assert set(parts) == {"image", "statement", "target", "proposal", "refused", "history", "message"}
     assert set(game.observation_space(PROPOSER)["observation"]) == {*parts, "intent"}
 
 
@@ -244,8 +243,8 @@ def test_observations__of_different_steps_share_no_array():
 def test_options__set_task_and_intent():
     game = parallel_env(rewards="hidden")
     chosen = game.tasks.ids[3]
-    observations, infos = game.reset(options={"task": chosen, "intent": "sneaky"})
-    assert infos[PROPOSER]["task"] == chosen
+    observations, _ = game.reset(options={"task": chosen, "intent": "sneaky"})
+    assert game.task.id == chosen
     assert observations[PROPOSER]["observation"]["intent"] == 1
     with pytest.raises(ValueError, match="no task 'nothing'"):
         game.reset(options={"task": "nothing"})

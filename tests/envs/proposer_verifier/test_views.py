@@ -89,8 +89,8 @@ def test_message__is_the_other_agents_last_message():
 
 
 def test_view__can_omit_all_parts_but_one():
-    nothing = View(scene="none", statement="none", target=False, proposal=False)
-    views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False)}
+    nothing = View(scene="none", statement="none", target=False, proposal=False, refused=False)
+    views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False, refused=False)}
     assert set(engine(views=views).observe_parts(Role.VERIFIER)) == {"target"}
     assert engine(views=nothing).observe_parts(Role.PROPOSER) == {}
 
