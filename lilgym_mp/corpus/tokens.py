@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,7 +41,7 @@ class Vocabulary:
         """Raises VocabularyError for duplicate words."""
         ids = {word: token_id for token_id, word in enumerate(self.words, start=FIRST_WORD)}
         if len(ids) != len(self.words):
-            repeated = sorted({word for word in self.words if self.words.count(word) > 1})
+            repeated = sorted(word for word, count in Counter(self.words).items() if count > 1)
             raise VocabularyError(f"duplicate words: {', '.join(repeated)}")
         object.__setattr__(self, "_ids", ids)
 

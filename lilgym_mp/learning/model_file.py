@@ -7,21 +7,25 @@ everything its kind needs to rebuild the network. Reading a file never executes 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import get_ident
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
+from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from lilgym_mp.evaluation.files import write_atomically
 
 FORMAT = "lilgym_mp-model"
 VERSION = 1
 METADATA_KEY = "lilgym_mp"
+FLOATS = {torch.float16, torch.bfloat16, torch.float32, torch.float64}  # converted into one another
 LARGEST_FILE = 8 << 30  # bytes
 PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # first bytes of files written by torch.save and pickle
 
@@ -116,13 +120,68 @@ def _check_file(path: Path) -> None:
         )
 
 
+def check_sizes(sizes: Mapping[str, Any]) -> None:
+    """Raises ValueError unless all are whole numbers, positive (layers: not negative), and `heads` divides `width`."""
+    for name, size in sizes.items():
+        least = 0 if name.endswith("layers") else 1
+        if not isinstance(size, int) or isinstance(size, bool) or size < least:
+            raise ValueError(f"{name} must be a whole number of at least {least}, not {size!r}")
+    if sizes["width"] % sizes.get("heads", 1):
+        raise ValueError(f"heads, {sizes['heads']}, must divide width, {sizes['width']}")
+
+
+def check_numbers(numbers: Mapping[str, Any]) -> None:
+    """Raises ValueError unless all are finite numbers."""
+    for name, number in numbers.items():
+        if not isinstance(number, int | float) or not math.isfinite(number):
+            raise ValueError(f"{name} must be a finite number, not {number!r}")
+
+
+def check_shapes(make: Callable[[], nn.Module], tensors: Mapping[str, Tensor], path: Path) -> None:
+    """Raises ModelFileError unless the network that `make` builds has tensors of these names, shapes and kinds.
+
+    It is built without memory for its parameters, and given up as soon as it has more of them than the file, so that
+    a small file cannot describe a network that takes long to build.
+    """
+    registered, thread = 0, get_ident()
+
+    def count(module: nn.Module, name: str, parameter: nn.Parameter) -> None:
+        nonlocal registered
+        registered += get_ident() == thread
+        if registered > 2 * len(tensors):  # 2: a shared parameter is registered again
+            raise _mismatch(path, f"it has more than {len(tensors)} tensors")
+
+    hook = register_module_parameter_registration_hook(count)
+    try:
+        with torch.device("meta"):
+            outline = make()
+    except RuntimeError as error:
+        raise _mismatch(path, str(error).strip().splitlines()[-1]) from None
+    finally:
+        hook.remove()
+    _check_tensors(outline, tensors, path)
+
+
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Loads the tensors into the network. Raises ModelFileError for wrong names or shapes and non-finite values."""
+    """Loads the tensors into the network. Raises ModelFileError as `check_shapes`, and for non-finite values."""
+    _check_tensors(network, tensors, path)
     non_finite = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
     if non_finite:
         raise ModelFileError(f"{path}: {non_finite[0]} holds non-finite values")
-    try:
-        network.load_state_dict(dict(tensors))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise ModelFileError(f"{path}: tensors do not match the network it describes: {reason}") from None
+    network.load_state_dict(dict(tensors))
+
+
+def _check_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+    expected: dict[str, Tensor] = network.state_dict()
+    for name in sorted(expected.keys() ^ tensors.keys()):
+        raise _mismatch(path, f"{name} is {'missing' if name in expected else 'not part of it'}")
+    for name, tensor in expected.items():
+        found = tensors[name]
+        if found.shape != tensor.shape:
+            raise _mismatch(path, f"{name} has shape {tuple(found.shape)}, not {tuple(tensor.shape)}")
+        if found.dtype not in (FLOATS if tensor.dtype in FLOATS else {tensor.dtype}):
+            raise _mismatch(path, f"{name} has type {found.dtype}, not {tensor.dtype}")
+
+
+def _mismatch(path: Path, reason: str) -> ModelFileError:
+    return ModelFileError(f"{path}: tensors do not match the network it describes: {reason}")

@@ -22,7 +22,16 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights, save_model
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    ModelFileError,
+    check_numbers,
+    check_shapes,
+    check_sizes,
+    load_model_of_kind,
+    load_weights,
+    save_model,
+)
 from lilgym_mp.perception import read_scenes
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import BOX_COUNT
@@ -70,10 +79,9 @@ class Architecture:
         appearance = data["appearance"]
         if appearance not in ("tower", "scatter"):
             raise ValueError(f"unknown appearance {appearance!r}; choose from scatter, tower")
-        sizes = [data["width"], data["text_layers"], data["item_layers"]]
-        if not all(isinstance(size, int) and 0 <= size <= 4096 for size in sizes) or sizes[0] % 8 or not sizes[0]:
-            raise ValueError(f"width, text_layers and item_layers cannot be {sizes}")
-        return cls(appearance, words, *sizes)
+        sizes = {name: data[name] for name in ("width", "text_layers", "item_layers")}
+        check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
+        return cls(appearance, words, **sizes)
 
 
 class ImitationAgent:
@@ -194,7 +202,11 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
             raise ValueError(
                 f"a network for {architecture.appearance} cannot play {', '.join(description.configurations)}"
             )
+        check_numbers({name: rule.threshold for name, rule in rules.items()})
+        check_shapes(architecture.network, tensors, path)
         network = architecture.network()
+    except ModelFileError:
+        raise
     except (ValueError, TypeError, KeyError, VocabularyError) as error:
         raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(network, tensors, path)

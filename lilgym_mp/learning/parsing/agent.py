@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,14 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    ModelFileError,
+    check_numbers,
+    check_shapes,
+    load_model_of_kind,
+    load_weights,
+)
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser, move
 from lilgym_mp.learning.parsing.planning import Plan, Planner
@@ -117,9 +124,13 @@ def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
     torch_device = select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    details = description.details
     try:
-        parser = move(Parser.from_details(description.details), torch_device)
-        Calibration(**description.details["calibration"])
+        check_shapes(lambda: Parser.from_details(details).network, tensors, path)
+        parser = move(Parser.from_details(details), torch_device)
+        check_numbers({"temperature": parser.temperature, **asdict(Calibration(**details["calibration"]))})
+    except ModelFileError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise ModelFileError(f"{path}: its description cannot be used: {error!r}") from None
     load_weights(parser.network, tensors, path)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.devices import single_thread
+from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import normalise_statement, program_of
@@ -147,6 +148,7 @@ class Parser:
         if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or UNKNOWN not in words:
             raise ValueError(f"its vocabulary is not a list of words that includes {UNKNOWN!r}")
         vocabulary = SymbolTable(tuple(words))
+        check_sizes(details["sizes"])
         network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]))
 

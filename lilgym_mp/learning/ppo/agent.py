@@ -17,12 +17,18 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    ModelFileError,
+    check_shapes,
+    load_model_of_kind,
+    load_weights,
+)
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.models.weights import WeightsError
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.learning.ppo.states import BoxImageTable
 
@@ -111,8 +117,14 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)
         appearance = make_appearance(settings.appearance, settings.grid)
-        model = make_model(recipe, appearance, details=description.details["model"])
-    except WeightsError:
+
+        def make() -> Model:
+            return make_model(recipe, appearance, details=description.details["model"])
+
+        if recipe.model not in TRANSFORMERS:  # their sizes are those of their pretrained weights
+            check_shapes(make, tensors, path)
+        model = make()
+    except (ModelFileError, WeightsError):
         raise
     except (KeyError, TypeError, ValueError, VocabularyError) as error:
         raise ModelFileError(f"{path}: its description cannot be used: {error}") from None

@@ -8,6 +8,7 @@ from typing import Any
 
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
@@ -48,6 +49,8 @@ def make_model(
 def _box_transformer(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
+    if details is not None:
+        check_sizes(sizes)
     return lambda has_actor, has_critic: BoxTransformer(appearance, words, **sizes)
 
 
