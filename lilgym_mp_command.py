@@ -14,9 +14,7 @@ INTERRUPTED = 130  # the shell convention for Ctrl-C
 def main() -> int:
     """Runs the command line of this process and returns the exit code."""
     try:
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            # Some libraries turn a KeyboardInterrupt during their import into other errors.
-            signal.signal(signal.SIGINT, _end)
+        if end_on_interrupt():
             from lilgym_mp.cli import main as run
             from lilgym_mp.cli import make_parser
 
@@ -27,6 +25,16 @@ def main() -> int:
         return run()
     except KeyboardInterrupt:
         _end()
+
+
+def end_on_interrupt() -> bool:
+    """Lets Ctrl-C end the process at once, unless the parent process disabled it; returns whether it does.
+
+    Some libraries turn a KeyboardInterrupt during their import into other errors.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end)
+    return signal.getsignal(signal.SIGINT) is _end
 
 
 def _end(*_: object) -> NoReturn:

@@ -12,11 +12,15 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import ProgressColumn
 
+LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
 
 
 def printable(text: str) -> str:
-    """The text with all control characters except line ends escaped."""
+    """The text with all control characters except line ends escaped, and its middle left out if it is very long."""
+    if len(text) > LONGEST_MESSAGE:
+        half = LONGEST_MESSAGE // 2
+        text = f"{text[:half]} ... ({len(text) - 2 * half:,} characters left out) ... {text[-half:]}"
     return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
 
 

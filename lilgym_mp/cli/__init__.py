@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.extras import install
@@ -34,15 +34,37 @@ TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises CommandError, which prints as one line, instead of printing the usage."""
+    """Raises CommandError, which prints as one line, instead of printing the usage.
+
+    An option with several values may be given several times, and keeps each value once; others only once.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.register("action", None, _Store)
 
     def error(self, message: str) -> NoReturn:
         raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
 
 
+class _Store(argparse.Action):
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        if option is not None:
+            given: set[str] = vars(namespace).setdefault("given_options", set())
+            if self.nargs in ("+", "*"):
+                values = list(dict.fromkeys([*(getattr(namespace, self.dest) if self.dest in given else ()), *values]))
+            elif self.dest in given:
+                parser.error(f"argument {option}: given more than once")
+            given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command line, by default that of this process, and returns its exit code."""
-    _open_missing_streams()
+    if not _open_missing_streams():
+        return _print_error(f"{PROGRAM}: standard output is closed; send it to a file or to {os.devnull}", FAILED)
     name = PROGRAM
     try:
         args = parse_args(sys.argv[1:] if argv is None else argv)
@@ -77,11 +99,13 @@ def _is_caused_by_interrupt(error: BaseException) -> bool:
     return cause is not None
 
 
-def _open_missing_streams() -> None:
-    """Replaces closed standard streams, as after `>&-`, by the null device."""
+def _open_missing_streams() -> bool:
+    """Replaces closed standard streams, as after `>&-`, by the null device; returns whether stdout was open."""
+    has_output = sys.stdout is not None
     for stream, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, stream) is None:
             setattr(sys, stream, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+    return has_output
 
 
 def _flush_output(name: str, code: int) -> int:
@@ -109,7 +133,7 @@ def _print_error(message: str, code: int = USAGE_ERROR) -> int:
 
 def parse_args(argv: Sequence[str]) -> argparse.Namespace:
     """The parsed command line, which also holds the unparsed `argv`."""
-    return make_parser().parse_args(argv, argparse.Namespace(argv=tuple(argv)))
+    return make_parser().parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
 
 
 @cache

@@ -121,18 +121,9 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
 
 
-class _UniqueValues(argparse.Action):
-    """Keeps each value once, in the order given."""
-
-    def __call__(
-        self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: str | None = None
-    ) -> None:
-        setattr(namespace, self.dest, list(dict.fromkeys(values)))
-
-
 def _add_several(parser: argparse.ArgumentParser, flag: str, choices: list[str]) -> None:
     help_text = f"{flag.removeprefix('--')} to include (default: all)"
-    parser.add_argument(flag, nargs="+", action=_UniqueValues, choices=choices, default=choices, help=help_text)
+    parser.add_argument(flag, nargs="+", choices=choices, default=choices, help=help_text)
 
 
 def _add_splits(parser: argparse.ArgumentParser) -> None:

@@ -68,7 +68,7 @@ def read_plan(path: Path) -> list[PlannedRun]:
     """The runs of an experiment's file. Raises CommandError naming the file, the key and the choices."""
     checker = _Checker(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -42,7 +42,7 @@ class FileText(NamedTuple):
 
 
 def read_text(path: Path) -> FileText:
-    """The UTF-8 text of a plain or gzip file.
+    """The UTF-8 text of a plain or gzip file, without a byte-order mark.
 
     Raises CorpusError for a file that is missing, unreadable, too large, broken gzip, not UTF-8 or empty.
     """
@@ -51,7 +51,7 @@ def read_text(path: Path) -> FileText:
     if path.suffix == ".gz" or data.startswith(GZIP_MAGIC):
         data = _unzipped(path, data)
     try:
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise CorpusError(f"{path}: not UTF-8 text: byte 0x{data[fault.start]:02x} at offset {fault.start}") from None
     if not text.strip():

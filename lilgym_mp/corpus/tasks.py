@@ -6,7 +6,7 @@ import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import SupportsIndex, cast, overload
+from typing import Any, SupportsIndex, cast, overload
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.arrays import BOOLEANS
@@ -28,6 +28,8 @@ from lilgym_mp.scene import (
     Size,
 )
 from lilgym_mp.task import Task
+
+MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids
 
 _ITEM_TYPES: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
     (shape, colour, size): (JSON_SHAPES[shape], JSON_COLOURS[colour], JSON_SIZES[size])
@@ -72,18 +74,18 @@ class TaskSet(Sequence[Task]):
         """Every task's id, in file order."""
         return tuple(self._indices)
 
-    def by_id(self, task_id: str | SupportsIndex) -> Task:
+    def by_id(self, task_id: object) -> Task:
         """The task with that id, "1757" or 1757. Raises ValueError naming the id, the task set and similar ids."""
         return self._tasks[self.index_of(task_id)]
 
-    def index_of(self, task_id: str | SupportsIndex) -> int:
+    def index_of(self, task_id: object) -> int:
         """The index of the task with that id, "1757" or 1757. Raises ValueError as `by_id` does."""
-        name = cast("object", task_id)
+        name: Any = cast("Any", task_id).item() if getattr(task_id, "shape", None) == () else task_id
         if not isinstance(name, (str, *BOOLEANS)) and isinstance(name, SupportsIndex):
             name = str(operator.index(name))
         index = self._indices.get(name) if isinstance(name, str) else None
         if index is None:
-            close = get_close_matches(str(task_id), self.ids, n=3, cutoff=0.5) or self.ids[:3]
+            close = get_close_matches(str(task_id)[:MAX_ID_SEARCHED], self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; existing ids include {', '.join(close)}")
         return index
 

@@ -86,7 +86,7 @@ class Vocabulary:
     def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
         """Reads a vocabulary written by `save`. Raises VocabularyError naming the file and the fault."""
         try:
-            content: object = json.loads(Path(path).read_text(encoding="utf-8"))
+            content: object = json.loads(Path(path).read_text(encoding="utf-8-sig"))
         except (OSError, ValueError, RecursionError) as fault:
             raise VocabularyError(f"{os.fspath(path)}: cannot be read: {fault}") from None
         record = cast("dict[str, object]", content) if isinstance(content, dict) else {}

@@ -172,13 +172,11 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError("reset_mask selects no environment; leave it out to reset all")
         return np.flatnonzero(mask)
 
-    def _task_indices(self, task: str | int | Sequence[str | int | None] | None) -> Sequence[int | None]:
-        if task is None or isinstance(task, str | int | np.integer):
-            task = [task] * self.num_envs
-        if not is_list(task) or len(task) != self.num_envs:
-            given = len(task) if is_list(task) else repr(task)
-            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {given}")
-        return [None if name is None else self.tasks.index_of(name) for name in task]
+    def _task_indices(self, task: object) -> Sequence[int | None]:
+        names = cast("Sequence[Any]", task) if is_list(task) else [task] * self.num_envs
+        if len(names) != self.num_envs:
+            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(names)}")
+        return [None if name is None else self.tasks.index_of(name) for name in names]
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a new generator, or None to keep the old one."""

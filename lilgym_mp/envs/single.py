@@ -138,9 +138,11 @@ class LilGymEnv(gym.Env[Observation, int]):
     def _checked(self, action: SupportsIndex) -> int:
         count = self._action_count
         try:
-            index = -1 if isinstance(action, BOOLEANS) else operator.index(action)
+            index = None if isinstance(action, BOOLEANS) else operator.index(action)
         except TypeError:
-            raise ActionError(f"an action must be a whole number 0 .. {count - 1}, not {action!r}") from None
+            index = None
+        if index is None:
+            raise ActionError(f"an action must be a whole number 0 .. {count - 1}, not {action!r}")
         if not 0 <= index < count:
             raise ActionError(f"action {action!r} is out of range; choose from 0 .. {count - 1}")
         return index

@@ -46,6 +46,9 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     try:
         write(temporary)
         temporary.replace(path)
+    except OSError as error:  # writing to an open file raises errors that do not name it
+        error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

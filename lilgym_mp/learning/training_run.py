@@ -8,9 +8,9 @@ agent.safetensors   the trained agent, replaced atomically
 
 from __future__ import annotations
 
-import hashlib
+import io
 import json
-import pickle
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -55,14 +55,17 @@ class TrainingRun:
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
-        write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: torch.save(dict(state), unfinished))
+        data = io.BytesIO()  # torch reports a full disk in errors of its own kind
+        torch.save(dict(state), data)
+        write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: unfinished.write_bytes(data.getbuffer()))
 
     def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
         """The latest checkpoint; never executes the file's contents. Raises TrainingRunError."""
         path = self.path / CHECKPOINT_FILE
         try:
-            state = torch.load(path, map_location=device, weights_only=True)
-        except (OSError, RuntimeError, TypeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as error:
+            with warnings.catch_warnings(action="ignore"):
+                state = torch.load(path, map_location=device, weights_only=True)
+        except Exception as error:  # a damaged file causes errors of any kind
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: {reason}") from None
         if not isinstance(state, dict):
@@ -132,7 +135,3 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     return "nothing" if value is None else str(value)
-
-
-def file_sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -30,7 +30,7 @@ def language_items(data: ReportData, tags: Tags | None) -> Iterator[Item]:
 def read_tags(path: Path) -> Tags:
     """Hand-made tags: a JSON object of statements, each with a list of phenomena. Raises ReportError."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as fault:
         raise ReportError(f"{path}: cannot be read: {fault.strerror or fault}") from None
     except ValueError as fault:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main
+from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main, parse_args
 
 CASES = {
-    "no command": ([], "lilgym-mp: the following arguments are required: COMMAND"),
+    "option given twice": (["evaluate", "--seed", "1", "--seed", "2"], "argument --seed: given more than once"),
     "unknown command": (["trian"], "invalid choice: 'trian'"),
     "unknown option": (["train", "ppo", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
     "unknown configuration to train": (
@@ -120,6 +120,22 @@ def test_demo__rejects_a_directory_that_is_not_empty(tmp_path: Path, capsys: pyt
     (tmp_path / "mine").write_text("")
     assert main(["demo", "--out", str(tmp_path)]) == USAGE_ERROR
     assert f"{tmp_path} is not empty" in capsys.readouterr().err
+
+
+def test_options__with_several_values_add_up_when_given_again():
+    words = ["evaluate", "--policy", "expert", "random-legal", "--configuration", "TowerScratch"]
+    again = ["--policy", "random-type", "expert", "--configuration", "TowerFlipIt"]
+    args = parse_args([*words, *again])
+    assert args.policy == ["expert", "random-legal", "random-type"]
+    assert args.configuration == ["TowerScratch", "TowerFlipIt"]
+    assert parse_args(["data", "download", "--splits", "dev", "--splits", "test"]).splits == ["dev", "test"]
+
+
+def test_no_command__prints_the_help(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main([])
+    assert end.value.code == 0
+    assert "usage: lilgym-mp" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", [None, *COMMANDS])

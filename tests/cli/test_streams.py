@@ -35,6 +35,10 @@ def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str)
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode in (0, 1, 2), done
+    if redirection in (">&-", NOTHING):
+        assert done.returncode == FAILED
+    if redirection == ">&-":
+        assert done.stderr == "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n"
     if redirection == ">/dev/full":
         assert done.returncode == FAILED
         assert done.stderr == "lilgym-mp program: cannot write results: No space left on device\n"
@@ -79,6 +83,17 @@ def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_pat
     assert output in ("interrupted\n", f"results: {tmp_path / 'bench'}\n")  # the latter if measuring has begun
 
 
+@pytest.mark.parametrize("seconds", [0.1, 0.2, 0.4])
+def test_interrupt__of_the_module_prints_one_word(seconds: float, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "lilgym_mp", "bench", "--quick", "--out", str(tmp_path / "bench")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        _, output = process.communicate(timeout=60)
+    assert process.returncode == INTERRUPTED
+    assert output == "interrupted\n"
+
+
 def test_disk_error__is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,7 +118,7 @@ class _Parser:
         return self
 
 
-@pytest.mark.parametrize("corpus", ["a" * 5_000, "no\x1b[31mwhere"])
+@pytest.mark.parametrize("corpus", ["a" * 5_000_000, "no\x1b[31mwhere"])
 @pytest.mark.parametrize("words", [["data", "check"], ["play", "TowerScratch", "--corpus"]])
 def test_odd_names__are_reported_in_one_printable_line(
     corpus: str, words: list[str], capsys: pytest.CaptureFixture[str]
@@ -111,6 +126,7 @@ def test_odd_names__are_reported_in_one_printable_line(
     assert main([*words, corpus]) in (1, 2)
     output = capsys.readouterr()
     assert "\x1b[31m" not in output.out + output.err
+    assert len(output.err) < 3_000
     assert output.err.count("\n") == 1
     assert "Traceback" not in output.err
 

@@ -6,13 +6,14 @@ import gzip
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.official.installing import import_official
-from lilgym_mp.corpus.records import read_bytes, read_text
+from lilgym_mp.corpus.records import JSONFault, parse_json, read_bytes, read_text
 
 READ = """
 import resource, sys
@@ -68,6 +69,20 @@ def test_read__a_pipe_does_not_block(tmp_path: Path) -> None:
 def test_read__invalid_file_names_are_errors(name: str, tmp_path: Path) -> None:
     with pytest.raises(CorpusError, match="cannot be read"):
         read_bytes(tmp_path / name)
+
+
+def test_read__a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
+    path = tmp_path / "marked.json"
+    path.write_bytes(b"\xef\xbb\xbf{}")
+    assert read_text(path).text == "{}"
+
+
+def test_parse_json__many_keys_take_linear_time() -> None:
+    keys = ",".join(f'"{key}":0' for key in range(200_000))
+    begin = time.process_time()
+    with pytest.raises(JSONFault, match="duplicate key '199999' in one object"):
+        parse_json(f'{{{keys},"199999":1}}')
+    assert time.process_time() - begin < 3
 
 
 def test_import__a_pipe_is_an_error(tmp_path: Path) -> None:

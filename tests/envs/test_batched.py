@@ -311,7 +311,7 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
         ({"options": {"task": "no-such"}}, "no task 'no-such'"),
         ({"options": {"task": ["a"]}}, "task must be one id or 3"),
         ({"options": {"task": []}}, "task must be one id or 3, one for each environment, not 0"),
-        ({"options": {"task": 5.5}}, "task must be one id or 3, one for each environment, not 5.5"),
+        ({"options": {"task": 5.5}}, "no task 5.5 in"),
         ({"options": {"task": 5}}, "no task 5 in"),
         ({"options": {"task": [[], 1, None]}}, "no task \\[\\] in"),
         ({"options": [1]}, "reset options must be a mapping such as {'task': id}, not \\[1\\]"),

@@ -302,6 +302,8 @@ def test_reset__scratch_starts_empty_with_target_true_and_flipit_where_stop_fail
         ),
         ({"task": 7}, "no task 7 in corpus"),
         ({"task": []}, r"no task \[\] in corpus"),
+        ({"task": np.array("none")}, r"no task array\('none'.*\) in corpus"),
+        ({"task": np.array(["a", "b"])}, r"no task array\(\['a', 'b'\].*\) in corpus"),
         ([1], r"reset options must be a mapping such as {'task': id}, not \[1\]"),
         ("task", "reset options must be a mapping"),
         ({"tasks": "a", "seed": 1}, r"unknown reset options \['seed', 'tasks'\]; choose from task"),
@@ -475,9 +477,21 @@ def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action: An
     env = make(TOWER)
     env.reset(seed=0)
     before = env.state
-    with pytest.raises(ActionError, match=r"0 \.\. 12"):
+    out_of_range = action in (-1, 13, 2**70) if isinstance(action, int) else False
+    message = "out of range; choose from" if out_of_range else "an action must be a whole number"
+    with pytest.raises(ActionError, match=rf"{message} 0 \.\. 12"):
         env.step(action)
     assert env.state == before
+
+
+def test_reset__accepts_a_task_id_as_array():
+    env = make(TOWER)
+    name = env.evaluation_tasks()[3]
+    for duplicate in (np.array(name), np.array(name, object), np.str_(name)):
+        assert env.reset(options={"task": duplicate})[1]["task"] == name
+    envs = gym.make_vec(TOWER, num_envs=2)
+    assert list(envs.reset(options={"task": np.array(name)})[1]["task"]) == [name] * 2
+    envs.close()
 
 
 @pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.int32(1), np.array(1)], ids=repr)

@@ -279,11 +279,11 @@ class Game:
         """`action` as an int. Raises ActionError if it is not in the action space of `role`."""
         count = self.action_counts[role]
         try:
-            index = -1 if isinstance(action, BOOLEANS) else operator.index(action)
+            index = None if isinstance(action, BOOLEANS) else operator.index(action)
         except TypeError:
-            raise ActionError(
-                f"an action of {AGENTS[role]} must be a whole number 0 .. {count - 1}, not {action!r}"
-            ) from None
+            index = None
+        if index is None:
+            raise ActionError(f"an action of {AGENTS[role]} must be a whole number 0 .. {count - 1}, not {action!r}")
         if not 0 <= index < count:
             raise ActionError(f"action {action!r} of {AGENTS[role]} is out of range; choose from 0 .. {count - 1}")
         return index

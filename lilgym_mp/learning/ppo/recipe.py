@@ -219,7 +219,7 @@ def make_recipe(name: str, configuration: str, **changes: Any) -> PPORecipe:
 
 def _of_file(path: Path) -> dict[str, Any]:
     try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8"))
+        settings = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         check_known(settings)
         for each in fields(PPORecipe):
             kind = type(each.default)

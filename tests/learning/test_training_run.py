@@ -1,0 +1,83 @@
+"""The files of a training run: a full disk, and checkpoints that are not ours."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import resource
+import signal
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import torch
+
+from lilgym_mp.cli import FAILED, main
+from lilgym_mp.learning.training_run import CHECKPOINT_FILE, TrainingRunError, begin_run
+
+
+@pytest.fixture
+def full_disk() -> Iterator[None]:
+    """Files of more than 20 kB cannot be written."""
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_disk: None):
+    run = begin_run(tmp_path, {})
+    run.save_checkpoint({"step": 1})
+    with pytest.raises(OSError, match="File too large") as error:
+        run.save_checkpoint({"weights": torch.zeros(10_000)})
+    assert error.value.filename == str(tmp_path / CHECKPOINT_FILE)
+    assert run.load_checkpoint() == {"step": 1}
+    assert sorted(os.listdir(tmp_path)) == [CHECKPOINT_FILE, "run.json"]
+
+
+def test_training__on_a_full_disk_prints_one_line(tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "run"
+    words = ["train", "ppo", "TowerScratch", "--steps", "1", "--batch", "64", "--out", str(out)]
+    assert main(words) == FAILED
+    assert capsys.readouterr().err.splitlines()[-1] == f"lilgym-mp train: {out / CHECKPOINT_FILE}: File too large"
+
+
+class _Trap:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_checkpoint__pickled_objects_are_never_built(protocol: int, tmp_path: Path):
+    run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
+    path = run.path / CHECKPOINT_FILE
+    torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
+    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
+        run.load_checkpoint()
+    path.write_bytes(pickle.dumps(_Trap(opened), protocol))
+    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
+        run.load_checkpoint()
+    assert not opened.exists()
+
+
+def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
+    run, rng = begin_run(tmp_path, {}), random.Random(0)
+    run.save_checkpoint({"weights": {"a": torch.zeros(3)}, "step": 3, "text": "abc", "numbers": [1, 2.5]})
+    path = run.path / CHECKPOINT_FILE
+    whole, loaded = path.read_bytes(), 0
+    for _ in range(500):
+        damaged = bytearray(whole)
+        for _ in range(rng.choice([1, 2, 5, 40])):
+            damaged[rng.randrange(len(whole))] = rng.randrange(256)
+        path.write_bytes(damaged)
+        with suppress(TrainingRunError):  # any other error fails the test
+            run.load_checkpoint()
+            loaded += 1
+    assert loaded < 300
