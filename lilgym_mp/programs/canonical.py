@@ -1,7 +1,8 @@
 """Rewrites equivalent programs to one canonical form.
 
-Each rewrite rule preserves the truth value on every scene. A rule that changes which subexpressions are evaluated is
-applied only when they cannot raise an error.
+Each rewrite rule preserves the value on every scene, or that there is none, within the limits of `costs`. A rule that
+changes which subexpressions are evaluated is applied only where they cannot fail, and one that relies on a type only
+where `static_types` proves it.
 """
 
 from __future__ import annotations
@@ -10,7 +11,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
+from lilgym_mp.programs.static_types import (
+    BOOL,
+    BOX,
+    INT,
+    ITEM,
+    ITEMS,
+    UNKNOWN,
+    Scope,
+    Type,
+    element_of,
+    function_may_fail,
+    is_hashable,
+    may_fail,
+    type_of,
+)
 from lilgym_mp.programs.syntax import (
+    MAX_INT,
     Arithmetic,
     Call,
     Comparison,
@@ -40,18 +57,14 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
 }
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
 _MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
-_FILTERS = {"filter_color": Color, "filter_shape": Shape, "filter_size": Size}
+_FILTERS = {f"filter_{name}": kind for name, kind in _MEMBER_TYPES.items()}
 _QUERIES = {f"query_{name}": f"all_same_{name}" for name in _MEMBER_TYPES}
 _COMPARISONS = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">", "equal_int": "=="}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
 _CONNECTIVES = {"AND": "and", "OR": "or"}
+MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is written twice when the chain is split
 _COLLECTION_TYPES = ("collection", "collection of items", "item or collection of items")
-
-# Static types of expressions
-BOOL, INT, ITEM, BOX, ITEMS, BOXES, OTHER = "bool", "int", "item", "box", "items", "boxes", "other"
-_ELEMENT_TYPES = {ITEMS: ITEM, BOXES: BOX, BOX: ITEM}
-Scope = Mapping[str, str]  # by variable
 
 
 def canonical_form(node: Node) -> Node:
@@ -81,7 +94,7 @@ def _rewrite_children(node: Node, scope: Scope) -> Node:
 
     match node:
         case Lambda():
-            return _rewrite_lambda(node, scope, OTHER)
+            return _rewrite_lambda(node, scope, UNKNOWN)
         case Call(word=word, arguments=arguments):
             return Call(word, _rewrite_arguments(word, arguments, scope))
         case _:
@@ -101,7 +114,7 @@ def _rewrite_arguments(word: Word, arguments: Sequence[Node | None], scope: Scop
     return tuple(done)
 
 
-def _rewrite_function(node: Node, scope: Scope, element: str) -> Node:
+def _rewrite_function(node: Node, scope: Scope, element: Type) -> Node:
     if isinstance(node, WordName) and all(parameter.optional for parameter in node.word.parameters[1:]):
         name = variable_name(len(scope))
         rest: tuple[None, ...] = (None,) * (len(node.word.parameters) - 1)
@@ -109,7 +122,7 @@ def _rewrite_function(node: Node, scope: Scope, element: str) -> Node:
     return _rewrite_lambda(node, scope, element) if isinstance(node, Lambda) else _rewrite(node, scope)
 
 
-def _rewrite_lambda(node: Lambda, scope: Scope, element: str) -> Lambda:
+def _rewrite_lambda(node: Lambda, scope: Scope, element: Type) -> Lambda:
     return Lambda(node.parameter, _rewrite(node.body, {**scope, node.parameter: element}))
 
 
@@ -124,7 +137,7 @@ def _simplify(node: Node, scope: Scope) -> Node:
             return _negated(operand, scope) or node
         case Comparison(left=left, operators=(operator,), rights=(right,)):
             return _simplify_comparison(left, operator, right, scope)
-        case Comparison(left=left, operators=operators, rights=rights):
+        case Comparison(left=left, operators=operators, rights=rights) if sum(map(_size, rights)) <= MAX_REPEATED:
             lefts = (left, *rights)
             steps = zip(lefts, operators, rights, strict=False)
             return Logic("and", tuple(Comparison(one, (operator,), (other,)) for one, operator, other in steps))
@@ -143,21 +156,27 @@ def _simplify_call(node: Call, scope: Scope) -> Node:
         return Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
     if name in ("equal", "equal_color", "equal_shape", "equal_size"):
         return _simplify_equality(node, arguments, scope)
-    if name in _FILTERS and isinstance(arguments[1], Constant) and _is_attribute_value(arguments[1].value):
+    if name in _FILTERS and isinstance(arguments[1], Constant) and isinstance(arguments[1].value, _FILTERS[name]):
         return _filter_by_attribute(_required(arguments[0]), arguments[1].value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
-    elif name == "Any" and isinstance(arguments[1], Lambda) and _body_type(node, scope) == BOOL:
+    elif name == "Any" and _is_infallible_test(node, scope):  # otherwise an item after the first success might fail
         return _call("exist", _call("filter_obj", *arguments))
     elif name in ("exist", "count") and isinstance(arguments[0], Call) and arguments[0].word.name == "set":
-        arguments = arguments[0].arguments
-    elif name == "len" and _is_plain_selection(_required(arguments[0])):
+        collected = arguments[0].arguments[0]
+        if collected is not None and is_hashable(_element_type(collected, scope)):
+            arguments = (collected,)
+    elif name == "len" and _is_plain_selection(_required(arguments[0]), scope):
         return _call("count", arguments[0])
     elif name == "all_same" and isinstance(arguments[0], Call) and arguments[0].word.name in _QUERIES:
         queried = _required(arguments[0].arguments[0])
         if type_of(queried, scope) in (ITEMS, BOX):
             return _call(_QUERIES[arguments[0].word.name], queried)
-    return Call(node.word, tuple(map(_simplify_box_items, node.word.parameters, arguments)))
+    simpler = (
+        _simplify_box_items(parameter, argument, scope)
+        for parameter, argument in zip(node.word.parameters, arguments, strict=True)
+    )
+    return Call(node.word, tuple(simpler))
 
 
 def _without_defaults(node: Call) -> tuple[Node | None, ...]:
@@ -170,19 +189,19 @@ def _without_defaults(node: Call) -> tuple[Node | None, ...]:
     )
 
 
-def _simplify_box_items(parameter: Parameter, argument: Node | None) -> Node | None:
+def _simplify_box_items(parameter: Parameter, argument: Node | None, scope: Scope) -> Node | None:
     """Replaces `b.all_items_in_box()` by `b` where any collection is accepted."""
     match argument:
         case Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_TYPES:
-            return box
+            return box if type_of(box, scope) == BOX else argument
         case _:
             return argument
 
 
 def _as_python_operator(name: str, arguments: Sequence[Node | None], scope: Scope) -> Node | None:
-    """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not raise."""
+    """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not fail."""
     operands = tuple(map(_required, arguments))
-    if not _all_have_type(operands, BOOL, scope) or any(may_raise(operand, scope) for operand in operands[1:]):
+    if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
         return None
     return Not(operands[0]) if name == "NOT" else Logic(_CONNECTIVES[name], operands)
 
@@ -190,7 +209,8 @@ def _as_python_operator(name: str, arguments: Sequence[Node | None], scope: Scop
 def _simplify_equality(node: Call, arguments: Sequence[Node | None], scope: Scope) -> Node:
     left, right = map(_required, arguments)
     types = {type_of(left, scope), type_of(right, scope)}
-    if types == {INT} or (_is_attribute(left, scope) and isinstance(right, Constant)):
+    comparable = {"equal": {INT, "Color", "Shape", "Size"}}.get(node.word.name, {node.word.name[6:].capitalize()})
+    if len(types) == 1 and types <= comparable and (types == {INT} or isinstance(right, Constant)):
         return Comparison(left, ("==",), (right,))
     if isinstance(left, Constant) and not isinstance(right, Constant):
         return Call(node.word, (right, left))
@@ -226,15 +246,15 @@ def _as_truth(node: Node, scope: Scope) -> Node:
             return _call("exist", node) if type_of(node, scope) == ITEMS else node
 
 
-def _is_plain_selection(node: Node) -> bool:
+def _is_plain_selection(node: Node, scope: Scope) -> bool:
     """Whether the collection is known to be a list without duplicates."""
     match node:
         case SceneName() | Member(name="all_items_in_box", called=True):
             return True
         case Call(word=word, arguments=(collection, *_)) if word.name.startswith("filter_") and collection is not None:
-            return _is_plain_selection(collection)
+            return _is_plain_selection(collection, scope)
         case _:
-            return False
+            return type_of(node, scope) == BOX
 
 
 # Logic
@@ -249,11 +269,9 @@ def _simplify_logic(node: Logic, scope: Scope) -> Node:
             operands.append(operand)
     attribute_tests = [operand for operand in operands if _is_attribute_test(operand)]
     others = [operand for operand in operands if not _is_attribute_test(operand)]
-    if node.operator == "and" and not any(may_raise(operand, scope) for operand in others):
-        attribute_tests = sorted(dict.fromkeys(attribute_tests), key=_attribute_test_key)
-        operands = [*attribute_tests, *others]
-    elif all(map(_is_attribute_test, operands)):
-        operands = sorted(dict.fromkeys(operands), key=_attribute_test_key)
+    commute = _all_have_type(operands, BOOL, scope) and not any(may_fail(operand, scope) for operand in operands)
+    if commute and (node.operator == "and" or not others):
+        operands = [*sorted(dict.fromkeys(attribute_tests), key=_attribute_test_key), *others]
     if len(operands) == 1:
         return operands[0]
     return Logic(node.operator, tuple(operands))
@@ -307,7 +325,7 @@ def _simplify_comparison(left: Node, operator: str, right: Node, scope: Scope) -
 
 def _compare_with_constant(left: Node, operator: str, bound: int, scope: Scope) -> Node:
     """Normalises the comparison of an int with a constant to ==, !=, >= or <=; `count(s) >= 1` becomes `exist(s)`."""
-    if operator in (">", "<"):
+    if (operator == ">" and bound < MAX_INT) or operator == "<":
         operator, bound = (">=", bound + 1) if operator == ">" else ("<=", bound - 1)
     if isinstance(left, Call) and left.word.name == "count":
         if (operator, bound) in ((">=", 1), ("!=", 0)):
@@ -324,89 +342,32 @@ def _compare_with_constant(left: Node, operator: str, bound: int, scope: Scope) 
 def _all_boxes_satisfy(left: Call, operator: str, bound: int, scope: Scope) -> Node:
     """`All` for a condition satisfied by as many boxes as there are."""
     match left.arguments[0]:
-        case Call(word=word, arguments=(SceneName(name="all_boxes"), Lambda() as test)) as chosen if (
-            word.name == "filter_obj" and _body_type(chosen, scope) == BOOL
+        case Call(word=word, arguments=(SceneName(name="all_boxes"), test)) as chosen if (
+            word.name == "filter_obj" and _is_infallible_test(chosen, scope)
         ):
             return _call("All", SceneName("all_boxes"), test)
         case _:
             return Comparison(left, (operator,), (Constant(bound),))
 
 
-# Static types
+# Parts of the rules
 
 
-def type_of(node: Node, scope: Scope) -> str:
-    """The static type of a node, OTHER if unknown."""
-    match node:
-        case Constant(value=bool()) | Not() | Comparison():
-            return BOOL
-        case Constant(value=int()):
-            return INT
-        case SceneName(name=name):
-            return ITEMS if name == "all_items" else BOXES
-        case Variable(name=name):
-            return scope.get(name, OTHER)
-        case Logic(operands=operands):
-            return BOOL if _all_have_type(operands, BOOL, scope) else OTHER
-        case Member(name="is_tower", called=True):
-            return BOOL
-        case Member(name="all_items_in_box", called=True):
-            return ITEMS
-        case Member(of=of, name="box"):
-            return BOX if type_of(of, scope) == ITEM else OTHER
-        case Arithmetic(left=left, right=right):
-            return INT if _all_have_type((left, right), INT, scope) else OTHER
-        case Subscript(of=of):
-            return _ELEMENT_TYPES.get(type_of(of, scope), OTHER)
-        case Call(word=word, arguments=arguments):
-            return _result_type(word, arguments, scope)
-        case _:
-            return OTHER
+def _is_infallible_test(node: Call, scope: Scope) -> bool:
+    """Whether the second argument is a lambda that returns a bool for every element of the first, never failing."""
+    collection, function = map(_required, node.arguments)
+    if not isinstance(function, Lambda) or function_may_fail(function, _element_type(collection, scope), scope):
+        return False
+    return type_of(function.body, {**scope, function.parameter: _element_type(collection, scope)}) == BOOL
 
 
-def _result_type(word: Word, arguments: Sequence[Node | None], scope: Scope) -> str:
-    if word.result in (BOOL, INT):
-        return word.result
-    if word.name.startswith(("filter_", "set", "union", "intersect")) and arguments and arguments[0] is not None:
-        collection = type_of(arguments[0], scope)
-        return ITEMS if collection == BOX else collection
-    if word.group == "related items":
-        return ITEMS
-    if word.name in ("unique", "min") and arguments[0] is not None:
-        return _ELEMENT_TYPES.get(type_of(arguments[0], scope), OTHER)
-    return OTHER
+def _element_type(collection: Node | None, scope: Scope) -> Type:
+    return UNKNOWN if collection is None else element_of(type_of(collection, scope))
 
 
-def may_raise(node: Node, scope: Scope) -> bool:
-    """Conservative check: whether evaluating the node might raise an error on some scene."""
-    match node:
-        case Call(word=word) if word.name in ("unique", "min", "select", "combinations", "union_all", "intersect_all"):
-            return True
-        case Subscript(of=SceneName(name="all_boxes"), index=Constant(value=int() as index)) if 0 <= index < BOX_COUNT:
-            return False
-        case Subscript() | Slice() | Arithmetic():
-            return True
-        case Variable(name=name):
-            return scope.get(name, OTHER) == OTHER
-        case Lambda(body=body, parameter=parameter):
-            return may_raise(body, {**scope, parameter: scope.get(parameter, OTHER)})
-        case Call(word=word, arguments=(first, Lambda() as function, *_)) if first is not None:
-            inner = {**scope, function.parameter: _element_type(first, scope)}
-            return may_raise(first, scope) or may_raise(function.body, inner)
-        case _:
-            return any(may_raise(child, scope) for child in children(node))
-
-
-def _body_type(node: Call, scope: Scope) -> str:
-    """The return type of the second argument, a lambda, applied to the elements of the first."""
-    collection, function = node.arguments[0], node.arguments[1]
-    assert isinstance(function, Lambda)
-    return type_of(function.body, {**scope, function.parameter: _element_type(collection, scope)})
-
-
-def _element_type(collection: Node | None, scope: Scope) -> str:
-    """The element type of the collection."""
-    return OTHER if collection is None else _ELEMENT_TYPES.get(type_of(collection, scope), OTHER)
+def _size(node: Node) -> int:
+    """The number of nodes."""
+    return 1 + sum(map(_size, children(node)))
 
 
 def _is_attribute(node: Node, scope: Scope) -> bool:
@@ -414,7 +375,7 @@ def _is_attribute(node: Node, scope: Scope) -> bool:
     return isinstance(node, Member) and node.name in _MEMBER_TYPES and type_of(node.of, scope) == ITEM
 
 
-def _all_have_type(nodes: Sequence[Node | None], expected: str, scope: Scope) -> bool:
+def _all_have_type(nodes: Sequence[Node | None], expected: Type, scope: Scope) -> bool:
     return all(node is not None and type_of(node, scope) == expected for node in nodes)
 
 
@@ -427,10 +388,6 @@ def _call(name: str, *arguments: Node | None) -> Call:
     word = WORDS[name]
     rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(arguments))
     return Call(word, (*arguments, *rest))
-
-
-def _is_attribute_value(value: object) -> bool:
-    return isinstance(value, Enum) and value in ATTRIBUTE_TESTS
 
 
 def _attribute_test(value: object, item: Node) -> Call:

@@ -312,7 +312,7 @@ class _Generator:
             case Subscript(of=of, index=Constant(value=int() as index)):
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
-                if isinstance(collection, StaticList) and collection.unconditional and index < len(collection.elements):
+                if isinstance(collection, StaticList) and collection.is_indexable and index < len(collection.elements):
                     return collection.elements[index]
                 unsupported("subscript")
             case Member():

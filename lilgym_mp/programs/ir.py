@@ -117,10 +117,11 @@ class Items:
 
 @dataclass(frozen=True)
 class StaticList:
-    """A list or tuple whose possible elements are known at compile time; each is present if its condition is true."""
+    """A collection whose possible elements are known at compile time; each is present if its condition is true."""
 
     elements: tuple[Value, ...]
     conditions: tuple[Bool, ...]
+    ordered: bool = True  # True: a list or tuple; False: a set, elements in scene order
 
     @property
     def total(self) -> bool:
@@ -129,6 +130,10 @@ class StaticList:
     @property
     def unconditional(self) -> bool:
         return all(condition.text == "True" for condition in self.conditions)
+
+    @property
+    def is_indexable(self) -> bool:
+        return self.ordered and self.unconditional
 
 
 @dataclass(frozen=True)
@@ -207,7 +212,7 @@ def max_elements(value: Value) -> int:
 def max_measure_steps(value: Value) -> int:
     """Upper bound on the steps charged for measuring a value and, for a set, sorting it."""
     count = max_elements(value)
-    if isinstance(value, AttributeSet) or (isinstance(value, Items) and not value.ordered):
+    if isinstance(value, AttributeSet) or (isinstance(value, Items | StaticList) and not value.ordered):
         return 2 * count + costs.sort_steps(count, count)
     return 2 * count
 

@@ -63,7 +63,11 @@ def _lower_count(_: Generator, s: Value) -> Int:
         case Items():
             return Int("(" + " + ".join(part.count for part in s.parts) + ")", s.total)
         case StaticList():
-            return Int("(" + " + ".join(["0", *(condition.text for condition in s.conditions)]) + ")", s.total)
+            present: dict[object, list[str]] = {}  # conditions of each object; a box may be listed twice
+            for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
+                present.setdefault(element if isinstance(element, BoxRef) else index, []).append(condition.text)
+            counts = [f"({' | '.join(texts)})" for texts in present.values()]
+            return Int(f"({' + '.join(['0', *counts])})", s.total)
         case AttributeSet():
             return Int(f"({s.text}).bit_count()", s.total)
         case AttributeList():
@@ -75,7 +79,13 @@ def _lower_count(_: Generator, s: Value) -> Int:
 
 
 def _lower_len(generator: Generator, s: Value) -> Int:
-    return Int(f"len({s.text})", s.total) if isinstance(s, AttributeList) else _lower_count(generator, s)
+    match s:
+        case AttributeList():
+            return Int(f"len({s.text})", s.total)
+        case StaticList():
+            return Int("(" + " + ".join(["0", *(condition.text for condition in s.conditions)]) + ")", s.total)
+        case _:
+            return _lower_count(generator, s)
 
 
 def _lower_unique(_: Generator, s: Value) -> ItemRef | UniqueItem:
@@ -92,9 +102,11 @@ def _lower_set(_: Generator, s: Value) -> Value:
             return Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
         case AttributeSet():
             return s
-        case StaticList() if s.unconditional and all(isinstance(element, BoxRef) for element in s.elements):
-            boxes = tuple(dict.fromkeys(s.elements))
-            return StaticList(boxes, (Bool("True"),) * len(boxes))
+        case StaticList() if s.unconditional:
+            boxes = {element.box for element in s.elements if isinstance(element, BoxRef)}
+            if not all(isinstance(element, BoxRef) for element in s.elements):
+                unsupported("set")
+            return StaticList(tuple(map(BoxRef, sorted(boxes))), (Bool("True"),) * len(boxes), ordered=False)
         case AttributeList():
             return AttributeSet(s.enum, f"mask_of({s.text})", s.total)
         case _:

@@ -14,7 +14,7 @@ from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities,
 from lilgym_mp.programs.printing import source_of, word_table
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 SCENES = 16
 
@@ -118,6 +118,39 @@ def test_canonical_form__keeps_strict_logic_where_short_circuiting_would_hide_an
     assert value(source, Scene.empty()) is None
     assert canonical(source).startswith("OR(")
     assert value(canonical(source), Scene.empty()) is None
+
+
+ONE_ITEM = Scene.of([Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)], [], [])
+
+
+@pytest.mark.parametrize(
+    ("source", "scene"),
+    [
+        ("Any(all_boxes, lambda b: is_square(unique(b)))", ONE_ITEM),
+        ("not count(filter_obj(all_boxes, lambda b: is_circle(unique(b)))) == 3", ONE_ITEM),
+        ("All(all_items, lambda x: exist(filter_color(all_items, Size.SMALL)))", ONE_ITEM),
+        ("NOT(equal_color(unique(all_items).color, Size.SMALL))", ONE_ITEM),
+        ("OR(True, OR(all_boxes, True))", Scene.empty()),
+        ("not exist(all_items.all_items_in_box())", Scene.empty()),
+        ("All(all_items, lambda x: all_items and is_blue(x))", ONE_ITEM),
+        ("All(all_items, lambda x: exist(get_above(x)) and is_blue(x.box))", ONE_ITEM),
+        ("exist(set([all_items])) or True", ONE_ITEM),
+        ("not AND(True, exist(filter_obj(union(all_boxes, all_items), lambda b: b.is_tower())))", ONE_ITEM),
+    ],
+)
+def test_canonical_form__keeps_the_value_where_a_part_fails_or_has_an_odd_type(source: str, scene: Scene):
+    assert value(canonical(source), scene) is value(source, scene)
+
+
+def test_canonical_form__of_a_nested_comparison_chain_stays_short():
+    chain = "1"
+    for _ in range(25):
+        chain = f"(1 <= {chain} <= 1)"
+    assert len(canonical(chain)) < 2_000
+
+
+def test_canonical_form__keeps_numbers_that_the_parser_accepts():
+    assert canonical("count(all_items) > 1000000") == "count(all_items) > 1000000"
 
 
 def test_canonical_form__nested_lambdas_get_distinct_variables():

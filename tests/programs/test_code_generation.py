@@ -214,6 +214,23 @@ def test_common_constructs__have_generated_code_that_agrees(source: str) -> None
         assert_agreement(program, random_scene(rng))
 
 
+@pytest.mark.parametrize(
+    "source",
+    [
+        "exist(set(all_boxes)[0])",
+        "exist(set(all_boxes)[1].all_items_in_box())",
+        "exist(union(all_boxes, all_boxes)[0])",
+        "count([all_boxes[0], all_boxes[0]]) == 1",
+        "len([all_boxes[0], all_boxes[0]]) == 2",
+        "exist(combinations(set([all_boxes[2], all_boxes[0]]), 2)[0][0])",
+    ],
+)
+def test_sets_and_repeated_elements_of_a_static_list__are_not_lists_of_distinct_elements(source: str) -> None:
+    program, rng = compile_program(source), random.Random(0)
+    for _ in range(20):
+        assert_agreement(program, random_scene(rng))
+
+
 def test_generated_code__follows_a_changed_box() -> None:
     program = compile_program("count(filter_obj(all_boxes, lambda b: exist(filter_color(b, Color.BLUE)))) == 1")
     scene = Scene.empty()

@@ -1,0 +1,205 @@
+"""Static types of expressions, and which expressions may fail.
+
+An expression either fails or has a value of its `type_of`. Unless it `may_fail`, it has a value on every scene,
+within the limits of `costs`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, reduce
+
+from lilgym_mp.programs.syntax import (
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    children,
+)
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import BOX_COUNT
+
+
+@dataclass(frozen=True)
+class Many:
+    """A list, tuple or set of elements of one type. A box, also usable as the list of its items, is a BOX."""
+
+    element: Type
+
+
+Type = str | Many  # a str as in signatures of words: "bool", "item", "Color" ...
+BOOL, INT, ITEM, BOX, UNKNOWN = "bool", "int", "item", "box", "value"
+ITEMS, BOXES = Many(ITEM), Many(BOX)
+Scope = Mapping[str, Type]  # by variable
+
+_MEMBERS: Mapping[str, Type] = {"box": BOX, "color": "Color", "shape": "Shape", "size": "Size"}
+_METHODS: Mapping[str, Type] = {"is_tower": BOOL, "all_items_in_box": ITEMS}
+_HASHING_WORDS = ("set", "union", "intersect", "contained", "equal_set", "union_all", "intersect_all")
+_FALLIBLE_WORDS = ("unique", "min", "select", "combinations")
+
+
+def type_of(node: Node, scope: Scope) -> Type:
+    match node:
+        case Constant(value=value):
+            return type(value).__name__
+        case SceneName(name=name):
+            return ITEMS if name == "all_items" else BOXES
+        case Variable(name=name):
+            return scope.get(name, UNKNOWN)
+        case Lambda() | WordName():
+            return "function"
+        case Not() | Comparison():
+            return BOOL
+        case Logic(operands=operands):
+            return _common(type_of(operand, scope) for operand in operands)
+        case Member(name=name, called=called):
+            return (_METHODS if called else _MEMBERS).get(name, UNKNOWN)
+        case Arithmetic(left=left, right=right):
+            sides = _common((type_of(left, scope), type_of(right, scope)))
+            return sides if sides == INT or isinstance(sides, Many) else UNKNOWN
+        case Subscript(of=of):
+            return element_of(type_of(of, scope))
+        case Slice(of=of):
+            return Many(element_of(type_of(of, scope)))
+        case Display(elements=elements):
+            return Many(_common(type_of(element, scope) for element in elements))
+        case Call(word=word, arguments=arguments):
+            return _result_type(word, [_argument_type(argument, scope) for argument in arguments])
+
+
+def element_of(collection: Type) -> Type:
+    if isinstance(collection, Many):
+        return collection.element
+    return ITEM if collection == BOX else UNKNOWN
+
+
+def may_fail(node: Node, scope: Scope) -> bool:
+    """Whether evaluating the node might raise an error on some scene."""
+    match node:
+        case Call(word=word, arguments=arguments):
+            return _call_may_fail(word, arguments, scope)
+        case Lambda():
+            return False  # until it is called
+        case Subscript(of=SceneName(name="all_boxes"), index=Constant(value=int() as index)):
+            return index >= BOX_COUNT
+        case Subscript() | Slice():
+            return True
+        case _ if any(may_fail(child, scope) for child in children(node)):
+            return True
+        case Member(of=of, name=name):
+            return type_of(of, scope) != (BOX if name in _METHODS else ITEM)
+        case Comparison(left=left, operators=operators, rights=rights):
+            types = [type_of(part, scope) for part in (left, *rights)]
+            return any(map(_comparison_may_fail, operators, types[:-1], types[1:]))
+        case Arithmetic(operator=operator, left=left, right=right):
+            ints = type_of(left, scope) == type_of(right, scope) == INT
+            return not ints or (operator == "%" and (not isinstance(right, Constant) or right.value == 0))
+        case Display(kind=kind, elements=elements):
+            return kind is set and not all(is_hashable(type_of(element, scope)) for element in elements)
+        case _:
+            return False
+
+
+def function_may_fail(function: Node, element: Type, scope: Scope) -> bool:
+    """Whether calling a lambda or word with a value of type `element` might raise an error."""
+    match function:
+        case Lambda(parameter=parameter, body=body):
+            return may_fail(body, {**scope, parameter: element})
+        case WordName(word=word):
+            rest: tuple[None, ...] = (None,) * (len(word.parameters) - 1)
+            return _call_may_fail(word, (Variable(""), *rest), {"": element})
+        case _:
+            return True
+
+
+def is_hashable(given: Type) -> bool:
+    """Whether a set may hold values of the type."""
+    return isinstance(given, str) and given != UNKNOWN
+
+
+def _common(types: Iterable[Type]) -> Type:
+    """The type that all have, UNKNOWN if they differ."""
+    distinct = set(types)
+    return distinct.pop() if len(distinct) == 1 else UNKNOWN
+
+
+def _argument_type(argument: Node | None, scope: Scope) -> Type:
+    return UNKNOWN if argument is None else type_of(argument, scope)
+
+
+def _result_type(word: Word, arguments: Sequence[Type]) -> Type:
+    elements = [element_of(argument) for argument in arguments]
+    match word.name:
+        case "filter_obj" | "set":
+            return Many(elements[0])
+        case "union" | "intersect":
+            return Many(_common(elements))
+        case "union_all" | "intersect_all":
+            return Many(element_of(elements[0]))
+        case "unique" | "min":
+            return elements[0]
+        case "combinations":
+            return Many(Many(elements[0]))
+        case "select":
+            return Many(Many(elements[1]))
+        case _:
+            return _declared(word.result)
+
+
+@cache
+def _declared(result: str) -> Type:
+    """The type that a word's signature states."""
+    found = re.fullmatch(r"(?:list|set)\[(.+)\]", result)
+    return Many(_declared(found[1])) if found else result
+
+
+def _call_may_fail(word: Word, arguments: Sequence[Node | None], scope: Scope) -> bool:
+    required = [parameter for parameter in word.parameters if not parameter.optional]
+    if word.name in _FALLIBLE_WORDS or None in arguments[: len(required)]:
+        return True
+    types = [_argument_type(argument, scope) for argument in arguments]
+    for parameter, argument, given in zip(word.parameters, arguments, types, strict=True):
+        if argument is None:
+            continue
+        if parameter.type.name == "function":
+            if function_may_fail(argument, element_of(types[0]), scope):
+                return True
+        elif may_fail(argument, scope) or not _accepts(parameter.type.name, given):
+            return True
+    depth = 2 if word.name in ("union_all", "intersect_all") else 1
+    return word.name in _HASHING_WORDS and not all(
+        argument is None or is_hashable(reduce(lambda of, _: element_of(of), range(depth), given))
+        for argument, given in zip(arguments, types, strict=True)
+    )
+
+
+def _accepts(wanted: str, given: Type) -> bool:
+    """Whether a parameter, its type named as in signatures, accepts every value of a type."""
+    one, _, other = wanted.partition(" or ")
+    if other:
+        return _accepts(one, given) or _accepts(other, given)
+    if wanted.startswith("collection"):
+        element = wanted.removeprefix("collection of ").removesuffix("s") if " of " in wanted else UNKNOWN
+        return (isinstance(given, Many) or given == BOX) and _accepts(element, element_of(given))
+    return wanted in (UNKNOWN, given)
+
+
+def _comparison_may_fail(operator: str, left: Type, right: Type) -> bool:
+    if operator in ("==", "!="):
+        return False
+    if operator in ("in", "not in"):
+        return not _accepts("collection", right) or not is_hashable(left)
+    return not {left, right} <= {INT, BOOL}
