@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, SupportsIndex, cast, overload
+from typing import Any, cast, overload
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.arrays import BOOLEANS
@@ -81,15 +82,16 @@ class TaskSet(Sequence[Task]):
     def index_of(self, task_id: object) -> int:
         """The index of the task with that id, "1757" or 1757. Raises ValueError as `by_id` does."""
         name: Any = cast("Any", task_id).item() if getattr(task_id, "shape", None) == () else task_id
-        if not isinstance(name, (str, *BOOLEANS)) and isinstance(name, SupportsIndex):
-            name = str(operator.index(name))
+        if not isinstance(name, (str, *BOOLEANS)):
+            with suppress(TypeError):
+                name = str(operator.index(name))
         index = self._indices.get(name) if isinstance(name, str) else None
         if index is None:
             close = get_close_matches(str(task_id)[:MAX_ID_SEARCHED], self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; existing ids include {', '.join(close)}")
         return index
 
-    def tags(self, task_id: str | SupportsIndex) -> tuple[str, ...]:
+    def tags(self, task_id: object) -> tuple[str, ...]:
         """The corpus's annotations of the task's statement, such as "unseen form"."""
         return self._tags.get(self.by_id(task_id).id, ())
 
