@@ -21,6 +21,14 @@ CONTRACTIONS = (
     ("dont", "do not"),
 )
 LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
+_NEAR_NUMBERS = """
+    alone anyone atone bone cone den dine dive done dour eighth eights eighty elevens even everyone fen fight file fine
+    fire fiver fives fix flour for foul fours fur give gone gotten hasten height hen hero hive hone hour ken light line
+    live lone men might mine mix nice night nines nite none ode often once ones ore our owe pen pine pour right seen
+    sevens sever sic sight sin sine sip sir sit someone sour sox tan tea tee teen tend tenor tens tent thee then there
+    threes threw tight tin ton tone too tour tow tree twelves twos vine weight wine yen your zeros zone
+"""
+NEVER_NUMBERS = frozenset(_NEAR_NUMBERS.split())  # English words one error, or one space, away from a number word
 MIN_LENGTH = 3  # shortest word that is corrected
 LONG = 7  # letters; words at least this long may be corrected by two edits
 MAX_LENGTH = 30  # longest word that is corrected
@@ -35,9 +43,9 @@ def normalised_words(statement: str, known: Collection[str], *, unknown: str | N
     """The words of the statement in lower case: no punctuation, "3" for "three", "is not" for "isn't".
 
     A word not in `known` (lower case) is corrected: it is split into two known words typed as one, or replaced by the
-    unique nearest known word within Damerau-Levenshtein distance 1 (2 for words of 7 or more letters). A first word
-    such as "ll", common in the official statements, gets its missing "a" back. Other words are kept, or replaced by
-    `unknown` if given.
+    unique nearest known word within Damerau-Levenshtein distance 1 (2 for words of 7 or more letters). No word in
+    NEVER_NUMBERS becomes a number. A first word such as "ll", common in the official statements, gets its missing "a"
+    back. Other words are kept, or replaced by `unknown` if given.
     """
     corrector = _corrector(known if isinstance(known, frozenset) else frozenset(known))
     words: list[str] = []
@@ -89,8 +97,9 @@ class _SpellingCorrector:
 
     def _find(self, word: str) -> tuple[str, ...]:
         """The intended known words; empty if none or ambiguous."""
+        known = self.known - NUMBERS.keys() if word in NEVER_NUMBERS else self.known
         cuts = [(word[:at], word[at:]) for at in range(1, len(word))]
-        splits = [cut for cut in cuts if cut[0] in self.known and cut[1] in self.known]
+        splits = [cut for cut in cuts if cut[0] in known and cut[1] in known]
         if len(splits) == 1:
             return splits[0]
         if len(word) < MIN_LENGTH:
@@ -98,7 +107,7 @@ class _SpellingCorrector:
         limit = _max_distance(word)
         candidates: set[str] = set()
         for deletion in _deletions(word, limit):
-            candidates |= self._by_deletion.get(deletion, set())
+            candidates |= self._by_deletion.get(deletion, set()) & known
         for distance in range(1, limit + 1):
             nearest = [
                 other

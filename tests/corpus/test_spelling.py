@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lilgym_mp.corpus.spelling import normalised_words, plain_words
+from lilgym_mp.corpus.spelling import NEVER_NUMBERS, NUMBERS, normalised_words, plain_words
 
 WORDS = (
     "there is are a an the box boxes tower with at least one exactly yellow black blue block triangle triangles "
@@ -84,3 +84,13 @@ def test_plain_words__repairs_nothing():
         "not",
         "it",
     ]
+
+
+@pytest.mark.parametrize("known", [frozenset(), KNOWN | {"some", "any", "of", "al"}])
+def test_normalised_words__common_words_never_become_numbers(known: frozenset[str]) -> None:
+    digits = set(NUMBERS.values())
+    for word in sorted(NEVER_NUMBERS):
+        assert digits.isdisjoint(normalised_words(word, known)), word
+    kept = "there on the right often someone"
+    assert normalised_words(kept, frozenset()) == kept.split()
+    assert normalised_words("thhree fuor twoblocks", known | {"blocks"}) == ["3", "4", "2", "blocks"]
