@@ -27,6 +27,7 @@ from builtin_report import SolvedEntry, write_report
 from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
 from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.generator import LEVELS, Draft, Entry, ScenePool, StartScene, drafts, validate_draft
 from lilgym_mp.generator.generated_corpus import split_of
 from lilgym_mp.generator.noise import with_typo
@@ -201,7 +202,7 @@ class Selection:
         if self.forms[split, statement_form(draft.statement)] >= MAX_OF_FORM:
             return False
         if is_official(draft.statement):
-            self.official.add(statement_hash(draft.statement))
+            self.official.add(statement_digest(draft.statement))
             return False
         return self.trivial[split] < TRIVIAL_SHARE * SIZES[split] or not is_trivial(draft)
 
@@ -215,11 +216,7 @@ def level_counts(appearance: str, number: int) -> dict[int, int]:
 
 def is_official(statement: str) -> bool:
     """Whether the statement is official, or its hash was recorded as official before."""
-    return statement_hash(statement) in excluded_hashes() or normalised(statement) in official_statements()
-
-
-def statement_hash(statement: str) -> str:
-    return hashlib.sha256(f"lilgym_mp builtin {normalised(statement)}".encode()).hexdigest()[:16]
+    return statement_digest(statement) in excluded_hashes() or normalised(statement) in official_statements()
 
 
 @cache

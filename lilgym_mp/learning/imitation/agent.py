@@ -181,10 +181,6 @@ def describe(
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
     if recipe.pretraining:
         supervision += "; their programs and those of generated statements (pretraining)"
-    if statistics.get("generated_share"):
-        supervision += "; generated statements with programs"
-    if statistics.get("other_statements"):
-        supervision += "; other statements with programs"
     stop_rules = {name: rule.to_json() for name, rule in rules.items()}
     details = {"network": architecture.to_json(), "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
     return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.corpus.spelling import normalised_words
+from lilgym_mp.corpus.spelling import normalised_words, plain_words
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, ActionHeads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -42,8 +42,8 @@ DIGITS = tuple(map(str, range(1, 10)))
 
 
 def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
-    """The normalised words of the statements, without likely misspellings, and the digits."""
-    word_sets = [set(normalised_words(statement, ())) for statement in statements]
+    """The words of the statements as written, without likely misspellings, and the digits."""
+    word_sets = [set(plain_words(statement)) for statement in statements]
     counts = Counter(word for word_set in word_sets for word in word_set)
     least = 2 if len(word_sets) > FEW_STATEMENTS else 1
     return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= least)})))
@@ -172,12 +172,12 @@ class BatchSampler:
         self._word_dropout = word_dropout
         self._single_action = single_action
 
-    def batch(self, entries: Sequence[DatasetEntry], solved: int, judged: int, rng: Rng) -> Batch:
-        """`solved` scenes with optimal actions and `judged` scenes of any kind from each entry.
+    def batch(self, entries: Sequence[DatasetEntry], solved: int, truth_only: int, rng: Rng) -> Batch:
+        """`solved` scenes with optimal actions and `truth_only` scenes of any kind from each entry.
 
         Every entry must have a scene with optimal actions.
         """
-        rows = [_sample_scenes(entry, solved, judged, rng) for entry in entries]
+        rows = [_sample_scenes(entry, solved, truth_only, rng) for entry in entries]
         scenes = np.array(
             [[entry.scenes[index] for index in row] for entry, row in zip(entries, rows, strict=True)], np.int64
         )
@@ -237,15 +237,15 @@ class BatchSampler:
         return optimal
 
 
-def _sample_scenes(entry: DatasetEntry, solved: int, judged: int, rng: Rng) -> Int64Array:
-    """Scene indices: `solved` with actions, then `judged`, half of them true and half false where both exist."""
+def _sample_scenes(entry: DatasetEntry, solved: int, truth_only: int, rng: Rng) -> Int64Array:
+    """Scene indices: `solved` with actions, then `truth_only`, half of them true and half false where both exist."""
     known = np.array(entry.with_actions)
     with_actions = rng.choice(known, solved, replace=len(known) < solved)
     truths = np.array(entry.truths)
     classes = [np.flatnonzero(truths), np.flatnonzero(~truths)]
-    halves = [rng.choice(side, judged // 2, replace=len(side) < judged // 2) for side in classes if len(side)]
+    halves = [rng.choice(side, truth_only // 2, replace=len(side) < truth_only // 2) for side in classes if len(side)]
     if len(halves) < len(classes):
-        halves.append(rng.choice(len(truths), judged // 2))
+        halves.append(rng.choice(len(truths), truth_only // 2))
     return np.concatenate([with_actions, *halves])
 
 

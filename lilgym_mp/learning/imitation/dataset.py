@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
@@ -12,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.augmentation import random_pair, symmetries
+from lilgym_mp.augmentation import symmetries
 from lilgym_mp.corpus.tokens import words
-from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
@@ -25,7 +22,6 @@ from lilgym_mp.task import Task
 
 BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))
 MAX_RANDOM_EDITS = 3
-STARTS = 4  # start scenes of a generated statement
 Rng = np.random.Generator
 
 
@@ -56,41 +52,8 @@ def entries_from_tasks(tasks: Iterable[Task]) -> list[DatasetEntry]:
     ]
 
 
-def derived_entry(entry: DatasetEntry, rng: Rng) -> DatasetEntry | None:
-    """The entry with colours, shapes, sides and numbers exchanged in statement and program; None if none can be."""
-    statement, program = random_pair(entry.statement, entry.program.source, rng)
-    if program == entry.program.source:
-        return None
-    return _entry(statement, program, entry.starts)
-
-
-def generated_entries(appearance: str, seed: int, starts: Sequence[Scene], rng: Rng) -> Iterator[DatasetEntry]:
-    """Infinite entries of generated statements, each with a sample of the start scenes."""
-    for statement, program in training_pairs(appearance, seed):
-        chosen = rng.choice(len(starts), min(STARTS, len(starts)), replace=False)
-        yield _entry(statement, program, tuple(starts[index] for index in chosen.tolist()))
-
-
 def _entry(statement: str, program: str, starts: tuple[Scene, ...]) -> DatasetEntry:
     return DatasetEntry(statement, compile_program(program), starts, symmetries(statement, program).colours)
-
-
-class Pool:
-    """The most recent `capacity` entries from a source."""
-
-    def __init__(self, source: Iterator[DatasetEntry | None], capacity: int) -> None:
-        self._source = source
-        self.entries: deque[DatasetEntry] = deque(maxlen=capacity)
-
-    def grow(
-        self, collector: DataCollector, count: int, solved: int, judged: int, other_scenes: Sequence[Scene]
-    ) -> None:
-        """Collects data for the next `count` entries and keeps those with any optimal actions."""
-        for entry in itertools.islice(self._source, count):
-            if entry is not None:
-                collector.collect(entry, solved, judged, other_scenes)
-                if entry.with_actions:
-                    self.entries.append(entry)
 
 
 def split_held_out(
@@ -127,14 +90,14 @@ class DataCollector:
         self._solver = Solver(dynamics, budget)
         self._empty_start_fraction = empty_start_fraction
 
-    def collect(self, entry: DatasetEntry, solved: int, judged: int, other_scenes: Sequence[Scene]) -> None:
-        """Adds about `solved` scenes with optimal actions, and `judged` with truth labels alone."""
+    def collect(self, entry: DatasetEntry, solved: int, truth_only: int, other_scenes: Sequence[Scene]) -> None:
+        """Adds about `solved` scenes with optimal actions, and `truth_only` with truth labels alone."""
         enough = len(entry.with_actions) + solved
         for _ in range(4 * solved):  # some scenes are known already, some cannot be solved
             if len(entry.with_actions) >= enough:
                 break
             self._add_trajectory(entry, enough)
-        for _ in range(judged):
+        for _ in range(truth_only):
             self._add_truth_label(entry, other_scenes)
 
     def add(self, entry: DatasetEntry, scene: Scene, *, solve: bool) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
-from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
@@ -48,11 +48,11 @@ class TextPretraining:
         tokenizer: StatementTokenizer,
         entries: Sequence[DatasetEntry],
         appearance: str,
-        excluded: set[str],
+        excluded: Collection[str],
         recipe: ImitationRecipe,
         seed: int,
     ) -> None:
-        """`excluded`: normalised statements of other splits, which are dropped from the generated ones."""
+        """`excluded`: digests of dev and test statements, which are dropped from the generated ones."""
         self._tokenizer = tokenizer
         self._rng = random.Random(f"text {seed}")
         self._recipe = recipe
@@ -129,8 +129,8 @@ class GeometryPretraining:
         return loss.item()
 
 
-def generated_examples(appearance: str, seed: int, excluded: set[str]) -> Iterator[Example]:
+def generated_examples(appearance: str, seed: int, excluded: Collection[str]) -> Iterator[Example]:
     """Infinite generated statements with their programs."""
     for statement, program in training_pairs(appearance, seed):
-        if normalised(statement) not in excluded:
+        if statement_digest(statement) not in excluded:
             yield Example(statement, program, appearance)

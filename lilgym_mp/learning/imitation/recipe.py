@@ -19,7 +19,7 @@ class ImitationRecipe:
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
     statements: int = setting(24, "statements per batch", 1)
     solved: int = setting(8, "scenes with optimal actions per statement in a batch", 1)
-    judged: int = setting(8, "further scenes per statement, half of them true where possible", 2)
+    truth_only: int = setting(8, "further scenes per statement, half of them true where possible", 2)
     learning_rate: float = setting(1.5e-3, "peak learning rate of AdamW", 0, 1)
     warmup: float = setting(0.03, "fraction of the budget for linear warm-up; cosine decay follows", 0, 1)
     weight_decay: float = setting(0.02, "weight decay of AdamW")
@@ -48,12 +48,6 @@ class ImitationRecipe:
     )
     budget: int = setting(20_000, "maximum scenes the expert expands per query", 1)
     held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
-    derived: float = setting(
-        0.0, "fraction of a batch's statements derived from training ones by other shapes, numbers and sides", 0, 0.9
-    )
-    generated: float = setting(0.0, "fraction of a batch's statements from the generator", 0, 0.9)
-    pool: int = setting(1000, "size of the pool of derived statements, and of the pool of generated ones", 1)
-    mixed_share: float = setting(0.3, "fraction of a batch's statements from additional tasks, if any are given", 0, 1)
     reduced_precision: bool = setting(True, "compute in bfloat16 where safe")
 
     def __post_init__(self) -> None:
@@ -77,6 +71,6 @@ def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {"solved": 16, "judged": 32},
+    "tower": {"solved": 16, "truth_only": 32},
     "scatter": {"exploring": 0.2, "own_states": 0.4, "first_scenes": 2},
 }

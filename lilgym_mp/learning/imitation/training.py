@@ -17,6 +17,7 @@ from torch import nn
 
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.envs.registration import START_TITLES
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
@@ -36,19 +37,14 @@ from lilgym_mp.learning.imitation.cached_policy import (
 from lilgym_mp.learning.imitation.dataset import (
     DataCollector,
     DatasetEntry,
-    Pool,
-    derived_entry,
     entries_from_tasks,
-    generated_entries,
     split_held_out,
 )
 from lilgym_mp.learning.imitation.losses import Losses, losses
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.parsing.batches import evaluation_statements
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 from lilgym_mp.rules import make_dynamics
-from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 SAVE_SECONDS = 30.0  # CPU time between checkpoints
@@ -57,8 +53,6 @@ ENTRIES_PER_COLLECTION = 32
 GEOMETRY_FRACTION = 0.2  # duration of geometry pretraining relative to text pretraining, in addition to it (Scatter)
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
 MAX_STOP_RULE_TASKS = 600
-INITIAL_POOL_GROWTH = 100  # statements per pool before imitation begins
-POOL_GROWTH = 8  # statements per pool and data collection
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
 
@@ -103,13 +97,12 @@ def train_imitation(
     seed: int = 0,
     device: str = "auto",
     resume: bool = False,
-    others: Sequence[Task] = (),
     on_progress: Callable[[Progress], object] = lambda progress: None,
 ) -> ImitationAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
     The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
-    arguments give equal agents. `others`: tasks with additional statements to train on. `resume` continues from the
+    arguments give equal agents. `resume` continues from the
     last checkpoint in `out`, which must have the same recipe and seed.
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
@@ -118,7 +111,7 @@ def train_imitation(
         raise ValueError("give a budget: either minutes or steps")
     if not 0 < (minutes or steps or 0) < math.inf:
         raise ValueError(f"the budget must be positive, not {minutes or steps}")
-    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume, others)
+    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume)
     run.learn(on_progress)
     return run.finish()
 
@@ -134,7 +127,6 @@ class _Run:
         seed: int,
         device: str,
         resume: bool,
-        others: Sequence[Task],
     ) -> None:
         self._start_cpu_seconds = cpu_seconds()
         self._settings, self._recipe, self._seed = settings, recipe, seed
@@ -142,20 +134,20 @@ class _Run:
         self._device = select_device(device)
         self._state = _TrainingState()
         tasks = settings.make("train").tasks
+        self._excluded = held_out_digests(settings.corpus)
         identity = {
             "learner": KIND,
             "environment": settings.to_json(),
             "recipe": recipe.to_json(),
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
-            "other_tasks": len(others),
+            "held_out_sha256": digests_sha256(self._excluded),
         }
         self._run = begin_run(out, identity, resume=resume)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
         entries, self._held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
         self._entries = entries
-        self._additional = entries_from_tasks(others)
         played = {settings.configuration: tasks}
         if settings.start == "flipit" and recipe.empty_starts:
             scratch = f"{settings.appearance.capitalize()}{START_TITLES['scratch']}"
@@ -167,7 +159,6 @@ class _Run:
         self._table = BoxFeatureTable()
         empty_starts = recipe.empty_starts if settings.start == "flipit" else 0.0
         self._collector = DataCollector(self._dynamics, self._table, self._rng, recipe.budget, empty_starts)
-        self._pools = self._new_pools()
         vocabulary = vocabulary_of(self._statements())
         self._tokenizer = StatementTokenizer(vocabulary)
         self._architecture = Architecture.of(settings.appearance, vocabulary, recipe)
@@ -191,19 +182,10 @@ class _Run:
             single_action=recipe.single_action,
         )
 
-    def _new_pools(self) -> list[tuple[Pool, float]]:
-        """Pools of derived and generated entries with their fractions of a batch."""
-        recipe, rng = self._recipe, self._rng
-        starts = self._other_scenes or [Scene.empty()]
-        derived = (derived_entry(self._entries[rng.integers(len(self._entries))], rng) for _ in itertools.count())
-        generated = generated_entries(self._settings.appearance, self._seed, starts, rng)
-        pools = [(Pool(derived, recipe.pool), recipe.derived), (Pool(generated, recipe.pool), recipe.generated)]
-        return [(pool, fraction) for pool, fraction in pools if fraction]
-
     def _statements(self) -> Iterator[str]:
         """The statements that make up the vocabulary."""
-        yield from (entry.statement for entry in (*self._entries, *self._additional))
-        if self._recipe.generated or self._recipe.pretraining:
+        yield from (entry.statement for entry in self._entries)
+        if self._recipe.pretraining:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
@@ -263,13 +245,12 @@ class _Run:
         fraction = self._recipe.pretraining
         if self._progress() >= fraction:
             return
-        statements = [*self._entries, *self._additional]
         text = TextPretraining(
             self._network,
             self._tokenizer,
-            statements,
+            self._entries,
             self._settings.appearance,
-            evaluation_statements(self._settings.corpus),
+            self._excluded,
             self._recipe,
             self._seed,
         )
@@ -294,7 +275,8 @@ class _Run:
     def _step(self) -> tuple[float, float, float]:
         """One optimiser step. Returns the truth loss, the action loss and the truth accuracy."""
         recipe = self._recipe
-        batch = self._batches.batch(self._sample_entries(), recipe.solved, recipe.judged, self._rng)
+        entries = self._sample(self._solvable(self._entries), recipe.statements)
+        batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
         self._network.train()
@@ -325,22 +307,7 @@ class _Run:
         warm_up = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
         return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
 
-    def _sample_entries(self) -> list[DatasetEntry]:
-        """A batch of entries: pools and additional tasks by their fractions, the rest from the training tasks."""
-        sources: list[tuple[Sequence[DatasetEntry], float]] = [
-            (pool.entries, fraction) for pool, fraction in self._pools
-        ]
-        sources.append((self._solvable(self._additional), self._recipe.mixed_share))
-        count = self._recipe.statements
-        sample: list[DatasetEntry] = []
-        for entries, fraction in sources:
-            if entries:
-                sample += self._sample(entries, round(count * fraction))
-        return [*sample, *self._sample(self._solvable(self._entries), count - len(sample))]
-
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
-        if not count:
-            return []
         chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
         return [entries[index] for index in chosen]
 
@@ -352,17 +319,12 @@ class _Run:
 
     def _collect_initial_data(self) -> None:
         began = self._seconds()
-        for entry in (*self._entries, *self._additional):
+        for entry in self._entries:
             if not entry.with_actions:
-                self._collector.collect(entry, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
-        for pool, _ in self._pools:
-            self._grow(pool, INITIAL_POOL_GROWTH)
+                self._collector.collect(entry, self._recipe.first_scenes, self._recipe.truth_only, self._other_scenes)
         if not self._solvable(self._entries):
             raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
         self._state.exploring_seconds += self._seconds() - began
-
-    def _grow(self, pool: Pool, count: int) -> None:
-        pool.grow(self._collector, count, self._recipe.first_scenes, self._recipe.judged, self._other_scenes)
 
     def _is_collection_due(self) -> bool:
         if self._steps is not None:  # deterministic
@@ -371,9 +333,7 @@ class _Run:
 
     def _collect_more(self) -> None:
         began = self._seconds()
-        for pool, _ in self._pools:
-            self._grow(pool, POOL_GROWTH)
-        entries = self._sample([*self._entries, *self._additional], ENTRIES_PER_COLLECTION)
+        entries = self._sample(self._entries, ENTRIES_PER_COLLECTION)
         if self._progress() > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
             self._collect_on_policy(entries)
         else:
@@ -429,7 +389,7 @@ class _Run:
         state = {
             "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
-            "standing": {**vars(self._state), "cpu_seconds": self._seconds()},
+            "counters": {**vars(self._state), "cpu_seconds": self._seconds()},
         }
         self._run.save_checkpoint(state)
 
@@ -438,7 +398,7 @@ class _Run:
         try:
             self._network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
-            self._state = _TrainingState(**state["standing"])
+            self._state = _TrainingState(**state["counters"])
         except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
@@ -464,8 +424,6 @@ class _Run:
             "exploring_cpu_minutes": round(self._state.exploring_seconds / 60, 2),
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
             "held_out_accuracy": accuracies,
-            "other_statements": len(self._additional),
-            "generated_share": self._recipe.generated,
         }
         description = describe(self._settings, self._recipe, self._architecture, rules, statistics)
         agent = ImitationAgent(self._network.eval(), self._architecture, rules, description)

@@ -9,8 +9,6 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from lilgym_mp.corpus import NoTasksError, load_all_tasks
-from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.learning.parsing.network import Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, slots_of
 from lilgym_mp.learning.training_run import TrainingError
@@ -85,15 +83,6 @@ class PairSource(Protocol):
 class PairSources(NamedTuple):
     corpus: PairSource
     generated: PairSource | None
-
-
-def evaluation_statements(corpus: str) -> set[str]:
-    """The normalised dev and test statements, which must not occur among generated training statements."""
-    try:
-        task_sets = list(load_all_tasks(corpus, splits=("dev", "test")))
-    except NoTasksError:
-        return set()
-    return {normalised(task.statement) for tasks in task_sets for task in tasks}
 
 
 class Batch(NamedTuple):

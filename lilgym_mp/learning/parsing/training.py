@@ -7,7 +7,7 @@ import math
 import random
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from torch import nn
 from torch.nn import functional
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
-from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statement_digest
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
@@ -32,7 +32,6 @@ from lilgym_mp.learning.parsing.batches import (
     Example,
     ExamplePool,
     PairSources,
-    evaluation_statements,
     generated_fraction,
     sample_batches,
 )
@@ -72,6 +71,7 @@ class TrainingData(NamedTuple):
     held_out: Sequence[Example]
     vocabulary: SymbolTable
     sha256: str  # checksum of the corpus's statements and programs
+    held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
 
 
 def train_parser(
@@ -94,7 +94,13 @@ def train_parser(
     start_cpu_seconds = time.process_time()
     torch_device = select_device(device)
     data = load_training_data(corpus, recipe)
-    identity = {"learner": KIND, "corpus": corpus, "corpus_sha256": data.sha256, "recipe": asdict(recipe)}
+    identity = {
+        "learner": KIND,
+        "corpus": corpus,
+        "corpus_sha256": data.sha256,
+        "held_out_sha256": data.held_out_sha256,
+        "recipe": asdict(recipe),
+    }
     run = begin_run(out, identity, resume=resume)
     torch.manual_seed(recipe.seed)
     sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
@@ -155,13 +161,13 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     held_out = shuffled[: min(recipe.held_out, len(examples) // 5)]
     kept = shuffled[len(held_out) :]
     rng = random.Random(f"generated {recipe.seed}")
-    generated = list(
-        _generated(recipe, sorted({example.appearance for example in examples}), evaluation_statements(corpus), rng)
-    )
+    excluded = held_out_digests(corpus)
+    generated = list(_generated(recipe, sorted({example.appearance for example in examples}), excluded, rng))
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    return TrainingData(ExamplePool(kept, known), ExamplePool(generated, known), held_out, vocabulary, digest)
+    pools = ExamplePool(kept, known), ExamplePool(generated, known)
+    return TrainingData(*pools, held_out, vocabulary, digest, digests_sha256(excluded))
 
 
 def corpus_examples(corpus: str) -> list[Example]:
@@ -174,7 +180,7 @@ def corpus_examples(corpus: str) -> list[Example]:
 
 
 def _generated(
-    recipe: ParserRecipe, appearances: Sequence[str], excluded: set[str], rng: random.Random
+    recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
 ) -> Iterator[Example]:
     needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.steps * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
@@ -183,7 +189,7 @@ def _generated(
         yield from (
             Example(pair.statement, pair.program, appearance)
             for pair in pairs
-            if normalised(pair.statement) not in excluded
+            if statement_digest(pair.statement) not in excluded
         )
 
 

@@ -14,8 +14,6 @@ from tests.small_corpus import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
     "pretraining": 0.0,
-    "derived": 0.0,
-    "generated": 0.0,
     "width": 32,
     "text_layers": 1,
     "item_layers": 1,

@@ -145,7 +145,7 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     with pytest.raises(TrainingError, match=r"not finite at step [0-9]+ \(truth nan"):
         train(statements, "TowerScratch", tmp_path, steps=10)
     kept = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    assert kept["standing"]["steps"] == 3
+    assert kept["counters"]["steps"] == 3
     assert all(torch.isfinite(weights).all() for weights in kept["network"].values())
 
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp import load_agent
+from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -300,13 +301,15 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(tmp_path: Pat
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
 
 
-def test_training__drops_generated_statements_of_other_splits(monkeypatch: pytest.MonkeyPatch):
+def test_training__drops_generated_statements_that_are_held_out(monkeypatch: pytest.MonkeyPatch):
     first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
-    monkeypatch.setattr(training, "evaluation_statements", lambda corpus: {training.normalised(first.statement)})
-    with_it = training.load_training_data("builtin", dataclasses.replace(SMALL, held_out=0))
-    monkeypatch.setattr(training, "evaluation_statements", lambda corpus: set())
-    without = training.load_training_data("builtin", dataclasses.replace(SMALL, held_out=0))
-    assert len(with_it.generated) < len(without.generated)
+    recipe = dataclasses.replace(SMALL, held_out=0)
+    before = training.load_training_data("builtin", recipe)
+    shipped = training.held_out_digests("builtin")
+    monkeypatch.setattr(training, "held_out_digests", lambda corpus: shipped | {statement_digest(first.statement)})
+    after = training.load_training_data("builtin", recipe)
+    assert len(after.generated) < len(before.generated)
+    assert after.held_out_sha256 != before.held_out_sha256, "part of the run's identity"
 
 
 @pytest.mark.parametrize(
