@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
@@ -42,15 +42,10 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class PPORecipe:
-    """Hyperparameters, except the environment and the number of steps; the defaults are those of `ours`."""
+class UpdateRecipe:
+    """Hyperparameters of tasks, rollouts and updates, also used by other learners; the defaults are those of `ours`."""
 
     seed: int = setting(0, "seed of the tasks, the network and the sampled actions", 0, 2**32 - 1)
-    model: str = setting(DEFAULT_MODEL, "the network")
-    critic: str = setting("shared", "value network: separate, or shared with the policy as the model defines")
-    stop_forcing: bool = setting(False, "while training, force STOP wherever it succeeds (PPO+SF)")
-    mask: bool = setting(False, "mask illegal actions in training and in play")
-    nlvr_reward: bool = setting(False, "reward STOP only in scenes of the corpus (Scratch; the paper's ablation)")
     permute_boxes: bool = setting(False, "augment start scenes by permuting their boxes (FlipIt)")
     recolour: bool = setting(True, "augment tasks by permuting colours in words and scenes alike")
     exchange_shapes: bool = setting(
@@ -60,9 +55,6 @@ class PPORecipe:
         0.25, "fraction of episodes from the empty scene in a FlipIt run; above 0 the agent also plays Scratch", 0, 0.9
     )
     held_out: float = setting(0.04, "fraction of training statements held out for validation", 0, 0.5)
-    validate_every: int = setting(100_000, "steps between validations", 1)
-    patience: int = setting(0, "stop after this many validations without improvement; 0: never")
-    sampled: bool = setting(True, "sample actions in validation instead of greedy play")
     envs: int = setting(512, "parallel environments", 1)
     same_statement: int = setting(16, "environments per group; a group plays one statement at a time", 1)
     rollout: int = setting(4096, "steps per rollout, over all environments", 1)
@@ -90,13 +82,12 @@ class PPORecipe:
     value: float = setting(0.5, "coefficient of the value loss, half the squared error")
     clip_value: bool = setting(False, "clip the change of the value like the ratio")
     gradient_norm: float = setting(0.5, "gradient clipping norm")
-    reduced_precision: bool = setting(True, "compute in bfloat16 on CUDA")
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds or choices."""
-        for name, choices in CHOICES.items():
-            choose(option(name), getattr(self, name), {choice: choice for choice in choices})
-        check_bounds(self, exempt=CHOICES)
+        for name in (each.name for each in fields(self) if each.name in CHOICES):
+            choose(option(name), getattr(self, name), {choice: choice for choice in CHOICES[name]})
+        check_bounds(self, exempt=[each.name for each in fields(self) if isinstance(each.default, str)])
         for whole, part in (("rollout", "envs"), ("envs", "same_statement")):
             if getattr(self, whole) % getattr(self, part):
                 raise ValueError(
@@ -105,29 +96,49 @@ class PPORecipe:
                 )
         if self.batch_size > self.rollout:
             raise ValueError(f"batch-size must be at most rollout, {self.rollout}, not {self.batch_size}")
-        if self.nlvr_reward and self.recolour:
-            raise ValueError(
-                "nlvr-reward and recolour exclude each other: the corpus has no recoloured scenes; add --no-recolour"
-            )
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> PPORecipe:
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
         """Inverse of `to_json`. Raises ValueError naming an unknown setting, TypeError."""
-        check_known(data)
+        cls.check_known(data)
         return cls(**data)
+
+    @classmethod
+    def check_known(cls, data: Mapping[str, Any]) -> None:
+        """Raises ValueError for an unknown setting, naming the choices."""
+        names = [each.name for each in fields(cls)]
+        for name in data:
+            if name not in names:
+                raise ValueError(f"unknown setting {name!r} of a recipe; choose from {', '.join(names)}")
+
+
+@dataclass(frozen=True, slots=True)
+class PPORecipe(UpdateRecipe):
+    """Hyperparameters, except the environment and the number of steps."""
+
+    model: str = setting(DEFAULT_MODEL, "the network")
+    critic: str = setting("shared", "value network: separate, or shared with the policy as the model defines")
+    stop_forcing: bool = setting(False, "while training, force STOP wherever it succeeds (PPO+SF)")
+    mask: bool = setting(False, "mask illegal actions in training and in play")
+    nlvr_reward: bool = setting(False, "reward STOP only in scenes of the corpus (Scratch; the paper's ablation)")
+    validate_every: int = setting(100_000, "steps between validations", 1)
+    patience: int = setting(0, "stop after this many validations without improvement; 0: never")
+    sampled: bool = setting(True, "sample actions in validation instead of greedy play")
+    reduced_precision: bool = setting(True, "compute in bfloat16 on CUDA")
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the setting, its value and its bounds or choices."""
+        UpdateRecipe.__post_init__(self)
+        if self.nlvr_reward and self.recolour:
+            raise ValueError(
+                "nlvr-reward and recolour exclude each other: the corpus has no recoloured scenes; add --no-recolour"
+            )
 
 
 DESCRIPTIONS: Mapping[str, str] = {each.name: each.metadata["description"] for each in fields(PPORecipe)}
-
-
-def check_known(data: Mapping[str, Any]) -> None:
-    """Raises ValueError for an unknown setting, naming the choices."""
-    for name in data:
-        if name not in DESCRIPTIONS:
-            raise ValueError(f"unknown setting {name!r} of a recipe; choose from {', '.join(DESCRIPTIONS)}")
 
 
 def _paper(configuration: str, model: str) -> dict[str, Any]:
@@ -206,7 +217,7 @@ def make_recipe(name: str, configuration: str, **changes: Any) -> PPORecipe:
 
     Raises ValueError naming the choices, the file, or a setting and its bounds.
     """
-    check_known(changes)
+    PPORecipe.check_known(changes)
     choose("configuration", configuration, CONFIGURATIONS)
     model = changes.get("model", DEFAULT_MODEL)
     if name not in RECIPES and Path(name).suffix == ".toml":
@@ -220,7 +231,7 @@ def make_recipe(name: str, configuration: str, **changes: Any) -> PPORecipe:
 def _of_file(path: Path) -> dict[str, Any]:
     try:
         settings = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        check_known(settings)
+        PPORecipe.check_known(settings)
         for each in fields(PPORecipe):
             kind = type(each.default)
             if each.name in settings and type(settings[each.name]) not in ({kind, int} if kind is float else {kind}):

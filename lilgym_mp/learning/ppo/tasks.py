@@ -16,7 +16,7 @@ from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.permutation import with_permuted_boxes
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.recipe import UpdateRecipe
 from lilgym_mp.task import Task
 
 TRAINING_SPLIT = "train"
@@ -39,12 +39,15 @@ class TrainingTasks:
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
 
-def training_tasks(settings: Settings, recipe: PPORecipe) -> TrainingTasks:
-    """Raises CorpusError for unusable data, ValueError when no training task is left."""
+def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool = False) -> TrainingTasks:
+    """`matching`: only tasks with a scene labelled in the corpus, which alone solve them.
+
+    Raises CorpusError for unusable data, ValueError when no training task is left.
+    """
     main = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
     held_out = _held_out(main, recipe.held_out)
     validation = [task.id for task in main if task.statement in held_out]
-    base = solvable_matching_corpus(main) if recipe.nlvr_reward else main
+    base = solvable_matching_corpus(main) if matching else main
     training = _without(base, held_out)
     empty: TaskSet | None = None
     if settings.start == FLIPIT and recipe.empty_starts:
@@ -78,7 +81,7 @@ def _without(tasks: TaskSet, held_out: set[str]) -> TaskSet:
     return TaskSet((task for task in tasks if task.statement not in held_out), tasks.provenance)
 
 
-def _augmented(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) -> Iterator[Task]:
+def _augmented(tasks: TaskSet, prefix: str, appearance: str, recipe: UpdateRecipe) -> Iterator[Task]:
     """The tasks and their augmentations, with `prefix` before and a suffix after each id."""
     for suffix, exchange_for in _exchanges(recipe):
         seen: set[tuple[object, ...]] = set()
@@ -92,7 +95,7 @@ def _augmented(tasks: TaskSet, prefix: str, appearance: str, recipe: PPORecipe) 
             yield replace(new, id=f"{prefix}{task.id}{suffix}")
 
 
-def _exchanges(recipe: PPORecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
+def _exchanges(recipe: UpdateRecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
     """Id suffixes and augmentations; the same augmentation for all tasks of a statement."""
     for index, colours in enumerate(COLOUR_PERMUTATIONS if recipe.recolour else COLOUR_PERMUTATIONS[:1]):
         yield (f"#{index}" if index else ""), lambda _, colours=colours: colours
@@ -110,7 +113,7 @@ def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
 class TaskSampler:
     """Samples tasks; environments are grouped, and each group plays one statement at a time."""
 
-    def __init__(self, tasks: TrainingTasks, recipe: PPORecipe) -> None:
+    def __init__(self, tasks: TrainingTasks, recipe: UpdateRecipe) -> None:
         self._empty_fraction = recipe.empty_starts
         self._group = recipe.same_statement
         indices: dict[str, int] = {}

@@ -141,7 +141,7 @@ class Run:
     ) -> None:
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self._device = select_device(device)
-        self.tasks = training_tasks(settings, recipe)
+        self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
         appearance = make_appearance(settings.appearance, settings.grid)
         settings.make(TRAINING_SPLIT)
         torch.manual_seed(recipe.seed)

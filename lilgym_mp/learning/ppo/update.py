@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.recipe import UpdateRecipe
 from lilgym_mp.learning.training_run import TrainingError
 
 EPSILON = 1e-8  # added to the standard deviation
@@ -51,7 +51,7 @@ class Experience:
     @classmethod
     def of(
         cls,
-        recipe: PPORecipe,
+        recipe: UpdateRecipe,
         arrays: dict[str, Float32Array | Int64Array | BoolArray],
         advantages: Float32Array,
         statement_of: Int64Array,
@@ -80,7 +80,7 @@ class Losses(NamedTuple):
 def update(
     experience: Experience,
     optimiser: torch.optim.Optimizer,
-    recipe: PPORecipe,
+    recipe: UpdateRecipe,
     entropy_coefficient: float,
     rng: np.random.Generator,
 ) -> list[Losses]:
@@ -105,7 +105,7 @@ def update(
     return steps
 
 
-def mini_batches(statement_of: Int64Array, recipe: PPORecipe, rng: np.random.Generator) -> Iterator[Int64Array]:
+def mini_batches(statement_of: Int64Array, recipe: UpdateRecipe, rng: np.random.Generator) -> Iterator[Int64Array]:
     """All rows in shuffled mini-batches; with grouped environments each has few distinct statements, for speed."""
     count = len(statement_of)
     order = rng.permutation(count)
@@ -117,7 +117,9 @@ def mini_batches(statement_of: Int64Array, recipe: PPORecipe, rng: np.random.Gen
         yield order[starts[start] : starts[start] + recipe.batch_size]
 
 
-def losses(recipe: PPORecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float) -> Losses:
+def losses(
+    recipe: UpdateRecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float
+) -> Losses:
     """The losses of a mini-batch, from the current policy and values and the transitions they were trained on."""
     log_probabilities, entropies = policy.evaluate_actions(old.actions)
     log_ratios = log_probabilities - old.log_probabilities
@@ -188,7 +190,7 @@ def mean_losses(parts: list[Losses]) -> Losses:
     return Losses(*(torch.stack(values).mean() for values in zip(*parts, strict=True)))
 
 
-def make_optimiser(model: nn.Module, recipe: PPORecipe) -> torch.optim.Optimizer:
+def make_optimiser(model: nn.Module, recipe: UpdateRecipe) -> torch.optim.Optimizer:
     """The recipe's optimiser of the parameters that require gradients."""
     trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
     betas = (0.9, recipe.beta2)
@@ -197,7 +199,7 @@ def make_optimiser(model: nn.Module, recipe: PPORecipe) -> torch.optim.Optimizer
     return torch.optim.Adam(trained, recipe.learning_rate, betas, recipe.epsilon, fused=True)
 
 
-def schedule(optimiser: torch.optim.Optimizer, recipe: PPORecipe, done: float) -> float:
+def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float) -> float:
     """Sets the learning rate and returns the entropy coefficient at a training progress from 0 to 1."""
     done = min(1.0, done)
     left = 1 - done

@@ -305,7 +305,7 @@ def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):
 def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path, own: str):
     matching = replace(SMALL, nlvr_reward=True)
     settings = Settings("TowerScratch", corpus=own)
-    tasks = training_tasks(settings, matching)
+    tasks = training_tasks(settings, matching, matching=True)
     task = tasks.tasks.by_id("tower-train-has-yellow")
     yellow_on_the_left = next(iter(load_tasks(own, "tower", "flipit", "train"))).start
     assert (task.truth(yellow_on_the_left), task.solved_by(yellow_on_the_left)) == (True, True)

@@ -51,6 +51,26 @@ class EncodedBoxes(NamedTuple):
     patches: Tensor  # (U, 5, 5, C)
 
 
+class EncodedStates(NamedTuple):
+    """N states of R distinct statement-box pairs and U distinct boxes."""
+
+    scenes: Tensor  # (N, d) independent of the target
+    targets: Tensor  # (N,)
+    pairs: Tensor  # (R, d)
+    pairs_of: Tensor  # (N, 3)
+    patches: Tensor  # (U, 5, 5, C)
+    boxes_of: Tensor  # (N, 3)
+
+    def rows(self, rows: Tensor) -> EncodedStates:
+        """Some of the states, possibly repeated."""
+        return self._replace(
+            scenes=self.scenes.index_select(0, rows),
+            targets=self.targets[rows],
+            pairs_of=self.pairs_of[rows],
+            boxes_of=self.boxes_of[rows],
+        )
+
+
 class BoxTransformer(Model):
     """Trained from scratch on images and words; about 0.85 million parameters."""
 
@@ -104,28 +124,40 @@ class BoxTransformer(Model):
         self._cached_boxes = None
 
     def forward(self, states: States) -> Prediction:
+        encoded = self.encode(states)
+        return self.decide(encoded, self.target(encoded.targets))
+
+    def encode(self, states: States) -> EncodedStates:
+        """What does not depend on the target."""
         device = self.value.weight.device
         statements = self._encode_statements(states.statements)
         boxes = self._encode_boxes(states)
         groups = group_by_statement(states)
         box_of_pair, pairs_of = (torch.from_numpy(array).to(device) for array in (groups.boxes, groups.pairs_of))
         packing = _packing(groups.pairs, device)
-        targets = torch.from_numpy(states.targets).to(device)
         pairs = boxes.vectors.index_select(0, box_of_pair)  # (R, d)
         layers = zip(statements.key_values, self.readings, self.feedforwards, strict=False)
         for key_value, attention, feedforward in layers:
             pairs = feedforward(attention(pairs, key_value, statements.mask, packing))
-        scene = self._encode_scenes(pairs, pairs_of, statements, _packing(groups.states, device))  # (N, d)
-        conditioned = self.judge(scene + self.target(targets))
-        features = _gather(self.act_box(pairs), pairs_of) + self.act_scene(conditioned)[:, None]
+        scenes = self._encode_scenes(pairs, pairs_of, statements, _packing(groups.states, device))
+        boxes_of, targets = (torch.from_numpy(array).to(device) for array in (states.boxes_of, states.targets))
+        return EncodedStates(scenes, targets, pairs, pairs_of, boxes.patches, boxes_of)
+
+    def decide(self, encoded: EncodedStates, condition: Tensor) -> Prediction:
+        """Logits and values of N states; `condition` (N, d) embeds the target and whatever else is known."""
+        conditioned = self.judge(encoded.scenes + condition)
+        features = _gather(self.act_box(encoded.pairs), encoded.pairs_of) + self.act_scene(conditioned)[:, None]
         features = self.act_feedforward(features)  # (N, 3, d)
         types = self.types(conditioned)
-        reached = self.truth(scene).squeeze(1) * (2 * targets - 1)  # logit of the target being reached, added to STOP's
-        types = torch.cat([types[:, :1] + reached[:, None], types[:, 1:]], 1)
-        adds, removes = self.arguments(features, boxes.patches, torch.from_numpy(states.boxes_of).to(device))
+        types = torch.cat([types[:, :1] + self.reached(encoded)[:, None], types[:, 1:]], 1)
+        adds, removes = self.arguments(features, encoded.patches, encoded.boxes_of)
         return Prediction(
             types.float(), (adds.float(), removes.float()), torch.tanh(self.value(conditioned).float()).squeeze(1)
         )
+
+    def reached(self, encoded: EncodedStates) -> Tensor:
+        """(N,) logits of the target being reached, a part of STOP's: the statement's truth does not see the target."""
+        return self.truth(encoded.scenes).squeeze(1) * (2 * encoded.targets - 1)
 
     def _encode_scenes(
         self, pairs: Tensor, pairs_of: Tensor, statements: StatementEncodings, packing: Packing
