@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import pickle
 
 import pytest
@@ -39,3 +40,22 @@ def test_task__is_an_immutable_value():
     assert copied.truth(scene(tower(B)))
     with pytest.raises(dataclasses.FrozenInstanceError):
         TASK.target = True  # type: ignore[misc]
+
+
+def test_json__gives_the_task_back():
+    assert Task.from_json(json.loads(json.dumps(TASK.to_json()))) == TASK
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"target": 1}, "a task's target must be of type bool, not 1"),
+        ({"program": None}, "a task's program must be of type str, not None"),
+        ({"start": [[], []]}, "a scene has 3 boxes, not 2"),
+    ],
+)
+def test_json__of_another_form_is_refused(change: dict[str, object], message: str):
+    with pytest.raises(ValueError, match=message):
+        Task.from_json({**TASK.to_json(), **change})
+    with pytest.raises(ValueError, match="a task must be an object"):
+        Task.from_json([])

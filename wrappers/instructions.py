@@ -25,7 +25,7 @@ def instructions(dynamics: Dynamics) -> str:
             reward_line(dynamics),
             scale_line(),
             *cell_lines(dynamics.appearance),
-            *_action_lines(dynamics),
+            *action_lines(dynamics),
             answer_line(dynamics.appearance),
             ANSWER_RULES.format(example=_example(dynamics.appearance)),
         ]
@@ -86,7 +86,8 @@ def _example(appearance: Appearance) -> str:
     return SCATTER_EXAMPLE if isinstance(appearance, Scatter) else TOWER_EXAMPLE
 
 
-def _action_lines(dynamics: Dynamics) -> Iterator[str]:
+def action_lines(dynamics: Dynamics) -> Iterator[str]:
+    """What each action does."""
     appearance = dynamics.appearance
     colours = "|".join(colour.name for colour in Colour)
     if not isinstance(appearance, Scatter):

@@ -19,6 +19,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
 from lilgym_mp.render import text as drawing
 from lilgym_mp.render.ruler import ruled
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
 from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, scene_of
 from lilgym_mp.wrappers.factory import factory
@@ -74,32 +75,36 @@ class TextFormat(Transformation):
     def observations(self, observations: Batch, state: EnvState) -> Batch:
         legal = state.action_masks() if self._lists_legal else itertools.repeat(None)
         return tuple(
-            "\n".join(
-                (
-                    f"Statement: {task.statement}",
-                    f"Make the statement {str(task.target).lower()}, then STOP. Actions left: {steps_left}.",
-                    reward_line(self.env_description.dynamics),
-                    *self._scene_lines(scene_of(items)),
-                    *(legal_lines(self._appearance, mask) if mask is not None else ()),
-                    answer_line(self._appearance),
-                )
+            text_of(
+                self.env_description.dynamics,
+                State(self.env_description.tasks[index], scene_of(items), steps),
+                legal=mask,
+                is_drawn=self._is_drawn,
             )
-            for task, steps_left, items, mask in zip(
-                (self.env_description.tasks[index] for index in state.task_indices.tolist()),
-                (self.env_description.dynamics.horizon - state.steps).tolist(),
-                state.items,
-                legal,
-                strict=self._lists_legal,
+            for index, steps, items, mask in zip(
+                state.task_indices.tolist(), state.steps.tolist(), state.items, legal, strict=self._lists_legal
             )
         )
-
-    def _scene_lines(self, scene: Scene) -> Iterator[str]:
-        lines = drawing_lines if self._is_drawn else scene_lines
-        return lines(scene, self._appearance)
 
     def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""
         return parse_reply(reply, self._appearance, self.default, _ShownActions(self._appearance, legal))
+
+
+def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None, is_drawn: bool = False) -> str:
+    """A state as text. `legal`: the mask of the legal actions to list, if any; `is_drawn`: the scene as ASCII art."""
+    appearance, task = dynamics.appearance, state.task
+    return "\n".join(
+        (
+            f"Statement: {task.statement}",
+            f"Make the statement {str(task.target).lower()}, then STOP."
+            f" Actions left: {dynamics.horizon - state.steps}.",
+            reward_line(dynamics),
+            *(drawing_lines if is_drawn else scene_lines)(state.scene, appearance),
+            *(legal_lines(appearance, legal) if legal is not None else ()),
+            answer_line(appearance),
+        )
+    )
 
 
 class _ShownActions(Collection[int]):
