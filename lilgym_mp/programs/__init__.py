@@ -1,6 +1,15 @@
 """The program language: the meaning of a statement as one expression over the boxes and items of a scene."""
 
-from lilgym_mp.programs.compiler import Program, compile_program, explain_program
-from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError
+from lilgym_mp.programs.compiler import Program, bounded_truths, compile_program, explain_program
+from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError, StepLimitError
 
-__all__ = ["Position", "Program", "ProgramError", "ProgramRuntimeError", "compile_program", "explain_program"]
+__all__ = [
+    "Position",
+    "Program",
+    "ProgramError",
+    "ProgramRuntimeError",
+    "StepLimitError",
+    "bounded_truths",
+    "compile_program",
+    "explain_program",
+]

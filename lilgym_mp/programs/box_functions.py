@@ -7,7 +7,7 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from enum import Enum
 from functools import cache
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
 MAX_BOX_ITEMS = 24  # larger boxes use the reference evaluator, which counts steps
 TABLE_SIZE = 20_000  # cached items per test
+MAX_MEMO = 2_048  # values memoised by a box or scene, beyond which those of programs are forgotten
 ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 
 Mask = int
@@ -46,9 +47,18 @@ _EMPTY_BOX = BoxView(Box())  # placeholder for tests that do not depend on the b
 
 
 def check_size(box: Box) -> None:
-    """Raises FallbackError for a box with more than MAX_BOX_ITEMS items."""
+    """Raises FallbackError for a box with more than MAX_BOX_ITEMS items; makes room in the memo of another."""
     if len(box.items) > MAX_BOX_ITEMS:
         raise FallbackError
+    if len(box.memo) >= MAX_MEMO:
+        forget_programs(box.memo)
+
+
+def forget_programs(memo: dict[Hashable, Any]) -> None:
+    """Removes what programs memoised, whose keys begin with "program "; it is computed again when needed."""
+    for key in list(memo):
+        if isinstance(key, str) and key.startswith("program "):
+            memo.pop(key, None)
 
 
 @cache

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from lilgym_mp.programs.box_functions import FallbackError
+from lilgym_mp.programs import costs
+from lilgym_mp.programs.box_functions import MAX_MEMO, FallbackError, forget_programs
 from lilgym_mp.programs.code_generation import generate_function
-from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError
-from lilgym_mp.programs.reference import build_closure, evaluate
-from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse
+from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError, StepLimitError
+from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
+from lilgym_mp.programs.syntax import Call, Node, WordName, children, own_size, parse
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
@@ -18,11 +20,11 @@ CACHE_SIZE = 8_192  # programs
 class Program:
     """A compiled program. `program(scene)` is its truth value in the scene, memoised in `scene.memo`.
 
-    Where evaluation raises ProgramRuntimeError, the truth value is False and `errors` counts the message, once per
-    scene. Pickling keeps the source only.
+    Code is generated on first use. Where evaluation raises ProgramRuntimeError, the truth value is False and `errors`
+    counts the message, once per scene. Pickling keeps the source only.
     """
 
-    __slots__ = ("_generated", "_key", "_reference", "errors", "has_generated_code", "source", "tree")
+    __slots__ = ("_generated", "_key", "_reference", "errors", "source", "tree")
 
     def __init__(self, source: str) -> None:
         """Raises ProgramError when `source` is not a valid program."""
@@ -30,9 +32,7 @@ class Program:
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
         self._reference = build_closure(self.tree)
-        generated = generate_function(self.tree)
-        self.has_generated_code = generated is not None  # else every evaluation uses the reference evaluator
-        self._generated = generated or _always_fall_back
+        self._generated: Callable[[Scene], bool] | None = None
         self._key = "program truth " + source
 
     def __call__(self, scene: Scene) -> bool:
@@ -40,22 +40,39 @@ class Program:
         truth = memo.get(self._key)
         if truth is None:
             try:
-                truth = self._generated(scene)
+                truth = (self._generated or self._generate())(scene)
             except FallbackError:
                 truth = self._reference_truth(scene)
+            if len(memo) >= MAX_MEMO:
+                forget_programs(memo)
             memo[self._key] = truth
         return truth
 
-    def evaluate(self, scene: Scene) -> bool:
-        """The truth value in the scene. Raises ProgramRuntimeError where there is none; `errors` is unchanged."""
+    @property
+    def has_generated_code(self) -> bool:
+        """Whether there is generated code; else every evaluation uses the reference evaluator."""
+        return (self._generated or self._generate()) is not _always_fall_back
+
+    def evaluate(self, scene: Scene, *, step_limit: int | None = None) -> bool:
+        """The truth value in the scene. Raises ProgramRuntimeError where there is none; `errors` is unchanged.
+
+        With a step limit, evaluation by the reference evaluator ends with StepLimitError after that many steps of about
+        0.1 microseconds. Programs of unknown origin can take seconds without one.
+        """
+        if step_limit is not None:
+            return self.evaluate_reference(scene, step_limit=step_limit)
         try:
-            return self._generated(scene)
+            return (self._generated or self._generate())(scene)
         except FallbackError:
             return self.evaluate_reference(scene)
 
-    def evaluate_reference(self, scene: Scene) -> bool:
+    def evaluate_reference(self, scene: Scene, *, step_limit: int | None = None) -> bool:
         """`evaluate` by the reference evaluator, which defines the semantics."""
-        return evaluate(self._reference, scene)
+        return evaluate(self._reference, Evaluation(scene, step_limit))
+
+    def _generate(self) -> Callable[[Scene], bool]:
+        self._generated = generate_function(self.tree) or _always_fall_back
+        return self._generated
 
     def _reference_truth(self, scene: Scene) -> bool:
         try:
@@ -86,6 +103,29 @@ def compile_program(source: str) -> Program:
 
 
 _compiled = lru_cache(maxsize=CACHE_SIZE)(Program)
+
+
+def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = costs.BOUNDED_STEPS) -> list[bool | None]:
+    """The truth values of a program of unknown origin, None where it has none, within a total time.
+
+    Compiling nothing and caching nothing, it takes at most about 40 milliseconds with the default limit on the steps of
+    all evaluations together. Raises ProgramError when `source` is not a valid program, StepLimitError beyond the limit.
+    """
+    tree = parse(source)
+    closure, size = build_closure(tree), own_size(tree)
+    truths: list[bool | None] = []
+    steps_left = step_limit
+    for scene in scenes:
+        evaluation = Evaluation(scene, steps_left)
+        try:
+            evaluation.charge(size)
+            truths.append(evaluate(closure, evaluation))
+        except StepLimitError:
+            raise StepLimitError(f"the program needs more than {step_limit} steps on {len(scenes)} scenes") from None
+        except ProgramRuntimeError:
+            truths.append(None)
+        steps_left = evaluation.steps_left
+    return truths
 
 
 def explain_program(source: str) -> str:

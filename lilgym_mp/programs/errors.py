@@ -53,6 +53,10 @@ class ProgramRuntimeError(RuntimeError):
     """A program has no value on a scene: `unique` of an empty list, `AND` of a number, an exceeded limit."""
 
 
+class StepLimitError(ProgramRuntimeError):
+    """An evaluation needs more steps than its limit."""
+
+
 def _printable(text: str) -> str:
     """The text with one printable ASCII character per column, so that the carets stay aligned."""
     return "".join(character if " " <= character <= "~" else "?" for character in text)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from lilgym_mp.programs import costs
-from lilgym_mp.programs.errors import ProgramRuntimeError
+from lilgym_mp.programs.errors import ProgramRuntimeError, StepLimitError
 from lilgym_mp.programs.syntax import (
     METHODS,
     Arithmetic,
@@ -43,12 +43,13 @@ _SCALARS = frozenset({ItemView, bool, int, Color, Shape, Size, Side, FunctionVal
 class Evaluation:
     """State of one evaluation: the scene and the remaining budget."""
 
-    __slots__ = ("call_depth", "held", "item_count", "lambdas", "steps_left", "view", "words")
+    __slots__ = ("call_depth", "held", "item_count", "lambdas", "step_limit", "steps_left", "view", "words")
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, step_limit: int | None = None) -> None:
         self.view = SceneView(scene)
         self.item_count = sum(len(box.items) for box in scene.boxes)
-        self.steps_left = costs.STEP_LIMIT
+        self.step_limit = costs.STEP_LIMIT if step_limit is None else step_limit
+        self.steps_left = self.step_limit
         self.held = 0  # elements, at all levels, of operands waiting for other operands
         self.call_depth = 0
         self.lambdas = 0  # created so far
@@ -57,7 +58,7 @@ class Evaluation:
     def charge(self, steps: int) -> None:
         self.steps_left -= steps
         if self.steps_left < 0:
-            raise ProgramRuntimeError(f"the program needs more than {costs.STEP_LIMIT} steps on this scene")
+            raise StepLimitError(f"the program needs more than {self.step_limit} steps on this scene")
 
     def measure(self, value: Any) -> int:
         """The number of elements of a value at all levels, itself included. Charges for one traversal."""
@@ -162,21 +163,15 @@ def build_closure(node: Node) -> Closure:
             return _display(node)
 
 
-def evaluate(closure: Closure, scene: Scene) -> bool:
-    """The value of a whole program on a scene. Raises ProgramRuntimeError if there is none or it is not a bool."""
-    return evaluate_with_steps(closure, scene)[0]
-
-
-def evaluate_with_steps(closure: Closure, scene: Scene) -> tuple[bool, int]:
-    """Like `evaluate`, also returning the steps charged."""
-    evaluation = Evaluation(scene)
+def evaluate(closure: Closure, evaluation: Evaluation) -> bool:
+    """The value of a whole program. Raises ProgramRuntimeError if there is none or it is not a bool."""
     try:
         value = closure(evaluation, {})
     except RecursionError:
         raise ProgramRuntimeError("the program is too deeply nested to be evaluated here") from None
     if type(value) is not bool:
         raise ProgramRuntimeError(f"a program must return a bool, not {describe(value)}")
-    return value, costs.STEP_LIMIT - evaluation.steps_left
+    return value
 
 
 def _all_items(evaluation: Evaluation, variables: Variables) -> Any:

@@ -14,7 +14,7 @@ from functools import lru_cache
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.box_functions import FallbackError
 from lilgym_mp.programs.code_generation import generate_function
-from lilgym_mp.programs.reference import build_closure, evaluate
+from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import (
     Call,
     Comparison,
@@ -204,7 +204,7 @@ def _value_query(tree: Node) -> Query:
         except FallbackError:
             pass
         try:
-            return evaluate(reference, scene)
+            return evaluate(reference, Evaluation(scene))
         except ProgramRuntimeError as fault:
             return str(fault)
 

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import random
+from contextlib import suppress
+from time import process_time
 
 import pytest
 
-from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, code_generation, compile_program, costs
-from lilgym_mp.programs.reference import build_closure, evaluate_with_steps
+from lilgym_mp.programs import (
+    Program,
+    ProgramError,
+    ProgramRuntimeError,
+    StepLimitError,
+    bounded_truths,
+    code_generation,
+    compile_program,
+    costs,
+)
+from lilgym_mp.programs.box_functions import MAX_MEMO
+from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.stress.program_language import ATTACKS, ProgramGenerator, attack, crowded_scene, fuzz, outcome, run_limited
@@ -24,6 +36,43 @@ def test_attacks__end_in_time_and_in_little_memory(name: str, monkeypatch: pytes
     assert result["compile_seconds"] < 5
     assert result["seconds"] < 2
     assert result["megabytes"] < 60
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_attacks__end_within_the_limit_of_bounded_truths(name: str) -> None:
+    scenes = [crowded_scene(72)] * 20
+    begun = process_time()
+    with suppress(StepLimitError, ProgramError):
+        assert set(bounded_truths(ATTACKS[name], scenes)) <= {True, False, None}
+    assert process_time() - begun < 0.5  # 0.04 s without other load
+
+
+def test_bounded_truths__are_those_of_the_program_with_one_limit_for_all_scenes() -> None:
+    source = "is_blue(unique(all_items))"
+    scenes = [Scene.of([BLUE], [], []), Scene.of([BLUE._replace(colour=Colour.BLACK)], [], []), Scene.empty()]
+    assert bounded_truths(source, scenes) == [True, False, None]
+    with pytest.raises(StepLimitError, match="more than 1000 steps on 3000 scenes"):
+        bounded_truths(source, scenes * 1_000, step_limit=1_000)
+    with pytest.raises(ProgramError):
+        bounded_truths("exist(", scenes)
+
+
+def test_step_limit__ends_nested_filters_and_leaves_other_programs_alone() -> None:
+    nested = "exist(all_items)"
+    for name in "abcdef":
+        nested = f"exist(filter_obj(all_items, lambda {name}: not {nested}))"
+    with pytest.raises(StepLimitError, match="more than 10000 steps"):
+        compile_program(nested).evaluate(crowded_scene(12), step_limit=10_000)
+    assert compile_program("exist(all_items)").evaluate(crowded_scene(12), step_limit=10_000)
+
+
+def test_memos__of_scenes_and_boxes_shared_by_many_programs_stay_small() -> None:
+    scene = crowded_scene(6)
+    for number in range(2 * MAX_MEMO):
+        program = Program(f"exist(filter_obj(all_boxes, lambda b: count(b) + {number} == 2))")
+        assert program(scene) is (number == 0)
+        assert program.has_generated_code
+    assert max(len(memo) for memo in (scene.memo, *(box.memo for box in scene.boxes))) <= MAX_MEMO
 
 
 @pytest.mark.long
@@ -61,6 +110,13 @@ def steps_allowed(source: str) -> int | None:
     return costs.STEP_LIMIT - context.steps_left
 
 
+def steps_of(source: str) -> int:
+    """The steps that the reference evaluator charges."""
+    evaluation = Evaluation(crowded_scene(72))
+    evaluate(build_closure(parse(source)), evaluation)
+    return evaluation.step_limit - evaluation.steps_left
+
+
 USUAL = (
     "exist(filter_obj(all_items, lambda x: AND(is_blue(x), NOT(is_touching_wall(x, Side.TOP)))))",
     "exist(filter_obj(all_items, lambda x: exist(get_below(x)) and All(get_above(x), is_black)))",
@@ -78,7 +134,7 @@ def test_code_generation__step_bound_is_an_upper_bound(source: str) -> None:
     allowed = steps_allowed(source)
     if allowed is None:
         pytest.skip("unsupported by code generation")
-    assert evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1] <= allowed
+    assert steps_of(source) <= allowed
 
 
 def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> None:
@@ -88,7 +144,7 @@ def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> 
         source = generator.program(generator.rng.randint(2, 5))
         try:
             allowed = steps_allowed(source)
-            steps = evaluate_with_steps(build_closure(parse(source)), crowded_scene(72))[1]
+            steps = steps_of(source)
         except (ProgramError, ProgramRuntimeError):
             continue
         if allowed is not None:

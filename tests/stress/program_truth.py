@@ -26,7 +26,7 @@ from lilgym_mp.envs.buffers import Buffers, buffer_specs
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.observation import item_capacity
-from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError
+from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, tree_from_tokens
 from lilgym_mp.programs.printing import source_of
@@ -191,10 +191,8 @@ def value(program: Program, scene: Scene, *, reference: bool = False) -> bool | 
         return str(fault)
 
 
-def differences(source: str, probes: Sequence[Scene]) -> Iterator[str]:
-    """What disagrees with the reference evaluator, except in batches."""
-    program = Program(source)
-    expected = [value(program, scene, reference=True) for scene in probes]
+def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bool | str]) -> Iterator[str]:
+    """What disagrees with the reference evaluator's values, except in batches."""
     for scene, wanted in zip(probes, expected, strict=True):
         for attempt in ("generated code", "generated code, again"):  # the second time from the boxes' memos
             if (found := value(program, scene)) != wanted:
@@ -221,9 +219,9 @@ def differences(source: str, probes: Sequence[Scene]) -> Iterator[str]:
         yield f"tokens {' '.join(tokens)} are another program than {text}"
 
 
-def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene]]) -> Iterator[str]:
+def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene, bool | str]]) -> Iterator[str]:
     """Where compiled cores disagree with the reference evaluator; there, an error counts as false."""
-    tasks = [Task("own", "It is so.", source, True, scene) for source, scene in cases]
+    tasks = [Task("own", "It is so.", source, True, scene) for source, scene, _ in cases]
     task_set = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
     dynamics = make_dynamics(make_appearance(appearance), "paper", 1)
     specs = buffer_specs(
@@ -233,8 +231,7 @@ def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene]]) -> It
     core = {"tower": TowerCore, "scatter": ScatterCore}[appearance](dynamics, task_set, buffers, "half")
     core.start(np.arange(len(tasks)), np.arange(len(tasks)))
     core.write_goals()
-    for (source, scene), found in zip(cases, buffers.goal.tolist(), strict=True):
-        wanted = value(Program(source), scene, reference=True)
+    for (source, scene, wanted), found in zip(cases, buffers.goal.tolist(), strict=True):
         if found != (wanted is True):
             yield f"{source}: a batch of {appearance} gives {bool(found)}, not {wanted}, on {scene}"
 
@@ -246,16 +243,17 @@ def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     compared: Counter[str] = Counter()
     found: list[str] = []
     for first in range(0, count, BATCH):
-        cases: dict[str, list[tuple[str, Scene]]] = {"tower": [], "scatter": []}
+        cases: dict[str, list[tuple[str, Scene, bool | str]]] = {"tower": [], "scatter": []}
         for _ in range(min(BATCH, count - first)):
-            source, probes = generator.program(), scenes(rng)
-            found.extend(f"{source}: {difference}" for difference in islice(differences(source, probes), 1))
-            cases["tower"].extend((source, scene) for scene in probes[:2])
-            cases["scatter"].extend((source, scene) for scene in probes[2:])
-            program = Program(source)
+            program, probes = compile_program(generator.program()), scenes(rng)
+            source = program.source
+            values = [value(program, scene, reference=True) for scene in probes]
+            found.extend(f"{source}: {difference}" for difference in islice(differences(program, probes, values), 1))
+            judged = list(zip([source] * len(probes), probes, values, strict=True))
+            cases["tower"].extend(judged[:2])
+            cases["scatter"].extend(judged[2:])
             compared["programs"] += 1
             compared["with generated code"] += program.has_generated_code
-            values = [value(program, scene) for scene in probes]
             compared["true"] += values.count(True)
             compared["false"] += values.count(False)
             compared["errors"] += sum(isinstance(each, str) for each in values)
