@@ -153,8 +153,8 @@ def _download(args: argparse.Namespace) -> int:
             installation = download_official(source, names, target, bar.show)
     except InterruptionError as error:
         raise CommandError(
-            f"{error}. Nothing was installed; run the same command again to resume the download. Without a "
-            "network, obtain the files elsewhere and run `lilgym-mp data import DIRECTORY`"
+            f"{error}. Nothing was installed; run the same command again. Without a network, "
+            "obtain the files elsewhere and run `lilgym-mp data import DIRECTORY`"
         ) from None
     _print_installation(installation)
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from pathlib import Path
 
@@ -76,53 +75,17 @@ def test_import__replaces_the_previous_installation(checkout: Path, target: Path
     assert sorted(path.name for path in target.iterdir()) == ["installed.json", SCRATCH]
 
 
-def test_install__an_interrupted_swap_is_undone(checkout: Path, target: Path):
-    first = import_official(checkout, NAMES, target)
-    target.rename(target.with_name("lilgym.previous"))
-    with pytest.raises(CorpusError, match="lacks"):
-        import_official(checkout, [*NAMES, "tower_scratch_dev.json"], target)
-    with pytest.raises(RuntimeError), staging_area(target, "x"):
-        raise RuntimeError
-    assert read_installation(target) == first
-
-
-def test_staging__is_exclusive(target: Path):
-    message = "another process is installing the official corpus"
-    with staging_area(target, "here"), pytest.raises(CorpusError, match=message), staging_area(target, "there"):
-        pass
+def test_staging__leaves_nothing_after_an_error(target: Path):
+    with pytest.raises(CorpusError), staging_area(target) as files:
+        import_official(files, NAMES, files / "target")
     assert list(target.parent.iterdir()) == []
-
-
-def _interrupted(target: Path, source: str) -> None:
-    with contextlib.suppress(KeyboardInterrupt), staging_area(target, source) as files:
-        (files / "a").write_text("kept")
-        raise KeyboardInterrupt
-
-
-def test_staging__files_are_kept_for_the_same_source(target: Path):
-    _interrupted(target, "here")
-    with staging_area(target, "here") as files:
-        assert (files / "a").read_text() == "kept"
-    assert list(target.parent.iterdir()) == []
-
-
-def test_staging__is_removed_when_empty(target: Path):
-    with contextlib.suppress(KeyboardInterrupt), staging_area(target, "here"):
-        raise KeyboardInterrupt
-    assert list(target.parent.iterdir()) == []
-
-
-def test_staging__files_from_another_source_are_removed(target: Path):
-    _interrupted(target, "here")
-    with staging_area(target, "there") as files:
-        assert list(files.iterdir()) == []
 
 
 def test_staging__error_names_an_unwritable_directory(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(CorpusError, match=r"file.*cannot be written"),
-        staging_area(tmp_path / "file" / "lilgym", "here"),
+        staging_area(tmp_path / "file" / "lilgym"),
     ):
         pass
 

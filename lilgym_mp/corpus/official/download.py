@@ -7,17 +7,17 @@ because that of the release is unknown: the installation records the commit, and
 from __future__ import annotations
 
 import hashlib
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
-from lilgym_mp.corpus.official.fetching import RetryPolicy, checked_url, fetch, fetch_text
+from lilgym_mp.corpus.official.fetching import Limits, checked_url, fetch
 from lilgym_mp.corpus.official.installing import Installation, install, staging_area
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes
+from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
 
 REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch
@@ -40,7 +40,7 @@ class Listing(NamedTuple):
 class Source(Protocol):
     """A server of released files."""
 
-    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
+    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
         """The URLs of the files. Raises CorpusError naming missing ones."""
         ...
 
@@ -57,12 +57,12 @@ class GitHub:
     def __str__(self) -> str:
         return f"{self.repository} at {self.revision}"
 
-    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
+    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
         api = f"{self.api_url}/repos/{self.repository}"
-        commit = _answer(f"{api}/commits/{quote(self.revision)}", retries).get("sha")
+        commit = _answer(f"{api}/commits/{quote(self.revision)}", limits).get("sha")
         if not isinstance(commit, str):
             raise CorpusError(f"{self}: GitHub's response contains no commit")
-        tree = _answer(f"{api}/git/trees/{commit}?recursive=1", retries).get("tree")
+        tree = _answer(f"{api}/git/trees/{commit}?recursive=1", limits).get("tree")
         found: dict[str, RemoteFile] = {}
         for path, size, sha in _blobs(tree):
             name = path.rpartition("/")[2]
@@ -88,7 +88,7 @@ class WebDirectory:
     def __str__(self) -> str:
         return self.url
 
-    def listing(self, names: Sequence[str], retries: RetryPolicy) -> Listing:
+    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
         checked_url(self.url)
         return Listing(None, {name: RemoteFile(f"{self.url.rstrip('/')}/{name}") for name in names})
 
@@ -98,26 +98,27 @@ def download_official(
     names: Sequence[str],
     target: Path,
     progress: FileProgress = lambda name, have, total: None,
-    retries: RetryPolicy | None = None,
+    limits: Limits | None = None,
 ) -> Installation:
     """Downloads the named released files, verifies them, and installs them at `target`.
 
-    After a broken connection or Ctrl-C, partial files are kept beside `target`, and the next call for the same source
-    resumes. Raises InterruptionError for a broken connection, CorpusError when retrying would not help.
+    Raises InterruptionError for a broken connection, CorpusError when trying again would not help.
     """
-    retries = retries or RetryPolicy()
-    with staging_area(target, str(source)) as staged:
-        listing = source.listing(names, retries)
-        _demand_space(staged, listing.files.values())
+    limits = limits or Limits()
+    with staging_area(target) as staged:
+        listing = source.listing(names, limits)
         for name in names:
-            _fetch_checked(name, listing.files[name], staged, progress, retries)
+            _fetch_checked(name, listing.files[name], staged, progress, limits)
         return install(staged, target, str(source), listing.revision, names)
 
 
-def _answer(url: str, retries: RetryPolicy) -> dict[str, object]:
+def _answer(url: str, limits: Limits) -> dict[str, object]:
     """The JSON object in the server's response."""
     try:
-        answer = as_object(parse_json(fetch_text(url, retries)))
+        with tempfile.TemporaryDirectory() as directory:
+            path = Path(directory) / "answer"
+            fetch(url, path, limits=limits)
+            answer = as_object(parse_json(read_text(path).text))
     except JSONFault as fault:
         raise CorpusError(f"{url}: the response cannot be read: {fault}") from None
     if answer is None:
@@ -135,33 +136,13 @@ def _blobs(tree: object) -> Iterator[tuple[str, int, str]]:
                 continue
 
 
-def _demand_space(staged: Path, files: Iterable[RemoteFile]) -> None:
-    needed = sum(file.size or 0 for file in files)
-    free = shutil.disk_usage(staged).free
-    if free < needed:
-        raise CorpusError(f"no space left on the disk of {staged}: the files need {needed} bytes, {free} are free")
-
-
-def _fetch_checked(name: str, remote: RemoteFile, staged: Path, progress: FileProgress, retries: RetryPolicy) -> None:
-    """Downloads a file and verifies its checksum, unless it exists; a corrupt resumed download is restarted once."""
-    whole, part = staged / name, staged / f"{name}.part"
-    if whole.exists() and _is_right(whole, remote):
-        return
-    whole.unlink(missing_ok=True)
-    resumed = part.exists()
-    fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), retries)
-    if resumed and not _is_right(part, remote):
-        part.unlink()
-        fetch(remote.url, part, lambda have, total: progress(name, have, total or remote.size), retries)
-    if not _is_right(part, remote):
-        found = _git_sha1(part)
-        part.unlink()
+def _fetch_checked(name: str, remote: RemoteFile, staged: Path, progress: FileProgress, limits: Limits) -> None:
+    """Downloads a file and verifies its checksum."""
+    path = staged / name
+    fetch(remote.url, path, lambda have: progress(name, have, remote.size), limits)
+    if remote.git_sha1 not in (None, found := _git_sha1(path)):
         raise CorpusError(f"{remote.url}: checksum mismatch: Git object id {found}, not {remote.git_sha1}")
-    part.rename(whole)
-
-
-def _is_right(path: Path, remote: RemoteFile) -> bool:
-    return remote.git_sha1 is None or _git_sha1(path) == remote.git_sha1
+    progress(name, path.stat().st_size, path.stat().st_size)
 
 
 def _git_sha1(path: Path) -> str:

@@ -6,21 +6,16 @@ import errno
 import hashlib
 import json
 import os
-import shutil
+import tempfile
 from collections.abc import Generator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from lilgym_mp.corpus.faults import CorpusError, Fault, InterruptionError
+from lilgym_mp.corpus.faults import CorpusError, Fault
 from lilgym_mp.corpus.official.release import RELEASE, OfficialFile, Proof, check_official_file
 from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
-
-try:
-    import fcntl
-except ImportError:  # Windows: no protection against concurrent installations
-    fcntl = None
 
 MANIFEST = "installed.json"
 FORMAT, VERSION = "lilgym_mp-official", 1
@@ -44,24 +39,18 @@ class Installation:
 
 
 @contextmanager
-def staging_area(target: Path, source: str) -> Generator[Path, None, None]:
-    """A locked directory beside `target` for the files of an installation from `source`.
-
-    It is kept after an InterruptionError or Ctrl-C, for the next installation from the same source to resume, and
-    removed otherwise. Raises CorpusError when another process holds the lock or the directory cannot be written.
-    """
-    area = target.with_name(target.name + ".partial")
-    with _space_reported(area), closing(_locked(area)):
-        keep = False
-        try:
-            _undo_interrupted_swap(target)
-            yield _files_of(area, source)
-        except (InterruptionError, KeyboardInterrupt):
-            keep = any((area / FILES).iterdir())
-            raise
-        finally:
-            if not keep:
-                shutil.rmtree(area, ignore_errors=True)
+def staging_area(target: Path) -> Generator[Path, None, None]:
+    """A temporary directory beside `target` for the files of an installation. OSErrors become CorpusErrors."""
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f"{target.name}-", dir=target.parent) as area:
+            staged = Path(area) / FILES
+            staged.mkdir()
+            yield staged
+    except OSError as fault:
+        if fault.errno in NO_SPACE:
+            raise CorpusError(f"no space left on the disk of {target.parent}; nothing was installed") from None
+        raise CorpusError(f"{fault.filename or target}: cannot be written: {fault.strerror or fault}") from None
 
 
 def install(staged: Path, target: Path, source: str, revision: str | None, names: Sequence[str]) -> Installation:
@@ -74,11 +63,7 @@ def install(staged: Path, target: Path, source: str, revision: str | None, names
         try:
             files.append(check_official_file(staged / name))
         except CorpusError as fault:
-            (staged / name).unlink(missing_ok=True)
             raise CorpusError(str(fault).replace(f"{staged}{os.sep}", "")) from None
-    for path in staged.iterdir():
-        if path.name not in names:
-            path.unlink()
     installation = Installation(target, source, revision, tuple(files))
     _write_manifest(staged / MANIFEST, installation)
     _swap(staged, target)
@@ -138,7 +123,7 @@ def import_official(directory: Path, names: Sequence[str], target: Path) -> Inst
             f"{directory}: lacks {listed(missing)}; it has {listed(found) or 'none of the released files'}"
         )
     source = str(directory.resolve())
-    with staging_area(target, source) as staged:
+    with staging_area(target) as staged:
         for name, path in found.items():
             (staged / name).write_bytes(read_bytes(path))
         return install(staged, target, source, None, names)
@@ -156,43 +141,6 @@ def _paths_by_name(directory: Path, names: Sequence[str]) -> dict[str, Path]:
     return found
 
 
-@contextmanager
-def _space_reported(area: Path) -> Generator[None, None, None]:
-    """Converts OSErrors into CorpusErrors."""
-    try:
-        yield
-    except OSError as fault:
-        if fault.errno in NO_SPACE:
-            raise CorpusError(f"no space left on the disk of {area.parent}; nothing was installed") from None
-        raise CorpusError(f"{fault.filename or area}: cannot be written: {fault.strerror or fault}") from None
-
-
-def _locked(area: Path) -> IO[str]:
-    """The locked, open lock file of the area; creates both."""
-    while True:
-        area.mkdir(parents=True, exist_ok=True)
-        lock = (area / "lock").open("w")
-        if fcntl is not None:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                lock.close()
-                raise CorpusError(f"another process is installing the official corpus: it holds {area}") from None
-        if (area / "lock").exists():  # else its previous user removed the area before the lock was acquired
-            return lock
-        lock.close()
-
-
-def _files_of(area: Path, source: str) -> Path:
-    """The area's file directory, emptied if its files came from another source."""
-    origin, files = area / "source", area / FILES
-    if not origin.is_file() or origin.read_text(encoding="utf-8") != source:
-        shutil.rmtree(files, ignore_errors=True)
-        origin.write_text(source, encoding="utf-8")
-    files.mkdir(exist_ok=True)
-    return files
-
-
 def _write_manifest(path: Path, installation: Installation) -> None:
     record = {
         "format": FORMAT,
@@ -205,27 +153,14 @@ def _write_manifest(path: Path, installation: Installation) -> None:
     path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
-def _previous(target: Path) -> Path:
-    return target.with_name(target.name + ".previous")
-
-
 def _swap(staged: Path, target: Path) -> None:
-    """Renames `staged` to `target`, then removes the previous `target`."""
-    previous = _previous(target)
+    """Renames `staged` to `target`; the previous `target` moves beside `staged`, to be removed with it."""
+    previous = staged.with_name("previous")
     if target.exists():
         target.rename(previous)
     try:
         staged.rename(target)
     except OSError:
-        _undo_interrupted_swap(target)
+        if previous.exists():
+            previous.rename(target)
         raise
-    shutil.rmtree(previous, ignore_errors=True)
-
-
-def _undo_interrupted_swap(target: Path) -> None:
-    """Restores `target` after a swap interrupted between its two renames."""
-    previous = _previous(target)
-    if previous.is_dir() and not target.exists():
-        previous.rename(target)
-    elif previous.is_dir():
-        shutil.rmtree(previous, ignore_errors=True)
