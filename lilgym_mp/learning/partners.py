@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role, read_text
-from lilgym_mp.envs.proposer_verifier.partners import encode_answer
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.envs.proposer_verifier import BatchTurn, PartnerTurn, Role, read_text
+from lilgym_mp.envs.proposer_verifier.partners import encode_answer, encode_answers
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.render import draw
@@ -22,7 +23,7 @@ class PartnerViewError(ValueError):
 
 
 class AgentPartner:
-    """A policy in one seat of one game; the view must include the image, the statement text and the target."""
+    """A policy in one seat; the view must include the image, the statement text and the target."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
@@ -37,6 +38,27 @@ class AgentPartner:
         if turn.observation.get("proposal", (STOP_ACTION,))[0] not in (NO_CHOICE, STOP_ACTION):
             return encode_answer(turn.game, accepts=True)
         return encode_answer(turn.game, accepts=chosen == STOP_ACTION)
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """The actions in many games, from their images, statements and targets, whatever the view."""
+        games, indices = turn.games, turn.indices
+        states = [games.mdp(index) for index in indices.tolist()]
+        observations = Observations(
+            np.stack([draw(state.scene, "half") for state in states]),
+            tuple(state.task.statement for state in states),
+            np.array([int(state.task.target) for state in states]),
+            np.array([state.steps for state in states]),
+            turn.episodes,
+        )
+        needs_masks = getattr(self._policy, "needs_masks", True)
+        legal = games.legal()[indices] if needs_masks else np.zeros((len(indices), 0), np.bool_)
+        chosen = self._policy(observations, legal, turn.rngs[0])
+        if turn.role is Role.PROPOSER:
+            actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
+            is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
+            return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
+        is_edit = games.proposals[indices] > STOP_ACTION
+        return encode_answers(turn.game, is_edit | (chosen == STOP_ACTION))
 
     def _policy_action(self, turn: PartnerTurn) -> int:
         view = turn.observation

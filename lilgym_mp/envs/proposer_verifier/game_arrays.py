@@ -161,16 +161,16 @@ class GameArrays:
         if not game.turn_based:
             if role is VERIFIER:
                 return np.repeat(game.answer_mask[None], len(indices), axis=0)
-            return game.proposer_masks(self._legal()[indices])
+            return game.proposer_masks(self.legal()[indices])
         masks = np.repeat(game.wait_masks[role][None], len(indices), axis=0)
         moving = self.movers[role, indices].nonzero()[0]
         if role is VERIFIER:
             masks[moving] = game.answer_mask
         elif len(moving):
-            masks[moving] = game.proposer_masks(self._legal()[indices[moving]])
+            masks[moving] = game.proposer_masks(self.legal()[indices[moving]])
         return masks
 
-    def _legal(self) -> BoolArray:
+    def legal(self) -> BoolArray:
         """(N, actions of the MDP); read-only."""
         if not self._has_masks:
             self._core.write_masks()

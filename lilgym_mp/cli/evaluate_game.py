@@ -1,0 +1,285 @@
+"""`lilgym-mp evaluate-game`: measures proposers and verifiers of the two-agent game."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.choices import choose
+from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.evaluation.files import fresh_file, write_json
+from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.options import (
+    CONFIGURATIONS_HELP,
+    CORPUS_HELP,
+    CommandError,
+    add_device,
+    add_seed,
+    add_split,
+    check_at_least,
+)
+from lilgym_mp.terminal import Progress, table
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.agents import Agent
+
+# What runs that play together must share.
+SHARED = (
+    "appearance",
+    "start",
+    "protocol",
+    "ending",
+    "verdict_bins",
+    "exchanges",
+    "message_size",
+    "horizon",
+    "rules",
+    "grid",
+)
+HEADER = (
+    "proposer",
+    "verifier",
+    "games",
+    "success",
+    "J",
+    "complete T/F",
+    "sound T/F",
+    "lies accepted",
+    "exploitability",
+)
+LEGEND = """\
+success: the MDP's, in %. complete, sound: % of true claims accepted and of false ones refused, by target true / false.
+J: mean over targets of completeness + soundness - 100; 0 for a verifier that knows the target alone.
+lies accepted: % of games that end in an accepted false claim."""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "evaluate-game",
+        help="measure proposers and verifiers of the two-agent game",
+        description="Plays every task of a split once with each pair. A run's proposer plays with its own verifier, an "
+        "oracle and a verifier that looks at the target alone; its verifier plays with an expert that tells the truth "
+        "and one that lies, too. Without runs, scripted partners play each other.",
+    )
+    parser.add_argument(
+        "runs", nargs="*", type=Path, metavar="RUN", help="run directories written by `lilgym-mp train`, or model files"
+    )
+    parser.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
+    parser.add_argument(
+        "--best-response",
+        type=float,
+        metavar="MINUTES",
+        help="train a sneaky proposer against each run's verifier for this many CPU minutes, and report the share of"
+        " games in which it gets a false claim accepted",
+    )
+    parser.add_argument(
+        "--protocol",
+        action="append",
+        metavar="NAME",
+        help=f"for runs of single agents and for scripted partners: {', '.join(PROTOCOLS)} (default: all)",
+    )
+    parser.add_argument(
+        "--configuration",
+        default="TowerFlipIt",
+        metavar="NAME",
+        help=f"likewise: {CONFIGURATIONS_HELP} (default: %(default)s)",
+    )
+    parser.add_argument("--corpus", help=CORPUS_HELP)
+    add_split(parser, "dev")
+    add_seed(parser, "of the games")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    add_device(parser)
+    parser.set_defaults(run=run)
+
+
+@dataclass(frozen=True)
+class Player:
+    """One side of the game."""
+
+    name: str
+    partner: Partner
+    view: Any = "image"
+    run: Path | None = None  # None for scripted partners
+
+
+def run(args: argparse.Namespace) -> int:
+    check_at_least(args, 0, "seed")
+    check_at_least(args, 1, "threads")
+    if args.best_response is not None and not (args.best_response > 0 and args.runs):
+        raise CommandError(f"--best-response needs runs and more than 0 minutes, not {args.best_response}")
+    if args.json is not None:
+        fresh_file(args.json, force=args.force)
+    games = _games(args)
+    results: list[dict[str, Any]] = []
+    pairs = [(game, proposer, verifier) for game in games for proposer, verifier in game.pairs(args.cross_play)]
+    with Progress(len(pairs), "pairs") as progress:
+        for game, proposer, verifier in pairs:
+            results.append(game.result(proposer, verifier, args))
+            progress.advance()
+    for game in games:
+        rows = [_row(result) for result in results if result["protocol"] == game.settings.protocol]
+        print(f"\n{game.configuration}, {game.settings.protocol}, {args.split}, corpus {game.settings.corpus}\n")
+        print(table(HEADER, rows))
+    print(f"\n{LEGEND}")
+    if args.json is not None:
+        write_json(args.json, {"results": results})
+        print(f"results: {args.json}")
+    return 0
+
+
+@dataclass(frozen=True)
+class GameToPlay:
+    """One game's settings and all the players of it."""
+
+    settings: GameSettings
+    proposers: Mapping[str, Player]
+    verifiers: Mapping[str, Player]
+
+    @property
+    def configuration(self) -> str:
+        own = self.settings.appearance, self.settings.start
+        return next(name for name, pair in CONFIGURATIONS.items() if pair == own)
+
+    def pairs(self, cross_play: bool) -> Iterator[tuple[Player, Player]]:
+        """Every pair, or those that the runs need: no pair of two scripted partners if there are runs."""
+        trained = any(player.run for player in (*self.proposers.values(), *self.verifiers.values()))
+        for proposer in self.proposers.values():
+            for verifier in self.verifiers.values():
+                if cross_play or not trained or _is_default_pair(proposer, verifier):
+                    yield proposer, verifier
+
+    def result(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> dict[str, Any]:
+        measured = measure(
+            self._env((proposer, verifier), args.split), proposer.partner, verifier.partner, seed=args.seed
+        )
+        exploitability = None
+        if args.best_response is not None and verifier.run is not None and proposer.run == verifier.run:
+            exploitability = self._exploitability(verifier, args)
+        return {
+            "proposer": proposer.name,
+            "verifier": verifier.name,
+            "configuration": self.configuration,
+            "protocol": self.settings.protocol,
+            "corpus": str(self.settings.corpus),
+            "split": args.split,
+            "seed": args.seed,
+            "success": measured.success_rate,
+            "exploitability": exploitability,
+            **_without(measured, "success_rate"),
+        }
+
+    def _exploitability(self, verifier: Player, args: argparse.Namespace) -> float:
+        """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
+        from lilgym_mp.learning.game.training import best_response
+
+        assert verifier.run is not None
+        agent = best_response(verifier.run, "proposer", minutes=args.best_response, seed=args.seed)
+        response = Player("best response", agent, verifier.view)
+        env = self._env((response, verifier), args.split)
+        return measure(env, response.partner, verifier.partner, seed=args.seed).accepted_false_claims
+
+    def _env(self, players: tuple[Player, Player], split: str) -> Any:
+        views = {agent: player.view for agent, player in zip(AGENTS, players, strict=True)}
+        return BaseGameEnv(replace(self.settings, views=views, split=split))
+
+
+def _is_default_pair(proposer: Player, verifier: Player) -> bool:
+    if proposer.run is None:
+        return verifier.run is not None and proposer.name in ("expert", "expert-sneaky")
+    return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
+
+
+def _without(measured: Metrics, name: str) -> dict[str, Any]:
+    return {key: value for key, value in measured.to_json().items() if key != name}
+
+
+def _games(args: argparse.Namespace) -> list[GameToPlay]:
+    """The games to play: that of the runs, or one for each protocol."""
+    corpus = {} if args.corpus is None else {"corpus": args.corpus}
+    agents = {path: _open(path, args) for path in args.runs}
+    own = {path: agent.settings for path, agent in agents.items() if hasattr(agent, "settings")}
+    if own:
+        first, *others = own
+        if args.protocol:
+            raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
+        for other in others:
+            _check_same_game(first, own[first], other, own[other])
+        settings = [replace(own[first], **corpus)]
+    else:
+        appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
+        protocols = args.protocol or list(PROTOCOLS)
+        settings = [GameSettings(appearance, start, protocol, **corpus) for protocol in protocols]
+    return [_game(each, agents) for each in settings]
+
+
+def _open(path: Path, args: argparse.Namespace) -> Any:
+    import torch
+
+    from lilgym_mp.learning.agents import open_agent
+
+    torch.set_num_threads(args.threads)
+    return open_agent(path, args.device)
+
+
+def _check_same_game(first: Path, wanted: GameSettings, other: Path, found: GameSettings) -> None:
+    for name in SHARED:
+        expected, value = getattr(wanted, name), getattr(found, name)
+        if expected != value:
+            raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
+
+
+def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:
+    """The game with the agents' sides and all scripted partners. Raises ValueError for an agent that cannot play it."""
+    dynamics = settings.setup().game.config.dynamics
+    proposers = [_player(path, agent, Role.PROPOSER, settings) for path, agent in agents.items()]
+    verifiers = [_player(path, agent, Role.VERIFIER, settings) for path, agent in agents.items()]
+    proposers += [Player(name, partner) for name, partner in scripted_proposers(dynamics).items()]
+    verifiers += [Player(name, partner) for name, partner in SCRIPTED_VERIFIERS.items()]
+    return GameToPlay(settings, _by_name(proposers), _by_name(verifiers))
+
+
+def _by_name(players: Sequence[Player | None]) -> dict[str, Player]:
+    return {player.name: player for player in players if player is not None}
+
+
+def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Player | None:
+    """The agent's side; None if it has none. A single agent proposes its actions, and accepts where it would STOP."""
+    if hasattr(agent, "settings"):
+        partner = agent.partner(role)
+        views = agent.settings.views
+        view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views
+        return None if partner is None else Player(str(path), partner, view, path)
+    from lilgym_mp.learning.partners import AgentPartner
+
+    single: Agent = agent
+    appearance = next(name for name, pair in CONFIGURATIONS.items() if pair == (settings.appearance, settings.start))
+    fields = {name: asdict(settings)[name] for name in ("rules", "horizon", "grid")}
+    policy = single.policy(Settings(appearance, str(settings.corpus), **fields))
+    return Player(str(path), AgentPartner(policy), "image", path)
+
+
+def _row(result: Mapping[str, Any]) -> tuple[str, ...]:
+    by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
+    return (
+        result["proposer"],
+        result["verifier"],
+        f"{result['games']:,}",
+        _percent(result["success"]),
+        _percent(result["j"], digits=0),
+        *(
+            " / ".join(_percent(each.get(name), digits=0) for each in by_target)
+            for name in ("completeness", "soundness")
+        ),
+        _percent(result["accepted_false_claims"]),
+        _percent(result["exploitability"]),
+    )
+
+
+def _percent(share: float | None, digits: int = 1) -> str:
+    return "-" if share is None else f"{100 * share:.{digits}f}"

@@ -1,0 +1,95 @@
+"""Partners in the two-agent game that need the solver, and the partners that trained agents are evaluated with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from lilgym_mp.actions import STOP
+from lilgym_mp.envs.proposer_verifier import (
+    ALWAYS_ACCEPT,
+    ALWAYS_REJECT,
+    HELPFUL_PROPOSER,
+    SNEAKY_PROPOSER,
+    Intent,
+    OracleVerifier,
+    Partner,
+    PartnerTurn,
+    RandomPartner,
+    Role,
+    TargetOnlyVerifier,
+)
+from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver
+
+TARGET_ONLY = "target-only"  # the baseline in every evaluation of verifiers
+NOISY_ORACLE = "oracle-10"
+
+
+class ExpertProposer:
+    """Follows a shortest plan, and claims where a claim has the truth value that it seeks.
+
+    `intent`: a helpful expert claims in a solution; a sneaky one claims falsely where one edit is missing, so that its
+    claim is plausible, and leaves solutions by a random edit. None: the episode's intent.
+    """
+
+    def __init__(self, dynamics: Dynamics, intent: Intent | None = Intent.HELPFUL) -> None:
+        """Raises ValueError for an appearance without a solver."""
+        self._dynamics = dynamics
+        self._intent = intent
+        self._solver = Solver(dynamics)
+        self._plans: dict[tuple[str, bool, Scene], tuple[int, int]] = {}  # by program, target and scene
+
+    def __repr__(self) -> str:
+        return f"ExpertProposer({'by intent' if self._intent is None else self._intent.name.lower()})"
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        state, game = turn.state, turn.game
+        first, length = self._plan(state.mdp)
+        claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
+        is_sneaky = (state.intent if self._intent is None else self._intent) is Intent.SNEAKY
+        chosen = game.encode_action(Role.PROPOSER, first)
+        if is_sneaky and length == 2:
+            chosen = claim
+        leaves_solution = first == STOP_ACTION and (is_sneaky or not turn.action_mask[claim])
+        if leaves_solution or not turn.action_mask[chosen]:
+            edits = turn.action_mask.copy()
+            edits[: game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
+            return turn.random_action(edits if edits.any() else None)
+        return chosen
+
+    def _plan(self, mdp: State) -> tuple[int, int]:
+        """The first action of a shortest solution, and its number of actions; STOP, 0 if none is found."""
+        appearance, task = self._dynamics.appearance, mdp.task
+        key = (task.program, task.target, mdp.scene)
+        if key not in self._plans:
+            actions = self._solver.solve_from(mdp._replace(steps=0)).actions or ()
+            self._plans[key] = (STOP_ACTION, 0)
+            state = mdp._replace(steps=0)
+            for done, action in enumerate(actions):
+                self._plans[task.program, task.target, state.scene] = appearance.encode(action), len(actions) - done
+                if action != STOP:
+                    state = self._dynamics.step(state, action).state
+        return self._plans[key]
+
+
+def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:
+    """By name."""
+    return {
+        "expert": ExpertProposer(dynamics),
+        "expert-sneaky": ExpertProposer(dynamics, Intent.SNEAKY),
+        "helpful": HELPFUL_PROPOSER,
+        "sneaky": SNEAKY_PROPOSER,
+        "random": RandomPartner(),
+    }
+
+
+SCRIPTED_VERIFIERS: Mapping[str, Partner] = {
+    "oracle": OracleVerifier(),
+    NOISY_ORACLE: OracleVerifier(0.1),
+    TARGET_ONLY: TargetOnlyVerifier(),
+    "always-accept": ALWAYS_ACCEPT,
+    "always-reject": ALWAYS_REJECT,
+    "random": RandomPartner(),
+}

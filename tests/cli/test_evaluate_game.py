@@ -1,0 +1,92 @@
+"""`lilgym-mp evaluate-game`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.cli import evaluate_game, main
+from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
+from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
+
+
+class Trained:
+    """A trained agent of the game, as `learning.agents.open_agent` gives it."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = GameSettings(start="scratch", corpus="builtin", **settings)
+
+    def partner(self, role: Role) -> Any:
+        return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]
+
+
+def results(file: Path) -> dict[tuple[str, str], dict[str, Any]]:
+    """By proposer and verifier."""
+    return {(entry["proposer"], entry["verifier"]): entry for entry in json.loads(file.read_text())["results"]}
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
+    """Runs by path, to be filled in by the test."""
+    trained: dict[str, Trained] = {}
+    monkeypatch.setattr(evaluate_game, "_open", lambda path, args: trained[str(path)])
+    return trained
+
+
+def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "results.json"
+    assert main(["evaluate-game", "--protocol", "audit", "--configuration", "TowerScratch", "--json", str(file)]) == 0
+    found = results(file)
+    assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
+    lie = found["expert-sneaky", "always-accept"]
+    assert (lie["success"], lie["exploitability"]) == (0.0, None)
+    assert lie["accepted_false_claims"] > 0.9
+    assert lie["by_target"] == {
+        "true": {"games": 150, "success_rate": 0.0, "completeness": None, "soundness": 0.0, "j": None}
+    }
+    assert found["helpful", "target-only"]["j"] == 0.0
+    assert found["helpful", "oracle"]["configuration"] == "TowerScratch"
+    assert "TowerScratch, audit, dev, corpus builtin" in capsys.readouterr().out
+
+
+def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path: Path, runs: dict[str, Trained]):
+    runs["a"] = Trained(protocol="audit")
+    file = tmp_path / "results.json"
+    assert main(["evaluate-game", "a", "--json", str(file)]) == 0
+    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
+    assert results(file).keys() == pairs
+
+
+def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, runs: dict[str, Trained]):
+    runs |= {"a": Trained(protocol="audit"), "b": Trained(protocol="audit")}
+    file = tmp_path / "results.json"
+    assert main(["evaluate-game", "a", "b", "--cross-play", "--json", str(file)]) == 0
+    assert len(results(file)) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
+
+
+def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: pytest.CaptureFixture[str]):
+    runs |= {"a": Trained(protocol="audit"), "b": Trained(protocol="veto")}
+    assert main(["evaluate-game", "a", "b"]) == 2
+    assert "a and b play different games: protocol 'audit' and 'veto'" in capsys.readouterr().err
+    assert main(["evaluate-game", "a", "--protocol", "veto"]) == 2
+    assert "a was trained for audit; leave --protocol out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere"], "no trained agent at nowhere"),
+        (["--protocol", "vote"], "unknown protocol 'vote'; choose from audit, critique, joint, veto"),
+        (["--configuration", "Towers"], "unknown configuration 'Towers'"),
+        (["--best-response", "1"], "--best-response needs runs and more than 0 minutes, not 1.0"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_arguments__give_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["evaluate-game", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 1

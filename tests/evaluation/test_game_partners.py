@@ -1,0 +1,70 @@
+"""Expert proposers in the two-agent game."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import (
+    ALWAYS_ACCEPT,
+    PROTOCOLS,
+    SCRIPTED,
+    Intent,
+    OracleVerifier,
+    env,
+    measure,
+    play_games,
+)
+from lilgym_mp.evaluation.game_partners import ExpertProposer, scripted_proposers
+
+# In joint the verifier alone may stop by default.
+SETTINGS = [
+    {"protocol": protocol, "appearance": appearance, "ending": "either" if protocol == "joint" else None}
+    for protocol, appearance in zip(PROTOCOLS, ["tower", "tower", "scatter", "scatter"], strict=True)
+]
+
+
+def some_tasks(game: Any) -> tuple[str, ...]:
+    return game.unwrapped.tasks.ids[::100]
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_expert__tells_the_truth_in_the_fewest_actions(settings: dict[str, Any]):
+    game = env(start="flipit", **settings)
+    expert = ExpertProposer(game.unwrapped.dynamics)
+    records = play_games(game, expert, OracleVerifier(), tasks=some_tasks(game))
+    tasks = [game.unwrapped.tasks.by_id(record.task) for record in records]
+    solutions = [expert._solver.solve(task).actions for task in tasks]
+    assert [record.rounds for record in records] == [len(actions or ()) for actions in solutions]
+    assert all(judged.holds for record in records for judged in record.judgements[-1:])
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_sneaky_expert__claims_falsely_one_edit_before_a_solution(settings: dict[str, Any]):
+    game = env(start="flipit", **settings)
+    expert = ExpertProposer(game.unwrapped.dynamics, Intent.SNEAKY)
+    measured = measure(game, expert, ALWAYS_ACCEPT, tasks=some_tasks(game))
+    assert (measured.accepted_false_claims, measured.success_rate) == (1.0, 0.0)
+
+
+def test_sneaky_expert__leaves_a_scene_where_its_claim_would_be_true():
+    game = env(protocol="audit", start="scratch")
+    solved = [task.id for task in game.unwrapped.tasks if task.solved_by(task.start)][:5]
+    assert solved
+    expert = ExpertProposer(game.unwrapped.dynamics, Intent.SNEAKY)
+    measured = measure(game, expert, ALWAYS_ACCEPT, tasks=solved)
+    assert measured.success_rate == 0.0
+    assert measured.accepted_false_claims > 0.5  # some statements stay true under most edits
+
+
+def test_expert__by_intent_lies_in_sneaky_episodes_alone():
+    game = env(protocol="audit", start="flipit", rewards="hidden")
+    measured = measure(game, ExpertProposer(game.unwrapped.dynamics, None), SCRIPTED["oracle"], tasks=some_tasks(game))
+    assert 0.2 < measured.success_rate < 0.8
+    assert measured.completeness == measured.soundness == 1.0
+
+
+def test_scripted_proposers__are_named():
+    dynamics = env().unwrapped.dynamics
+    assert set(scripted_proposers(dynamics)) == {"expert", "expert-sneaky", "helpful", "sneaky", "random"}
