@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -25,6 +26,7 @@ CACHED_SETS = 16
 # imported only when a generated corpus is requested.
 GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated_corpus:load_generated"
 
+_LOADING = threading.Lock()
 Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split
 
 
@@ -32,7 +34,8 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     """The validated tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
 
     `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL" or "generated:LEVEL:SEED", the path of a
-    corpus file, or of a directory of released JSON files. Task sets are cached until their file changes.
+    corpus file, or of a directory of released JSON files. Task sets are cached until their file changes; callers in
+    several threads wait for one of them to load a set.
     Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks, ValueError for an unknown
     appearance, start or split.
     """
@@ -41,8 +44,9 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("split", split, SPLITS)
     if is_generated(corpus):
         generated: Loader = resolve_name(GENERATED_ENTRY_POINT)
-        return generated(str(corpus), appearance, start, split)
-    with corpus_path(corpus) as path:
+        with _LOADING:
+            return generated(str(corpus), appearance, start, split)
+    with corpus_path(corpus) as path, _LOADING:
         file = released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)
         return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)

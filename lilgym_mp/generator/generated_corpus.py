@@ -62,6 +62,7 @@ def _is_number(text: str) -> bool:
     return text.isascii() and text.isdigit()
 
 
+@lru_cache(maxsize=CACHED_CORPORA)
 def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
     """The tasks of "generated:LEVEL" or "generated:LEVEL:SEED", deterministic in the arguments.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from concurrent.futures import ThreadPoolExecutor
 
 import gymnasium as gym
 import pytest
@@ -11,7 +12,7 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised
-from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries
+from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries, load_generated
 from lilgym_mp.generator.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES, split_of
 from lilgym_mp.generator.start_selection import TruthTable
 from lilgym_mp.programs import compile_program
@@ -57,11 +58,20 @@ def boxed_items(scene: Scene) -> set[tuple[int, Item]]:
 def test_load__is_deterministic_in_the_name_and_varies_with_the_seed():
     first = load_tasks("generated:2", "tower", "flipit", "dev")
     generated_entries.cache_clear()
+    load_generated.cache_clear()
     again = load_tasks("generated:2:0", "tower", "flipit", "dev")
     other = load_tasks("generated:2:1", "tower", "flipit", "dev")
     assert tuple(first) == tuple(again)
     assert first.provenance.sha256 == again.provenance.sha256 != other.provenance.sha256
     assert {task.statement for task in first} != {task.statement for task in other}
+
+
+def test_load__builds_a_task_set_once_for_callers_in_several_threads():
+    before = generated_entries.cache_info().misses
+    with ThreadPoolExecutor(8) as threads:
+        loaded = list(threads.map(lambda _: load_tasks("generated:1:77", "tower", "scratch", "dev"), range(8)))
+    assert all(tasks is loaded[0] for tasks in loaded)
+    assert generated_entries.cache_info().misses == before + 1
 
 
 @pytest.mark.parametrize("seed", [0, 3])
